@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "estimation"))
-from simulated_fits import CASES, held
+from simulated_fits import CASES, covered
 from timing import put_on_page, surroundings, table
 
 PAGE = Path(__file__).parents[1] / "docs" / "how_to" / "trust_a_fit.md"
@@ -37,7 +37,7 @@ def counted(names: list[str], seeds: range) -> dict[str, dict[str, int]]:
         for first in range(seeds.start, seeds.stop, BLOCK)
     ]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        parts = list(pool.map(held, *zip(*blocks, strict=True))) if blocks else []
+        parts = list(pool.map(covered, *zip(*blocks, strict=True))) if blocks else []
     found = {name: dict.fromkeys(CASES[name].truth, 0) for name in names}
     for (name, _), part in zip(blocks, parts, strict=True):
         for key, n in part.items():
@@ -69,7 +69,7 @@ if __name__ == "__main__":
         name: {key: n + first[name][key] for key, n in counts.items()}
         for name, counts in counted(outside, range(SEEDS, MORE_SEEDS)).items()
     }
-    head = ["case", "values", "noise", f"held of {given.seeds}", f"held of {MORE_SEEDS}"]
+    head = ["case", "values", "noise", f"covered of {given.seeds}", f"covered of {MORE_SEEDS}"]
     lines = []
     for name in chosen:
         case = CASES[name]

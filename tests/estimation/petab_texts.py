@@ -1,4 +1,4 @@
-"""A small PEtab problem of our own, whose files tests change: A decays to B at rate k."""
+"""A minimal PEtab problem, A -> B with rate constant k, whose files tests modify."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ seen many 3 2.6 2.5 0.5
 
 
 def write_problem(folder, **changed):
-    """Write the problem with some texts changed, and give its YAML file.
+    """Write the problem with some files replaced, and return the path of its YAML file.
 
-    In tables a blank stands for a tabulator, and ``_`` for an empty cell.
+    In tables a space stands for a tab, and ``_`` for an empty cell.
     """
     tables = {
         "parameters": PARAMETERS,

@@ -1,4 +1,4 @@
-"""Experiments that are simulated with noise and fitted, with counts of the intervals that hold."""
+"""Fits of simulated noisy experiments, and the coverage of their confidence intervals."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Case:
-    """Experiments that are simulated with noise and fitted.
+    """A fit of simulated noisy experiments.
 
     Attributes
     ----------
     scene : callable
-        Gives the scene.
+        Returns the scene.
     truth : dict of str to float
-        Estimated parameters.
+        True values of the estimated parameters.
     noise : dict of str to float
-        Standard deviations of the noise of each output that is measured.
+        Standard deviation of the noise of each measured output.
     t : ndarray, shape (n,)
         Times of measurements, [s].
     inputs : tuple of dict
         Inputs of each experiment.
     is_noise_given : bool
-        Whether the fit knows the noise; it is estimated where not.
+        Whether the noise is given to the fit; otherwise it is estimated.
     """
 
     scene: Callable[[], cotree.Scene]
@@ -43,7 +43,7 @@ class Case:
 
 
 def motor_drive() -> cotree.Scene:
-    """Give the drive of the gallery's fit."""
+    """Return the motor drive of the gallery example on fitting."""
     scene = cotree.Scene("motor-drive")
     scene.parameter("K", 0.06, unit="N m/A")
     scene.parameter("J", 3e-4, unit="kg m^2")
@@ -58,7 +58,7 @@ def motor_drive() -> cotree.Scene:
 
 
 def ladder() -> cotree.Scene:
-    """Give ten stages; the current that is drawn tells resistance and capacitance apart."""
+    """Return a ladder of ten stages; R and C are identifiable thanks to the input current."""
     scene = rc_ladder(10)
     scene.output("drawn", "R1.i")
     return scene
@@ -107,15 +107,15 @@ CASES = {
 }
 
 
-def held(name: str, seeds: range) -> dict[str, int]:
-    """Count the intervals of 95 % that hold the truth, of each parameter."""
+def covered(name: str, seeds: range) -> dict[str, int]:
+    """Count for each parameter the 95 % intervals that contain the true value."""
     case = CASES[name]
     scene = case.scene()
     times = np.concatenate([[0.0], case.t[case.t > 0.0]])
     model = scene.compile()
     exact = [
-        model.simulate((0.0, times[-1]), times, inputs=own, rtol=1e-8, atol=1e-10)
-        for own in case.inputs
+        model.simulate((0.0, times[-1]), times, inputs=inputs, rtol=1e-8, atol=1e-10)
+        for inputs in case.inputs
     ]
     ranges = {key: (value / 10, value * 10, "log") for key, value in case.truth.items()}
     found = dict.fromkeys(case.truth, 0)
@@ -123,19 +123,19 @@ def held(name: str, seeds: range) -> dict[str, int]:
         experiments = simulated(case, exact, seed)
         result = cotree.fit(scene, experiments, ranges, starts=1, start=case.truth, progress=False)
         for key, (low, high) in result.intervals().items():
-            if key in found:  # an estimated noise is none of the case's parameters
+            if key in found:  # skips estimated noise parameters
                 found[key] += low <= case.truth[key] <= high
     return found
 
 
 def simulated(case: Case, exact: list[cotree.Result], seed: int) -> list[cotree.Experiment]:
-    """Add noise to exact runs."""
+    """Make experiments by adding noise to exact runs."""
     rng, n = np.random.default_rng(seed), case.t.size
     noise = case.noise if case.is_noise_given else None
     experiments = []
-    for own, run in zip(case.inputs, exact, strict=True):
+    for inputs, run in zip(case.inputs, exact, strict=True):
         data = {
             out: run[out][-n:] + size * rng.standard_normal(n) for out, size in case.noise.items()
         }
-        experiments.append(cotree.Experiment({"t": case.t, **data}, inputs=own, noise=noise))
+        experiments.append(cotree.Experiment({"t": case.t, **data}, inputs=inputs, noise=noise))
     return experiments

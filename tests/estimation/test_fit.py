@@ -13,7 +13,7 @@ import cotree
 T = np.linspace(0.0, 5.0, 21)
 NOISE = np.random.default_rng(5).standard_normal((3, 21))
 
-# Runs are held to 1e-10 of their values; optimisers end at 1e-6 of a standard error or below.
+# Relative tolerance of the runs 1e-10; the optimiser stops within 1e-6 standard errors.
 FINE = {"rtol": 1e-10, "atol": 1e-12, "starts": 3}
 
 
@@ -36,7 +36,7 @@ def decay(t, R, v):
 
 
 def charging():
-    """A capacitor that is charged through a resistor from an input."""
+    """Return a capacitor charged through a resistor by an input voltage."""
     scene = cotree.Scene("charging")
     scene.parameter("R", 2.0)
     scene.input("u", 0.0, unit="V")
@@ -47,7 +47,7 @@ def charging():
 
 
 @pytest.mark.parametrize("noise", [0.1, None])
-def test_an_exponential_has_the_estimates_of_curve_fit(scene, noise):
+def test_estimates_of_an_exponential_agree_with_curve_fit(scene, noise):
     y = decay(T, 3.0, 5.0) + 0.1 * NOISE[0]
     run = cotree.Experiment({"t": T, "C.v": y}, noise=noise)
     result = cotree.fit(scene, run, {"R": (0.1, 100, "log"), "C.v": (0, 10)}, **FINE)
@@ -57,7 +57,7 @@ def test_an_exponential_has_the_estimates_of_curve_fit(scene, noise):
     assert result.starts[0].is_converged
 
 
-def test_truth_is_recovered_from_exact_values_with_gaps_and_several_columns(scene):
+def test_true_values_are_recovered_from_exact_data_with_missing_values(scene):
     v = decay(T, 3.0, 5.0)
     data = {"t": T, "v": v.copy(), "power": v**2 / 3.0}
     data["v"][::2] = np.nan
@@ -68,14 +68,14 @@ def test_truth_is_recovered_from_exact_values_with_gaps_and_several_columns(scen
     assert list(result.parameters.values()) == pytest.approx([3.0, 5.0], rel=1e-7)
 
 
-def test_noise_that_vanishes_ends_at_its_bound(scene):
+def test_the_estimated_noise_of_exact_data_vanishes(scene):
     run = cotree.Experiment({"t": T, "C.v": decay(T, 3.0, 5.0)})
     result = cotree.fit(scene, run, {"R": (0.1, 100, "log"), "C.v": (0, 10)}, **FINE)
     assert result.parameters["R"] == pytest.approx(3.0, rel=1e-6)
     assert result.parameters["noise[C.v]"] < 1e-6
 
 
-def test_parameters_per_experiment_and_shared_ones(scene):
+def test_shared_parameters_and_parameters_per_experiment(scene):
     runs = [
         cotree.Experiment({"t": T, "C.v": decay(T, R, v)}, initial={"C.v": "v0"}, noise=0.1, name=n)
         for R, v, n in ((3.0, 5.0, "warm"), (4.0, 5.0, None))
@@ -88,7 +88,7 @@ def test_parameters_per_experiment_and_shared_ones(scene):
         assert list(result.parameters) == ["R[warm]", "R[2]", "v0"]
 
 
-def test_an_experiment_may_know_what_others_estimate(scene):
+def test_an_experiment_may_fix_a_parameter_that_others_estimate(scene):
     runs = [
         cotree.Experiment(
             {"t": T, "C.v": decay(T, R, 5.0)}, noise=0.1, parameters=given, initial={"C.v": 5.0}
@@ -99,11 +99,11 @@ def test_an_experiment_may_know_what_others_estimate(scene):
     assert result.parameters == pytest.approx({"R": 3.0}, rel=1e-7)
 
 
-def test_parameters_of_inputs_are_estimated_among_tables_and_numbers():
+def test_parameters_of_inputs_are_estimated_next_to_tables_and_numbers():
     """v' = (u - v)/R, with u = U (1 - exp(-t)): v = U (1 - (R exp(-t/R) - exp(-t))/(R - 1))."""
     R, U = 2.5, 3.0
     rising = U * (1.0 - (R * np.exp(-T / R) - np.exp(-T)) / (R - 1.0))
-    # A ramp of slope one as a table, and a constant.
+    # Closed forms for a ramp of slope one, given as a table, and for a constant input.
     ramp = T - R * (1.0 - np.exp(-T / R))
     constant = 2.0 * (1.0 - np.exp(-T / R))
     runs = [
@@ -140,20 +140,20 @@ def test_noise_may_be_an_expression_or_a_parameter(scene):
     run = cotree.Experiment({"t": T, "C.v": v * (1 + 0.1 * NOISE[0])}, noise="s*C.v")
     ranges = {"R": (0.1, 100, "log"), "C.v": (0, 10), "s": (1e-3, 10, "log")}
     result = cotree.fit(scene, run, ranges, **FINE)
-    left = result.problem.predicted(result.theta)
-    share = np.sqrt(np.mean((left.values / result.problem.measured.value - 1) ** 2))
-    # Not the relative residual by measured values, but near it.
-    assert result.parameters["s"] == pytest.approx(share, rel=0.2)
+    fitted = result.problem.predicted(result.theta)
+    relative = np.sqrt(np.mean((fitted.values / result.problem.measured.value - 1) ** 2))
+    # These residuals are relative to measured values, those of the fit to predicted values.
+    assert result.parameters["s"] == pytest.approx(relative, rel=0.2)
     assert np.abs(result.problem.objective(result.theta)[1]).max() < 1e-4
-    own = cotree.Experiment({"t": T, "C.v": v + 0.1 * NOISE[0]}, noise="s")
+    named = cotree.Experiment({"t": T, "C.v": v + 0.1 * NOISE[0]}, noise="s")
     plain = cotree.Experiment({"t": T, "C.v": v + 0.1 * NOISE[0]})
-    a = cotree.fit(scene, own, ranges, **FINE).parameters
+    a = cotree.fit(scene, named, ranges, **FINE).parameters
     b = cotree.fit(scene, plain, {k: ranges[k] for k in ("R", "C.v")}, **FINE).parameters
     assert a["s"] == pytest.approx(b["noise[C.v]"], rel=1e-5)
     assert a["R"] == pytest.approx(b["R"], rel=1e-6)
 
 
-def test_logarithms_make_a_line_of_regression(scene):
+def test_a_fit_of_logarithms_agrees_with_linear_regression(scene):
     y = decay(T, 3.0, 5.0) * np.exp(0.1 * NOISE[1])
     run = cotree.Experiment({"t": T, "C.v": y}, transform="log")
     result = cotree.fit(scene, run, {"R": (0.1, 100, "log"), "C.v": (0.1, 10, "log")}, **FINE)
@@ -162,14 +162,14 @@ def test_logarithms_make_a_line_of_regression(scene):
     assert result.parameters["C.v"] == pytest.approx(math.exp(intercept), rel=1e-6)
 
 
-def test_the_restitution_of_a_ball_is_found_across_its_bounces():
+def test_the_restitution_coefficient_is_estimated_across_bounces():
     scene = cotree.Scene("ball", gravity=[0, 0, -9.81])
     scene.parameter("e", 0.7)
     scene.edge("j", "prismatic", "ground", "B", axis=[0, 0, 1], initial={"s": 2.0})
     scene.edge("body", "rigid_body", "ground", "B", mass=1.0)
     scene.event("hit", "j.s", direction=-1, set={"j.s_dot": "-e*j.s_dot"})
     t = np.linspace(0.0, 2.4, 49)
-    # Free fall, and two parabolas after bounces at t1 and t1 + 2 e t1.
+    # Free fall until t1, then two parabolas after the bounces at t1 and t1 + 2 e t1.
     t1, e, g = math.sqrt(4 / 9.81), 0.8, 9.81
     heights = 2.0 - g * t**2 / 2
     for n in (1, 2):
@@ -181,8 +181,8 @@ def test_the_restitution_of_a_ball_is_found_across_its_bounces():
     assert result.parameters == pytest.approx({"e": 0.8, "j.s": 2.0}, rel=1e-6)
 
 
-def test_algebraic_unknowns_are_observed():
-    """A run with the true resistance stands for the measurement: nothing but R may come out."""
+def test_observables_may_depend_on_algebraic_unknowns():
+    """The data are a simulation with a known resistance, which the fit must recover."""
     scene = cotree.Scene("rectifier")
     scene.parameter("R", 1000.0)
     scene.input("u", 0.0)
@@ -195,14 +195,14 @@ def test_algebraic_unknowns_are_observed():
     truth = scene.compile().simulate(
         (0, 2e-3), t, inputs=wave, parameters={"R": 700.0}, rtol=1e-10, atol=1e-12
     )
-    # The current of the resistor is no state, but outputs may name it.
+    # The current of the resistor is not a state, but an observable may refer to it.
     data = {"t": t, "i": truth["C.v"] / 700.0, "v": truth["C.v"]}
     run = cotree.Experiment(data, observables={"i": "R.i", "v": "C.v"}, inputs=wave, noise=0.01)
     result = cotree.fit(scene, run, {"R": (100, 1e4, "log")}, starts=4)
     assert result.parameters["R"] == pytest.approx(700.0, rel=1e-6)
 
 
-def test_a_compiled_model_is_taken_as_it_is_where_nothing_is_missing(scene):
+def test_a_compiled_model_is_reused_if_it_has_all_that_is_needed(scene):
     run = cotree.Experiment({"t": T, "C.v": decay(T, 3.0, 4.0)}, noise=0.1)
     model = scene.compile(["R"])
     problem = cotree.estimation_problem(model, run, ["R"])
@@ -237,13 +237,13 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
             {"experiments": cotree.Experiment(RUN, parameters={"R": 2.0})},
             "'R' is to be estimated, but every experiment gives its value",
         ),
-        ({"start": {"R": 200.0}}, "estimated parameter 'R' begins at 200, outside of its bounds"),
+        ({"start": {"R": 200.0}}, "estimated parameter 'R' starts at 200, outside its bounds"),
         ({"start": {"S": 200.0}}, "start names 'S', which is not estimated"),
         ({"per_experiment": ["S"]}, "per_experiment names 'S', which is not estimated"),
         ({"shared": ["R"], "per_experiment": ["R"]}, "'R' is in shared and in per_experiment"),
         ({"noise": "no"}, "noise is 'no': give 'given' or 'estimated'"),
         ({"loss": "l2"}, "loss is 'l2': give 'linear', 'soft_l1'"),
-        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs noise that is given"),
+        ({"noise": "estimated", "loss": "huber"}, "loss='huber' needs a given noise"),
         ({"starts": 0}, "starts is 0: give a whole number of at least 1"),
         ({"seed": -1}, "seed is -1: give a whole number of at least 0"),
         ({"seed": "a"}, "seed is 'a': give a whole number"),
@@ -254,7 +254,7 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ({"loss": "huber", "f_scale": math.nan}, "f_scale is nan"),
         (
             {"parameters": {"R": (None, None)}, "optimiser": "lm", "loss": "huber"},
-            "optimiser='lm' knows no loss 'huber'",
+            "optimiser='lm' does not support loss 'huber'",
         ),
         (
             {
@@ -264,10 +264,10 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
             },
             "optimiser='lm' needs at least as many measured values",
         ),
-        ({"optimiser": "lm"}, "optimiser='lm' knows no bounds, but 'R' has some"),
+        ({"optimiser": "lm"}, "optimiser='lm' does not support bounds, but 'R' has some"),
         ({"experiments": []}, "there are no experiments"),
         ({"experiments": [3]}, "experiments holds 3: give cotree.Experiment(data, ...)"),
-        ({"experiments": cotree.Experiment(RUN), "noise": "given"}, "noise is 'given', but that"),
+        ({"experiments": cotree.Experiment(RUN), "noise": "given"}, "noise is 'given', but column"),
         (
             {"experiments": cotree.Experiment({"t": T, "C.u": T})},
             "the data: no column is a state or an output of the model; did you mean 'C.v'?",
@@ -298,7 +298,7 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ),
     ],
 )
-def test_what_contradicts_something_is_refused_in_a_sentence(scene, options, message):
+def test_invalid_arguments_are_refused(scene, options, message):
     given = {
         "experiments": cotree.Experiment(RUN, noise=0.1),
         "parameters": {"R": (0.1, 100, "log")},
@@ -310,8 +310,8 @@ def test_what_contradicts_something_is_refused_in_a_sentence(scene, options, mes
 
 
 @pytest.mark.parametrize("is_compiled", [False, True])
-def test_a_column_and_the_state_that_it_measures_are_one_quantity(scene, is_compiled):
-    """Its noise is known by either name, whether or not the states were known beforehand."""
+def test_a_column_and_the_state_it_measures_are_the_same_quantity(scene, is_compiled):
+    """Its noise is found by either name, whether the model is compiled beforehand or not."""
     run = cotree.Experiment({"t": T, "u C": decay(T, 3, 5)}, observables={"u C": "C.v"}, noise=0.1)
     model = scene.compile() if is_compiled else scene
     result = cotree.fit(model, run, {"R": (0.1, 100, "log"), "C.v": (0, 10)}, **FINE)
@@ -324,19 +324,19 @@ def test_a_column_and_the_state_that_it_measures_are_one_quantity(scene, is_comp
         result.bands("C.w")
 
 
-def test_minpack_steps_back_from_points_where_runs_fail():
+def test_minpack_rejects_steps_to_points_where_runs_fail():
     scene = discharge("root")
     scene.parameter("q", 1.0)
     scene.output("y", "C.v*sqrt(q)")
     run = cotree.Experiment({"t": T, "y": decay(T, 3.0, 4.0)}, noise=0.01)
     unbounded = {"R": (None, None), "q": (None, None)}
-    # From here the first Gauss-Newton step leads to a negative q, where there is no prediction.
+    # From here the first Gauss-Newton step leads to a negative q, whose square root is undefined.
     result = cotree.fit(scene, run, unbounded, start={"q": 9.0, "R": 0.1}, optimiser="lm", starts=1)
     assert result.is_converged
     assert result.parameters == pytest.approx({"R": 3.0, "q": 1.0}, rel=1e-6)
 
 
-def test_exact_data_with_unknown_noise_get_a_finding(scene):
+def test_exact_data_with_estimated_noise_are_reported(scene):
     run = cotree.Experiment({"t": T, "C.v": decay(T, 3.0, 4.0)})
     result = cotree.fit(scene, run, {"R": (0.1, 100, "log")}, starts=2)
     (finding,) = result.findings
@@ -345,7 +345,7 @@ def test_exact_data_with_unknown_noise_get_a_finding(scene):
     assert math.isfinite(result.standard_errors["noise[C.v]"])
 
 
-def test_outliers_are_no_finding_with_a_robust_loss(scene):
+def test_outliers_are_not_reported_with_a_robust_loss(scene):
     y = decay(T, 3.0, 4.0) + 0.01 * NOISE[0]
     y[5] += 2.0
     run = cotree.Experiment({"t": T, "C.v": y}, noise=0.01)
@@ -355,18 +355,18 @@ def test_outliers_are_no_finding_with_a_robust_loss(scene):
     )
     assert "residuals are larger" in plain.findings[0]
     assert robust.findings == ()
-    # The true value lies within four standard errors in all but one of 16,000 cases.
+    # The true value lies within four standard errors with a probability of 1 - 6e-5.
     assert abs(robust.parameters["R"] - 3.0) < 4.0 * robust.standard_errors["R"]
     assert abs(plain.parameters["R"] - 3.0) > 4.0 * plain.standard_errors["R"]
 
 
-def test_columns_that_are_left_out_are_told(scene):
+def test_ignored_columns_cause_a_warning(scene):
     run = cotree.Experiment({**RUN, "C.w": T}, noise=0.1)
-    with pytest.warns(RuntimeWarning, match=r"is called 'C.w', which is left out"):
+    with pytest.warns(RuntimeWarning, match=r"is called 'C.w', which is ignored"):
         cotree.fit(scene, run, ["R"], starts=1)
 
 
-def test_a_fit_without_any_prediction_says_why(scene):
+def test_a_fit_whose_starts_all_fail_gives_the_reason(scene):
     run = cotree.Experiment(RUN, observables={"C.v": "C.v*sqrt(R - 10)"}, noise=0.1)
     with pytest.raises(cotree.SolveError, match="all 2 starts failed: predictions are not finite"):
         cotree.fit(scene, run, {"R": (0.1, 1.0)}, starts=2)

@@ -1,4 +1,4 @@
-"""The command ``cotree fit``: its table, its files, and what it refuses."""
+"""The command ``cotree fit``: printed table, written files, and error messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cotree.cli import main
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A scene file, and two records of a discharge, R = 3 and v(0) = 5 and 4."""
+    """A folder with a scene file and two records of a discharge: R = 3, and v(0) = 5 and 4."""
     folder = tmp_path_factory.mktemp("fit")
     scene = cotree.Scene("discharge")
     scene.parameter("R", 2.0, unit="ohm")
@@ -33,7 +33,7 @@ def fit(folder, *options, data=("run1.csv", "run2.csv")):
     return main(["fit", str(folder / "discharge.toml"), *options, *given])
 
 
-def test_estimates_are_printed_drawn_and_written(folder, capsys):
+def test_estimates_are_printed_plotted_and_written(folder, capsys):
     ranges = ["--estimate", "R=0.1:100:log", "C.v=0:10", "--per-experiment", "C.v"]
     files = ["--plot", str(folder / "fit.png"), "-o", str(folder / "fit.json")]
     code = fit(folder, *ranges, "--observe", "v=C.v", "--starts", "3", *files)
@@ -44,12 +44,13 @@ def test_estimates_are_printed_drawn_and_written(folder, capsys):
     assert (folder / "fit.png").read_bytes()[:4] == b"\x89PNG"
     found = json.loads((folder / "fit.json").read_text())
     rows = {row["parameter"]: row for row in found["parameters"]}
-    # The noise of 0.05 V is known to a sixth; R to some per cent, of which four are taken.
+    # R must lie within four standard errors. The noise of 0.05 V is estimated from 42 values with
+    # a relative standard error of 1 / sqrt(84), about 11 %.
     assert abs(rows["R"]["estimate"] - 3.0) < 4 * rows["R"]["error"]
     assert rows["noise[v]"]["estimate"] == pytest.approx(0.05, rel=0.5)
 
 
-def test_a_name_alone_lies_within_two_decades_and_noise_has_the_unit_of_its_column(folder, capsys):
+def test_names_have_default_bounds_and_noise_has_the_unit_of_its_column(folder, capsys):
     options = ["-e", "R", "--observe", "v=C.v", "--noise", "50", "--initial", "C.v=5"]
     assert fit(folder, *options, "--starts", "2", data=["run1.csv"]) == 0
     assert "\nR " in capsys.readouterr().out
@@ -70,7 +71,7 @@ def test_a_name_alone_lies_within_two_decades_and_noise_has_the_unit_of_its_colu
         (["-e", "R", "--plot", "fit.xyz"], "cannot draw 'fit.xyz'"),
     ],
 )
-def test_wrong_arguments_are_refused_in_a_sentence(folder, capsys, options, message):
+def test_invalid_arguments_are_refused(folder, capsys, options, message):
     defaults = [] if "--observe" in options else ["--observe", "v=C.v"]
     assert fit(folder, *options, *defaults, data=["run1.csv"]) == 2
     assert message in capsys.readouterr().err

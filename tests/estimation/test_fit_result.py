@@ -1,4 +1,4 @@
-"""Results of fits against linear regression, closed forms and published designs."""
+"""Results of fits against linear regression, closed forms and published optimal designs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cotree.estimation.multistart import minimise_from_starts
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult, StartRecord
 
-# Runs are held to 1e-10, optimisers to 1e-10 of the objective: parameters have some six digits.
+# With tolerances of 1e-10 for runs and objective, parameters have about six correct digits.
 CLOSE = 1e-6
 FINE = Accuracy("dop853", 1e-10, 1e-12)
 
@@ -30,7 +30,7 @@ def fitted(problem, *starts, search=None, **options):
 
 
 def at_start(problem):
-    """Give a result at the starting values, as if these were estimates."""
+    """Return a result with the initial guesses as estimates."""
     theta = problem.theta()
     (found,) = problem.predict([theta])
     objective = -problem.likelihood.log_likelihood(found)
@@ -44,7 +44,7 @@ def rows_of(names, t, value, noise):
 
 @pytest.fixture(scope="module")
 def line():
-    """x = a + b t: a mass that nothing acts on."""
+    """A free mass with the motion x = a + b t."""
     scene = cotree.Scene("line", gravity=(0, 0, 0))
     scene.parameter("s", 0.1)
     scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], initial={"s": 0.0, "s_dot": 1.0})
@@ -69,7 +69,7 @@ def line_problem(line, t=T, y=Y, noise=0.1, more=(), **scales):
     return Problem(names, [condition], rows_of(["j.s"] * len(t), t, y, noise), FINE)
 
 
-def test_intervals_of_given_noise_are_those_of_linear_regression(line):
+def test_intervals_with_given_noise_agree_with_linear_regression(line):
     result = fitted(line_problem(line))
     X = np.column_stack([np.ones(9), T])
     cov = 0.01 * np.linalg.inv(X.T @ X)
@@ -86,8 +86,8 @@ def test_intervals_of_given_noise_are_those_of_linear_regression(line):
     assert result.eigenvalues == pytest.approx(np.linalg.eigvalsh(relative), rel=1e-5)
 
 
-def test_intervals_of_estimated_noise_are_those_of_linear_regression(line):
-    """Of n/(n - p) and Student's t, as statsmodels and R give them."""
+def test_intervals_with_estimated_noise_agree_with_linear_regression(line):
+    """With the factor n/(n - p) and Student's t, as in statsmodels and R."""
     sigma = Estimated("s", 1e-4, 10.0, "log", 0.05)
     result = fitted(line_problem(line, noise="sigma", more=[sigma]))
     own = stats.linregress(T, Y)
@@ -98,21 +98,21 @@ def test_intervals_of_estimated_noise_are_those_of_linear_regression(line):
     assert np.ptp(result.intervals()["b"]) == pytest.approx(2 * reach, rel=1e-5)
     assert min(result.intervals()["s"]) > 0.0
     assert "Student's t with 7 degrees" in str(result)
-    # Ends of profiles are found to 0.005 of the rise, of which they take about an eighth in errors.
+    # Profile limits are located to 0.005 in the rise t^2, which is 0.001 standard errors in t.
     assert result.profile("b").interval == pytest.approx(
         result.intervals()["b"], abs=2e-3 * own.stderr
     )
 
 
-def test_bands_of_estimated_noise_are_prediction_intervals_of_linear_regression(line):
+def test_bands_with_estimated_noise_agree_with_linear_regression(line):
     sigma = Estimated("s", 1e-4, 10.0, "log", 0.05)
     result = fitted(line_problem(line, noise="sigma", more=[sigma]))
     t = np.array([0.0, 1.0, 4.0])
     X, Xt = np.column_stack([np.ones(9), T]), np.column_stack([np.ones(3), t])
-    rest = Y - X @ np.linalg.lstsq(X, Y)[0]
-    s = math.sqrt(rest @ rest / 7)
-    lever = np.einsum("ij,jk,ik->i", Xt, np.linalg.inv(X.T @ X), Xt)
-    reach = stats.t(7).ppf(0.975) * s * np.sqrt(1 + lever)
+    residuals = Y - X @ np.linalg.lstsq(X, Y)[0]
+    s = math.sqrt(residuals @ residuals / 7)
+    leverage = np.einsum("ij,jk,ik->i", Xt, np.linalg.inv(X.T @ X), Xt)
+    reach = stats.t(7).ppf(0.975) * s * np.sqrt(1 + leverage)
     band = result.bands("j.s", t, noise=True)
     assert band.upper - band.value == pytest.approx(reach, rel=1e-5)
     drawn = result.bands("j.s", t, noise=True, draws=20000, seed=1)
@@ -129,12 +129,12 @@ def test_profiles_of_a_linear_model_are_parabolas(line):
         values, rise = profile.curve(51)
         wanted = ((values - profile.estimate) / error) ** 2
         assert rise == pytest.approx(wanted, rel=1e-3, abs=1e-5)
-        # Ends are found to 0.005 of the rise, of which they take about an eighth in errors.
+        # Limits are located to 0.005 in the rise z^2 = 3.84, which is 0.0013 standard errors in z.
         assert profile.interval == pytest.approx(result.intervals()[name], abs=2e-3 * error)
         assert profile.is_closed == (True, True)
 
 
-def test_a_band_of_a_line_is_that_of_linear_regression(line):
+def test_the_band_of_a_line_agrees_with_linear_regression(line):
     result = fitted(line_problem(line))
     t = np.array([0.0, 1.0, 4.0])
     X = np.column_stack([np.ones(3), t])
@@ -160,7 +160,7 @@ def test_a_band_of_a_line_is_that_of_linear_regression(line):
         (lambda r: r.bands("j.s", level="a"), "level is 'a': give a number"),
         (lambda r: r.bands("j.s", draws=-1), "draws is -1"),
         (lambda r: r.bands("j.s", experiment=None), "experiment is None"),
-        (lambda r: r.intervals(1.5), "level is 1.5: give a level of confidence between 0 and 1"),
+        (lambda r: r.intervals(1.5), "level is 1.5: give a confidence level between 0 and 1"),
         (lambda r: r.profile("c"), "'c' is not estimated"),
         (lambda r: r.next_measurements({"j.s": T}, "a"), "n is 'a': give a whole number"),
         (lambda r: r.next_measurements({"j.s": T}, 30, repeat=False), "30 measurements cannot be"),
@@ -173,14 +173,14 @@ def test_a_band_of_a_line_is_that_of_linear_regression(line):
         (lambda r: r.problem.predict([0.0, 1.0]), "thetas must be an array of shape"),
     ],
 )
-def test_what_cannot_be_asked_of_a_result_is_refused_in_a_sentence(line, ask, message):
+def test_invalid_requests_to_a_result_are_refused(line, ask, message):
     with pytest.raises(cotree.ParameterError) as caught:
         ask(at_start(line_problem(line)))
     assert str(caught.value).startswith(message)
 
 
 def test_the_next_measurements_of_a_line_are_its_ends(line):
-    """Of two parameters of a line, D-optimal designs measure both ends equally often."""
+    """The D-optimal design for a line measures both ends equally often."""
     result = at_start(line_problem(line, [0.9, 1.1], [1.0, 1.0], noise=100.0))
     chosen = result.next_measurements({"j.s": (np.linspace(0, 2, 21), 0.1)}, 4)
     assert sorted(row.t for row in chosen) == [0.0, 0.0, 2.0, 2.0]
@@ -192,7 +192,7 @@ def test_the_next_measurements_of_a_line_are_its_ends(line):
 
 
 def test_a_measurement_that_determines_something_comes_first(line):
-    """At one time only a + b t is known, and any other time determines both."""
+    """Data at a single time determine only a + b t; any other time makes both identifiable."""
     result = fitted(line_problem(line, [1.0, 1.0], [1.4, 1.6]))
     assert result.undetermined == (
         "Only the sum a + b is determined, not a and b individually: fix one of them to estimate "
@@ -208,7 +208,7 @@ def test_a_measurement_that_determines_something_comes_first(line):
     assert (first.output, first.t, first.determines) == ("j.s", 3.0, ("a", "b"))
     assert second.determines == ()
     assert "determines a, b" in str(result.next_measurements(candidates, 2))
-    # Below, b meets its bound of 10; above, nothing stops it.
+    # Towards lower values b reaches its bound of 10; towards higher values no limit is reached.
     profile = result.profile("a")
     lower = 1.5 - 10.0 - stats.norm.ppf(0.975) * 0.1 / math.sqrt(2)
     assert profile.interval == pytest.approx((lower, 10.0), abs=1e-3)
@@ -217,7 +217,7 @@ def test_a_measurement_that_determines_something_comes_first(line):
 
 @pytest.fixture(scope="module")
 def decay():
-    """C v' = -v/R: only the product of R and C is in it."""
+    """C v' = -v/R, which depends on the product R C only."""
     scene = cotree.Scene("decay")
     for name, value in (("R", 2.0), ("C", 0.5), ("idle", 1.0)):
         scene.parameter(name, value)
@@ -239,7 +239,7 @@ def decay_problem(decay, names, t=(0.5, 1.0, 2.0), noise=0.01, initial=None):
     return Problem(rows, [condition], rows_of(["C.v"] * len(t), t, value, noise), FINE)
 
 
-def test_products_and_idle_parameters_are_named(decay):
+def test_identifiable_products_and_unused_parameters_are_named(decay):
     result = fitted(decay_problem(decay, ["R", "C", "idle"]))
     idle, product = result.undetermined
     assert idle == "No measured value depends on idle, so it cannot be estimated."
@@ -249,7 +249,7 @@ def test_products_and_idle_parameters_are_named(decay):
     json.loads(result.to_json())
 
 
-def test_stiffness_over_mass_is_named():
+def test_identifiable_ratios_are_named():
     scene = cotree.Scene("oscillator", gravity=(0, 0, 0))
     for name, value in (("k", 4.0), ("m", 1.0), ("c", 0.3)):
         scene.parameter(name, value)
@@ -261,7 +261,7 @@ def test_stiffness_over_mass_is_named():
     rows = [Estimated(n, 1e-2, 1e2, "log", v) for n, v in (("k", 4.0), ("m", 1.0), ("c", 0.3))]
     y = model.simulate((0, 5), t)["j.s"]
     for names, fixed, wanted in (
-        # Nothing but the ratio is left without damping.
+        # Without damping only the ratio of stiffness and mass is identifiable.
         (("k", "m"), {"c": 0.0}, "Only k/m is"),
         (("k", "m", "c"), {}, "Only k/c and m/c are"),
     ):
@@ -272,19 +272,19 @@ def test_stiffness_over_mass_is_named():
         assert sentence.startswith(f"{wanted} determined, not"), sentence
 
 
-def test_the_best_time_for_a_decay_is_that_of_box_and_lucas(decay):
-    """Of exp(-k t), the time 1/k tells most about k (Box and Lucas 1959)."""
+def test_the_optimal_time_for_a_decay_is_that_of_box_and_lucas(decay):
+    """For exp(-k t), the time 1/k is the most informative about k (Box and Lucas 1959)."""
     result = at_start(decay_problem(decay, ["R"], noise=10.0))
     (row,) = result.next_measurements({"C.v": (np.linspace(0, 4, 401), 0.1)}, 1)
     assert row.t == pytest.approx(1.0)
-    # With an amplitude that is estimated, too, the second time is zero.
+    # If the amplitude is estimated as well, the second optimal time is zero.
     two = at_start(decay_problem(decay, ["R", "v0"], noise=10.0, initial={"C.v": "v0"}))
     pair = two.next_measurements({"C.v": (np.linspace(0, 4, 401), 0.1)}, 2)
     assert sorted(r.t for r in pair) == pytest.approx([0.0, 1.0])
 
 
-def test_profiles_of_a_curved_model_are_those_of_the_closed_form(decay):
-    """One value of exp(-t/R) fixes R to -t/log(y): the interval is that of y."""
+def test_profiles_of_a_nonlinear_model_agree_with_the_closed_form(decay):
+    """R = -t/log(y) is a monotonic function of y = exp(-t/R), so its interval is that of y."""
     result = fitted(decay_problem(decay, ["R"], t=[1.0, 1.0], noise=0.05))
     mean = float(np.mean(result.problem.measured.value))
     reach = math.sqrt(stats.chi2.ppf(0.95, 1)) * 0.05 / math.sqrt(2)

@@ -1,4 +1,4 @@
-"""Least squares from several starts, against closed forms of a capacitor that is discharged."""
+"""Multistart least squares against closed forms for the discharge of a capacitor."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def problem_of(model, noise, distribution="normal"):
 
 
 @pytest.mark.parametrize("distribution", ["normal", "laplace"])
-def test_rows_have_the_value_and_the_gradient_of_the_likelihood(circuit, distribution):
+def test_least_squares_rows_have_the_value_and_gradient_of_the_likelihood(circuit, distribution):
     problem = problem_of(circuit, "sigma", distribution)
     rows = SquareRows(problem)
     points = [problem.theta([R, 4.0, s]) for R, s in ((2.0, 0.5), (3.0, 0.05), (20.0, 0.3))]
@@ -55,7 +55,7 @@ def test_rows_have_the_value_and_the_gradient_of_the_likelihood(circuit, distrib
         0.5 * np.sum(f**2) + problem.likelihood.log_likelihood(p)
         for (f, _), p in zip(at, found, strict=True)
     ]
-    # One constant, up to rounding of sums whose terms reach thousands.
+    # The difference is a constant, up to rounding of sums whose terms reach thousands.
     assert np.ptp(values) < 1e-9
     for (f, along), p in zip(at, found, strict=True):
         wanted = -problem.likelihood.gradient(p)
@@ -68,15 +68,16 @@ def test_estimated_noise_is_the_root_mean_square_of_the_residuals(circuit):
     problem = problem_of(circuit, "sigma")
     best, *_ = minimise_from_starts(problem, spread_starts(problem, 3, seed=1))
     (found,) = problem.predict([best.theta])
-    left = np.sqrt(np.mean((found.values - problem.measured.value) ** 2))
+    rms = np.sqrt(np.mean((found.values - problem.measured.value) ** 2))
     assert best.is_converged
-    # Maximum likelihood has s = RMS, and the other estimates do not know of s. The objective ends
-    # at a change of 1e-12 of about 300, its curvature along log(s) is 26: a step of 5e-6.
-    assert np.exp(best.theta[2]) == pytest.approx(left, rel=1e-5)
+    # By maximum likelihood s is the RMS, and the other estimates do not depend on s. The search
+    # stops at relative changes of 1e-12 of an objective of about 300 with a curvature of 26 along
+    # log(s), which corresponds to a step of 5e-6.
+    assert np.exp(best.theta[2]) == pytest.approx(rms, rel=1e-5)
     assert best.theta[:2] == pytest.approx(plain.theta, rel=1e-7)
 
 
-def test_starts_lead_to_one_optimum_whoever_runs_beside_them(circuit):
+def test_the_result_of_a_start_does_not_depend_on_other_starts(circuit):
     problem = problem_of(circuit, 0.05)
     starts = spread_starts(problem, 5, seed=4)
     together = minimise_from_starts(problem, starts)
@@ -87,19 +88,19 @@ def test_starts_lead_to_one_optimum_whoever_runs_beside_them(circuit):
         assert alone.n_evaluations == row.n_evaluations
 
 
-def test_starts_are_reproducible_and_begin_with_the_own_one(circuit):
+def test_starts_are_reproducible_and_the_guess_comes_first(circuit):
     problem = problem_of(circuit, 0.05)
     a, b = spread_starts(problem, 8, seed=4), spread_starts(problem, 8, seed=4)
     assert np.array_equal(a, b)
     assert a[0] == pytest.approx([math.log(2.0), 3.0])
     assert np.all(a >= problem.scaled.lower)
     assert np.all(a <= problem.scaled.upper)
-    # A Latin hypercube has one point in each seventh of a range.
+    # A Latin hypercube of seven points has one in each seventh of the range.
     sevenths = np.floor(a[1:, 1] / 10.0 * 7)
     assert sorted(sevenths) == list(range(7))
 
 
-def test_many_starts_search_in_blocks(circuit, monkeypatch):
+def test_many_starts_are_searched_in_blocks(circuit, monkeypatch):
     problem = problem_of(circuit, 0.05)
     points = spread_starts(problem, 7)
     together = minimise_from_starts(problem, points)
@@ -109,7 +110,7 @@ def test_many_starts_search_in_blocks(circuit, monkeypatch):
     assert [row.objective for row in apart] == [row.objective for row in together]
 
 
-def test_a_start_that_fails_says_why_and_the_others_go_on(circuit):
+def test_a_failing_start_gives_the_reason_and_others_continue(circuit):
     problem = problem_of(circuit, 0.05)
     predict = problem.predict
 
@@ -129,7 +130,7 @@ def test_a_start_that_fails_says_why_and_the_others_go_on(circuit):
     assert bad.message == "condition 'run': it broke"
 
 
-def test_more_rows_are_priors(circuit):
+def test_further_rows_act_as_priors(circuit):
     problem = problem_of(circuit, 0.05)
     target = np.array([math.log(5.0), 2.0])
     strong = minimise_from_starts(
@@ -147,7 +148,7 @@ def test_an_outlier_counts_less_with_a_robust_loss(circuit):
     assert np.abs(robust.theta - truth).max() < 0.3 * np.abs(plain.theta - truth).max()
 
 
-def test_errors_in_predictions_end_the_search(circuit):
+def test_errors_in_predictions_propagate(circuit):
     problem = problem_of(circuit, 0.05)
 
     def broken(thetas):

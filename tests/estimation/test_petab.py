@@ -23,7 +23,7 @@ from cotree.estimation.multistart import Search
 pytest.importorskip("yaml")
 pytest.importorskip("libsbml")
 
-# Runs are held to 1e-10; sums of squares over noises of a tenth of the values lose a digit or two.
+# Tolerance of the runs 1e-10; residuals amplify errors by the ratio of value to noise, about ten.
 CLOSE = 1e-7
 
 MEASURED = np.array([1.7, 1.2, 0.7, 7.1, 2.6])
@@ -51,7 +51,7 @@ def problem(tmp_path_factory):
     return cotree.read_petab(file, rtol=1e-10, atol=1e-12)
 
 
-def test_the_likelihood_is_that_of_the_closed_form(problem):
+def test_the_likelihood_agrees_with_the_closed_form(problem):
     assert problem.log_likelihood() == pytest.approx(exact(**NOMINAL), rel=CLOSE)
     other = {"k": 0.7, "gain": 2.0, "sigma": 0.4}
     assert problem.log_likelihood(other) == pytest.approx(exact(**other), rel=CLOSE)
@@ -66,7 +66,7 @@ def test_chi2_is_the_sum_of_squared_residuals(problem):
     assert problem.chi2() == pytest.approx(float(r @ r), rel=CLOSE)
 
 
-def test_the_gradient_is_by_parameters_on_their_scales(problem):
+def test_the_gradient_is_with_respect_to_parameters_on_their_scales(problem):
     """Central differences of the closed form: steps of 1e-5 leave errors of about 1e-9."""
 
     def on_scales(theta):
@@ -81,7 +81,7 @@ def test_the_gradient_is_by_parameters_on_their_scales(problem):
     np.testing.assert_allclose(gradient, -problem.gradient(), rtol=1e-12)
 
 
-def test_the_simulation_table_is_that_of_measurements(problem):
+def test_the_simulation_table_has_the_rows_of_the_measurements(problem):
     table = problem.simulate()
     np.testing.assert_allclose(table["simulation"], predicted(0.5, 3.0), rtol=CLOSE)
     assert list(table["observableId"]) == ["seen"] * 5
@@ -99,11 +99,11 @@ def test_a_fit_with_steps_compared_by_bounds_finds_the_same_maximum(problem):
     search = Search(optimiser="dogbox", scale="bounds")
     found = [problem.fit(starts=1, search=s, progress=False).starts[0] for s in (None, search)]
     assert found[1].objective == pytest.approx(found[0].objective, rel=1e-9)
-    with pytest.raises(cotree.ParameterError, match="jacobian or bounds"):
+    with pytest.raises(cotree.ParameterError, match="give 'jacobian' or 'bounds'"):
         Search(scale="widths")
 
 
-def test_methods_can_be_changed(problem):
+def test_the_integration_method_can_be_changed(problem):
     other = problem.using(method="rodas5")
     assert other.log_likelihood() == pytest.approx(problem.log_likelihood(), rel=CLOSE)
     assert other.model is problem.model
@@ -124,12 +124,12 @@ def test_priors_are_part_of_the_objective(tmp_path):
     assert found.starts[0].objective < value
     best, gradient = problem.objective(found.theta)
     assert best == pytest.approx(found.starts[0].objective)
-    # The prior of the gain has a corner at 2, where its slope jumps by 4.
+    # The prior of the gain has a kink at 2, where its derivative jumps by 4.
     np.testing.assert_allclose(gradient[[0, 2]], 0.0, atol=1e-3)
 
 
-def test_intervals_know_normal_priors(tmp_path):
-    """Information adds up: that of the data, and one over the variance of the prior."""
+def test_intervals_include_normal_priors(tmp_path):
+    """The information is the sum of that of the data and the inverse variance of the prior."""
     parameters = PARAMETERS.replace(
         "estimate", "estimate objectivePriorType objectivePriorParameters"
     )
@@ -275,7 +275,7 @@ def wrong(**changed):
         (wrong(yaml=YAML.replace("model.xml", "m" * 5000)), "names the file 'mmm.*does not"),
     ],
 )
-def test_wrong_input_gets_one_sentence_with_file_and_line(tmp_path, write, message):
+def test_errors_are_reported_in_one_sentence_with_file_and_line(tmp_path, write, message):
     with pytest.raises(cotree.SceneError, match=message) as caught:
         cotree.read_petab(write(tmp_path))
     assert "\n" not in str(caught.value)
@@ -290,7 +290,7 @@ def test_wrong_input_gets_one_sentence_with_file_and_line(tmp_path, write, messa
         ((b"\t0.5", b'\t"0.5'), "parameters.tsv:"),
     ],
 )
-def test_tables_that_are_none_are_refused(tmp_path, change, message):
+def test_malformed_tables_are_refused(tmp_path, change, message):
     file, table = write_problem(tmp_path), tmp_path / "parameters.tsv"
     table.write_bytes(table.read_bytes().replace(*change, 1))
     with pytest.raises(cotree.SceneError, match=message) as caught:
@@ -305,6 +305,17 @@ def test_a_missing_file_is_named(tmp_path):
         cotree.read_petab(file)
     with pytest.raises(cotree.SceneError, match="is not a file"):
         cotree.read_petab(tmp_path / "none.yaml")
+
+
+def test_invalid_numbers_of_starts_and_seeds_are_refused(problem):
+    with pytest.raises(cotree.ParameterError, match="starts is 0: give a whole number of at least"):
+        problem.fit(starts=0)
+    with pytest.raises(cotree.ParameterError, match="seed is -1: give a whole number"):
+        problem.fit(starts=1, seed=-1)
+    with pytest.raises(cotree.ParameterError, match=r"n is 2\.5: give a whole number"):
+        problem.starts(2.5)
+    with pytest.raises(cotree.ParameterError, match="seed is 'a': give a whole number"):
+        problem.starts(2, "a")
 
 
 def test_unknown_parameters_of_a_call_are_refused(problem):

@@ -1,4 +1,4 @@
-"""PEtab's formulas: rewritten for scenes, with the values that they have in Python."""
+"""Translation of PEtab formulas to expressions of scenes, against values from Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VALUES = {"a": 0.7, "b": -1.3, "time": 2.0}
 
 
 def value_of(text):
-    # Numbers in place of names: what is left is evaluated by folding.
+    # With numbers in place of names, the expression is evaluated by constant folding.
     formula = Formula(text)
     return number_of(formula.expression(lambda name: f"({VALUES[name]})"), "formula")
 
@@ -43,7 +43,7 @@ def value_of(text):
         ("1e-3*.5E1", 5e-3),
     ],
 )
-def test_formulas_have_their_values(text, expected):
+def test_formulas_have_the_correct_values(text, expected):
     assert value_of(text) == pytest.approx(expected, rel=1e-15)
 
 
@@ -68,6 +68,6 @@ def test_time_is_t_and_names_are_listed():
         ("(" * 3000 + "a" + ")" * 900, "is not an expression"),
     ],
 )
-def test_what_is_no_formula_is_refused(text, message):
+def test_invalid_formulas_are_refused(text, message):
     with pytest.raises(ExpressionError, match=message):
         Formula(text).expression(lambda name: name)

@@ -1,4 +1,4 @@
-"""Priors against SciPy's densities, and rows for least squares against the densities."""
+"""Priors against densities from SciPy, and least-squares rows against these densities."""
 
 from __future__ import annotations
 
@@ -56,19 +56,19 @@ def test_densities_gradients_and_rows(kind, scale):
         assert shift == pytest.approx(start, abs=1e-9)
 
 
-def test_bounds_cut_samples_off_and_uniform_ones_have_no_more():
+def test_samples_are_truncated_at_bounds():
     estimated = Estimated("p", 0.5, 2.0, "log10")
     random = np.random.default_rng(1)
     drawn = Prior(PriorRow("parameterScaleNormal", 0.0, 0.2), estimated).sample(2000, random)
     assert np.abs(drawn).max() <= math.log10(2.0)
-    # Of a normal distribution cut at 1.505 deviations the deviation is 0.7485 of the uncut one.
+    # Truncation at 1.505 standard deviations reduces the standard deviation to 0.7485 of it.
     assert np.std(drawn) == pytest.approx(0.2 * stats.truncnorm.std(-1.505, 1.505), rel=0.06)
     starts = sample_starts([estimated], [None], 2000, seed=2)
     assert np.mean(starts) == pytest.approx(0.0, abs=0.02)
     assert np.array_equal(starts, sample_starts([estimated], [None], 2000, seed=2))
 
 
-def test_priors_without_anything_between_the_bounds_are_refused():
+def test_priors_with_negligible_mass_between_the_bounds_are_refused():
     estimated = Estimated("p", 0.5, 2.0, "lin")
     with pytest.raises(ParameterError, match="almost no probability within its bounds"):
         sample_starts([estimated], [PriorRow("normal", 50.0, 0.1)], 3, seed=0)

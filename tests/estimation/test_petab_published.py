@@ -1,4 +1,4 @@
-"""PEtab's test suite and problems of its benchmark collection: published values, none of ours."""
+"""Published values of the PEtab test suite and of the PEtab benchmark collection."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytest.importorskip("libsbml")
 
 SHARED = shared_folder("petab")
 
-# A few cases are enough for each day: overrides and scales, preequilibration with what is kept, and
+# Cases of the quick suite: overrides and scales, preequilibration with retained initial values, and
 # an estimated initial value.
 QUICK = ("0007", "0014", "0017", "0019")
 CASES = [
@@ -24,8 +24,8 @@ CASES = [
     for case in (f"{number:04d}" for number in range(1, 21))
 ]
 
-# Log-likelihoods as AMICI's tests hold them, to 1e-3; of Crauste_CellSystems2017 the value that two
-# other tools give at tighter tolerances.
+# Log-likelihoods from the tests of AMICI, with a relative tolerance of 1e-3; for
+# Crauste_CellSystems2017 the common value of two other tools at tighter tolerances.
 LIKELIHOODS = {
     "Bachmann_MSB2011": 418.40573341425295,
     "Boehm_JProteomeRes2014": -138.22199693517703,
@@ -38,8 +38,9 @@ LIKELIHOODS = {
     "Schwen_PONE2014": -943.9992988598723,
 }
 
-# Steps of differences on the parameters' scales. Solutions of Crauste's model grow without bound a
-# ten-millionth beside its optimum, and spikes of Borghans' shift by much more than their width.
+# Finite-difference steps on the parameters' scales. Solutions of the Crauste model diverge at a
+# distance of 1e-7 from its optimum; with larger steps, spikes of the Borghans model shift by much
+# more than their width.
 STEPS = {"Crauste_CellSystems2017": 1e-9, "Borghans_BiophysChem1997": 1e-6}
 
 
@@ -71,8 +72,8 @@ def test_cases_of_the_suite(case):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.filterwarnings("ignore::FutureWarning")
-def test_the_library_of_petab_finds_the_same_likelihood():
-    """Its own sum over our simulation table, for noise and overrides of a problem of 286 rows."""
+def test_the_petab_library_computes_the_same_likelihood():
+    """It evaluates our simulation table of 286 rows, with noise formulas and overrides."""
     petab = pytest.importorskip("petab.v1")
     folder = SHARED / "benchmark" / "Schwen_PONE2014"
     tables = {
@@ -102,7 +103,7 @@ def test_one_published_likelihood():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LIKELIHOODS)
 def test_likelihoods_and_gradients_of_published_problems(name):
-    """By two methods of different kind, at tolerances where they agree to eight digits."""
+    """Two different integration methods agree to eight digits at tight tolerances."""
     problem = benchmark(name, method="rodas5", rtol=1e-12, atol=1e-15)
     found = problem.log_likelihood()
     limit = 1e-8 if name == "Crauste_CellSystems2017" else 1e-3
@@ -110,7 +111,7 @@ def test_likelihoods_and_gradients_of_published_problems(name):
     other = problem.using(method="cvode", rtol=1e-13, atol=1e-18)
     assert other.log_likelihood() == pytest.approx(found, rel=1e-8)
 
-    # Four points, whose errors fall with the fourth power of the step.
+    # Central differences of fourth order.
     if name == "Crauste_CellSystems2017":
         problem = problem.using(method="dop853", rtol=1e-13)
     theta, h = problem.theta(), STEPS.get(name, 1e-5)
@@ -118,6 +119,6 @@ def test_likelihoods_and_gradients_of_published_problems(name):
     rows = problem.predict(points, slopes=False)
     values = np.reshape([problem.likelihood.log_likelihood(row) for row in rows], (4, -1))
     slopes = np.array([1.0, -8.0, 8.0, -1.0]) @ values / (12 * h)
-    # Some parameters at their bounds have slopes below the rounding of the sum over the step.
+    # Derivatives of some parameters at bounds are smaller than the rounding error of differences.
     size = np.abs(slopes).max()
     np.testing.assert_allclose(problem.gradient(), slopes, rtol=1e-4, atol=1e-4 * size)

@@ -1,4 +1,4 @@
-"""Estimation problems against closed forms: a capacitor that is discharged, and a steady state."""
+"""Estimation problems against closed forms: discharge of a capacitor, and a steady state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cotree.estimation.conditions import Condition, Measured
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.problem import Problem
 
-# Steps are held to 1e-9 of the states, and sums of some fifty of them to a hundred times that.
+# Local errors of about 1e-9 accumulate over some fifty steps; this allows for a factor of 100.
 CLOSE = 1e-7
 
 
@@ -31,7 +31,7 @@ def circuit():
 
 
 def problem_of(model, **changes):
-    """Two runs, from an estimated and from a known voltage; both with an estimated resistance."""
+    """Return a problem with an estimated and a known initial voltage and a common resistance."""
     rows = {
         "condition": np.array([0, 0, 1, 1]),
         "t": np.array([1.0, 2.0, 0.0, 3.0]),
@@ -58,7 +58,7 @@ def voltage(t, R, v0):
     return v0 * math.exp(-t / (1.5 * R))
 
 
-def test_predictions_and_their_slopes_are_those_of_the_closed_form(circuit):
+def test_predictions_and_their_derivatives_agree_with_the_closed_form(circuit):
     problem = problem_of(circuit)
     R, v0, share = 3.0, 5.0, 0.2
     (found,) = problem.predict([problem.theta([R, v0, share])])
@@ -66,7 +66,7 @@ def test_predictions_and_their_slopes_are_those_of_the_closed_form(circuit):
     assert found.message == ""
     assert found.values == pytest.approx([a, b**2 / R, c, d], rel=CLOSE)
     assert found.sigma == pytest.approx([0.1, 0.2, share * c, share * d], rel=CLOSE)
-    # dv/dR = v t / (1.5 R^2), and along log10(R) that is R ln(10) times as much.
+    # dv/dR = v t / (1.5 R^2); the derivative by log10(R) is R ln(10) times that.
     by_R = [a * 1 / (1.5 * R), 2 * b * b * 2 / (1.5 * R) / R - b**2 / R, 0, d * 3 / (1.5 * R)]
     assert found.slopes[:, 0] == pytest.approx(np.array(by_R) * math.log(10), rel=CLOSE, abs=1e-9)
     assert found.slopes[:, 1] == pytest.approx([a / v0, 2 * b * b / R / v0, 0, 0], rel=CLOSE)
@@ -88,14 +88,14 @@ def test_likelihood_agrees_with_scipy_and_its_gradient_with_differences(
     slope = {"lin": 1 + 0 * value, "log": value, "log10": value * math.log(10)}[transformation]
     wanted = np.sum(law.logpdf(T(value), T(found.values), found.sigma) - np.log(slope))
     assert likelihood.log_likelihood(found) == pytest.approx(wanted, rel=1e-12)
-    # Steps of 1e-5 leave 1e-10 of curvature, and 1e-5 of runs held to 1e-10.
+    # Steps of 1e-5 give truncation errors of 1e-10, and errors of 1e-10 / 1e-5 from the runs.
     aside = [theta + sign * 1e-5 * row for row in np.eye(3) for sign in (1, -1)]
     moved = [likelihood.log_likelihood(row) for row in problem.predict(aside)]
     differences = [(a - b) / 2e-5 for a, b in zip(moved[::2], moved[1::2], strict=True)]
     assert likelihood.gradient(found) == pytest.approx(differences, rel=1e-5, abs=1e-5)
 
 
-def test_what_comes_out_depends_on_no_other_member(circuit):
+def test_predictions_do_not_depend_on_other_members(circuit):
     problem = problem_of(circuit)
     thetas = [problem.theta([R, 4.0, 0.1]) for R in (1.0, 2.0, 5.0)]
     together = problem.predict(thetas)
@@ -105,7 +105,7 @@ def test_what_comes_out_depends_on_no_other_member(circuit):
         assert np.array_equal(found.slopes, alone.slopes)
 
 
-def test_a_run_that_fails_is_told_by_its_condition(circuit):
+def test_a_failing_run_is_reported_with_its_condition(circuit):
     problem = problem_of(circuit)
     good, bad = problem.predict([problem.theta(), [math.nan, 4.0, 0.0]])
     assert good.message == ""
@@ -113,8 +113,8 @@ def test_a_run_that_fails_is_told_by_its_condition(circuit):
     assert np.isnan(bad.values).any()
 
 
-def test_a_run_begins_at_a_steady_state_with_its_sensitivities():
-    """A <-> B with the total kept: B is at rest at a0 k / (k + r), from where it decays."""
+def test_a_run_starts_from_a_steady_state_with_its_sensitivities():
+    """A <-> B conserves the total: B has the steady state a0 k / (k + r) and then decays."""
     scene = cotree.Scene("exchange")
     for name, value in (("k", 0.8), ("r", 0.4), ("on", 1.0)):
         scene.parameter(name, value)
@@ -148,12 +148,12 @@ def test_a_run_begins_at_a_steady_state_with_its_sensitivities():
         ({"transformation": "log2"}, "the transformation of a measured value is 'log2'"),
     ],
 )
-def test_rows_that_make_no_sense_are_refused(circuit, changes, message):
+def test_invalid_rows_are_refused(circuit, changes, message):
     with pytest.raises(cotree.ParameterError, match=message):
         problem_of(circuit, **changes)
 
 
-def test_bounds_and_scales_that_make_no_sense_are_refused():
+def test_invalid_bounds_and_scales_are_refused():
     with pytest.raises(cotree.ParameterError, match="the lower one must be below"):
         Estimated("k", 2.0, 1.0)
     with pytest.raises(cotree.ParameterError, match="bounds must not be negative"):

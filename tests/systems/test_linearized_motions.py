@@ -65,7 +65,7 @@ def test_a_rolling_disc_is_stable_above_its_critical_speed(way):
         y = np.where(np.isclose(y, spin), speed, y)
         linear = model.linearize(y=y, reduced=True)
         assert linear.is_steady
-        assert "the eigenvalues of A tell stability" in linear.summary()
+        assert "the eigenvalues of A determine stability" in linear.summary()
         # Six freedoms of which one is held, and three speeds of which two slips leave one more.
         assert linear.A.shape == (8, 8)
         found = np.linalg.eigvals(linear.A)

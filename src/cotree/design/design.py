@@ -16,20 +16,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConditionValue:
-    """A condition at the design.
+    """A constraint evaluated at the design.
 
     Attributes
     ----------
     text : str
-        The condition as it was written.
+        The constraint as the user wrote it.
     run : int
-        The scenario, from zero on.
+        Index of the scenario, counted from zero.
     excess : float
         Left side minus right side of ``<=`` and ``==``, right minus left of ``>=``.
     holds : bool
         Whether it is satisfied.
     is_active : bool
-        Whether it holds with equality and so limits the design.
+        Whether it holds with equality and therefore limits the design.
     is_equality : bool
         Whether it is an equality constraint.
     """
@@ -49,28 +49,28 @@ class Design:
     Attributes
     ----------
     parameters : dict of str to float
-        The best values of what was varied: parameters, and initial values of states.
+        Optimal values of the design variables: parameters and initial values of states.
     objective : float
-        The objective there.
+        The objective at these values.
     conditions : tuple of ConditionValue
-        The conditions there, scenario by scenario.
+        The constraints at these values, scenario by scenario.
     success : bool
-        Whether the search converged to a point where all conditions hold.
+        Whether the search converged to a feasible point.
     message : str
-        How it ended, in sentences.
+        How the search ended, in sentences.
     optimality : float
-        Residual of the optimality conditions (Karush, Kuhn, Tucker): the part of the gradient that
-        active bounds and constraints do not balance, relative to the largest gradient met.
+        Residual of the Karush-Kuhn-Tucker conditions: the part of the gradient that active bounds
+        and constraints do not balance, relative to the largest gradient encountered.
     history : tuple of Trial
-        Every point that was tried, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
+        Every trial point, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
     starts : tuple of float
-        The objective that each start led to; nan where its first run failed.
+        The final objective of each start; nan where its first run failed.
     results : tuple of Result
-        The runs of the design, one for each scenario.
+        The simulations of the optimal design, one for each scenario.
     model : cotree.Model
-        The model that ran, with outputs for what the goals ask for.
+        The compiled variant that was simulated, with an output for each quantity in the goals.
     n_runs : int
-        Number of runs.
+        Number of simulations.
     """
 
     parameters: dict[str, float]
@@ -87,22 +87,22 @@ class Design:
 
     @property
     def result(self) -> Result:
-        """The run of the design; of several scenarios the first."""
+        """The simulation of the design; with several scenarios, that of the first."""
         return self.results[0]
 
     def __getitem__(self, name: str) -> float:
-        """Return the value of a parameter, or an initial value, that was varied."""
+        """Return the value of a design variable: a parameter or an initial value."""
         if name not in self.parameters:
             raise ParameterError(f"'{brief(name)}' was not varied{nearest(name, self.parameters)}")
         return self.parameters[name]
 
     @property
     def settings(self) -> dict[str, dict[str, float]]:
-        """Settings of runs of any model of the scene: ``simulate((0, 1), **design.settings)``."""
-        own = self.model.parameters
+        """Arguments for any model of the scene: ``simulate((0, 1), **design.settings)``."""
+        names = self.model.parameters
         return {
-            "parameters": {n: v for n, v in self.parameters.items() if n in own},
-            "initial": {n: v for n, v in self.parameters.items() if n not in own},
+            "parameters": {n: v for n, v in self.parameters.items() if n in names},
+            "initial": {n: v for n, v in self.parameters.items() if n not in names},
         }
 
     def summary(self) -> str:
@@ -110,10 +110,10 @@ class Design:
         lines = [self.message]
         lines += [f"  {name} = {value:.10g}" for name, value in self.parameters.items()]
         lines.append(f"Objective: {self.objective:.10g}.")
-        several = len(self.results) > 1
+        has_several_runs = len(self.results) > 1
         for row in self.conditions:
-            state = "missed" if not row.holds else "active" if row.is_active else "holds"
-            where = f" in run {row.run + 1}" if several else ""
+            state = "violated" if not row.holds else "active" if row.is_active else "holds"
+            where = f" in run {row.run + 1}" if has_several_runs else ""
             lines.append(f"  {row.text}{where}: {state}, excess {row.excess:.3g}")
         return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""Objective and conditions at values of what is varied, by runs of a model, with gradients."""
+"""The objective and the constraints, with their gradients, from simulations of a model."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from cotree.design.goals import Formula, check_times
 from cotree.design.peaks import CoarseError, peak
 from cotree.errors import Error, SolveError
 from cotree.quiet import without_warnings
+from cotree.solvers.methods import method_row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,28 +22,29 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
     from cotree.results import Result
 
-#: Numbers of even times among which peaks are looked for, one after the other.
+#: Numbers of equidistant times at which peaks are searched for; the finer grid is used only if the
+#: coarse one does not resolve the output.
 _TIMES = (801, 12801)
 
-#: A trial that takes so many times the steps of runs before, and so many at least, is given up:
-#: next to points where a mechanism locks, steps shrink without end.
+#: A trial is abandoned once it takes this many times the steps of the longest earlier run, and at
+#: least this many steps: near a configuration where a mechanism locks, the step size tends to zero.
 _STEPS, _FEWEST_STEPS = 50, 2000
 
-#: Of a run that ends early these do not depend on its end.
+#: Quantities that remain well defined if an event ends the run early.
 _EARLY = ("start", "at", "time")
 
 
 class Point(NamedTuple):
-    """The goals at one point, of scaled values.
+    """The objective and the constraints at one point of the design space.
 
     Attributes
     ----------
     objective : float
-        To be least; the mean over runs.
+        The quantity to be minimised; the mean over all runs.
     gradient : ndarray, shape (n_over,)
-        Its derivatives by what is varied.
+        Its derivatives with respect to the design variables.
     conditions : ndarray, shape (n_runs * n_conditions,)
-        Excesses of the conditions, run by run.
+        Constraint values (excesses), run by run.
     slopes : ndarray, shape (n_runs * n_conditions, n_over)
         Their derivatives.
     """
@@ -55,7 +57,7 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """One scenario: what its run is given besides what is varied.
+    """One scenario: the settings of its run other than the design variables.
 
     Attributes
     ----------
@@ -72,22 +74,22 @@ class Run:
 
 
 class Evaluation:
-    """Evaluates goals.
+    """Evaluates the objective and the constraints of a design by simulation.
 
     Parameters
     ----------
     model : cotree.Model
-        The variant that gives all quantities; see :mod:`cotree.design.variant`.
+        The variant that has an output for each quantity; see :mod:`cotree.design.variant`.
     goals : Goals
         The goals.
     names : mapping of Quantity to str
-        The output or event of each quantity.
+        The output or event that provides each quantity.
     over : sequence of str
-        What is varied, in the order of the model's sensitivities.
+        Names of the design variables, in the order of the model's sensitivities.
     runs : sequence of Run
         The scenarios.
     settings : mapping
-        Further settings of the runs.
+        Further arguments of ``simulate``.
     """
 
     def __init__(
@@ -111,17 +113,30 @@ class Evaluation:
         for run in runs:
             check_times(goals.quantities, run.t_span)
 
+    def check_settings(self) -> None:
+        """Refuse an unknown solver and invalid tolerances before any run.
+
+        Raises
+        ------
+        SolveError
+            The message names the setting; for an unknown solver, it suggests the nearest name.
+        """
+        for run in self.runs:
+            settings = self.model.runner(run.t_span, inputs=run.inputs, **self._settings).settings
+            if settings.method != "auto":
+                method_row(settings.method)
+
     def split(self, values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-        """Split what is varied into parameters and initial values."""
+        """Split the design variables into parameters and initial values."""
         parameters = {n: v for n, v in values.items() if n in self.model.parameters}
         return parameters, {n: v for n, v in values.items() if n not in parameters}
 
     def simulate(self, run: Run, values: Mapping[str, float], t_eval: Any = None) -> Result:
-        """Run a scenario; raise SolveError where it fails."""
+        """Simulate a scenario; raises SolveError if the integration fails."""
         parameters, initial = self.split(values)
         self.n_runs += 1
         budget: dict[str, Any] = {"max_steps": self._most_steps} if self._most_steps else {}
-        with without_warnings():  # what a trial warns of is nothing that the user did
+        with without_warnings():  # the optimiser, not the user, chose the values of a trial
             result = self.model.simulate(
                 run.t_span,
                 t_eval,
@@ -137,12 +152,12 @@ class Evaluation:
         return result
 
     def at(self, values: Mapping[str, float]) -> Point:
-        """Evaluate all goals.
+        """Evaluate the objective and all constraints at values of the design variables.
 
         Raises
         ------
         Error
-            If a run fails there, or a goal has no finite value.
+            If a run fails, or a value or derivative is not finite.
         """
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]
@@ -156,14 +171,14 @@ class Evaluation:
         )
 
     def _of_run(self, run: Run, values: Mapping[str, float]) -> list[tuple[float, Array]]:
-        """Evaluate all formulas with the quantities of one run."""
+        """Evaluate the objective and the constraints of one run, each with its gradient."""
         quantities, slopes = self._quantities(run, values)
         n, found = len(self.goals.quantities), []
         numbers = [*quantities, *(values[name] for name in self.over)]
         texts = ["minimise", *(f"'{row.text}'" for row in self.goals.conditions)]
         for text, formula in zip(texts, self._formulas, strict=True):
             value, partial = formula.value(numbers)
-            # By quantities that follow what is varied, and by what is varied itself.
+            # Total derivative: explicit dependence, and the chain rule through the quantities.
             total = np.array(partial[n:]) + np.array(partial[:n]) @ slopes
             if not (math.isfinite(value) and np.all(np.isfinite(total))):
                 raise SolveError(f"{text} has no finite value or derivative")
@@ -171,7 +186,7 @@ class Evaluation:
         return found
 
     def _quantities(self, run: Run, values: Mapping[str, float]) -> tuple[list[float], Array]:
-        """Evaluate the quantities of one run, and their derivatives by what is varied."""
+        """Simulate one run, and return its quantities and their derivatives (design variables)."""
         wanted = self.goals.quantities
         if not wanted:
             return [], np.zeros((0, len(self.over)))
@@ -196,31 +211,33 @@ class Evaluation:
         if kind == "time":
             event = result.events[name]
             if not event.t.size:
-                raise SolveError(f"event '{name}' does not happen")
+                raise SolveError(f"event '{name}' does not occur")
             return float(event.t[0]), event.s[:, 0]
         end = result.t[-1]
         if end != run.t_span[1] and (kind not in _EARLY or quantity.t > end):
             raise SolveError(
-                f"an event ends the run at t = {end:.6g}, and {kind}({quantity.text}) would move "
-                "with that time: use time(event), or let the event not stop"
+                f"an event ends the run at t = {end:.6g}, and {kind}({quantity.text}) depends "
+                "on that time: use time(event), or define the event without stop=True"
             )
         i = result.outputs.index(name)
         value, slopes = result.output_values[i], result.output_sensitivities[i]
         if kind in ("maximum", "minimum"):
             sign = 1.0 if kind == "maximum" else -1.0
-            own = np.isin(result.t, grid)
+            on_grid = np.isin(result.t, grid)
             events = np.concatenate([np.zeros(0), *(row.t for row in result.events.values())])
-            top, slope = peak(result.t[own], sign * value[own], sign * slopes[:, own], events)
+            top, slope = peak(
+                result.t[on_grid], sign * value[on_grid], sign * slopes[:, on_grid], events
+            )
             return sign * top, sign * slope
         time = {"at": quantity.t, "start": run.t_span[0]}.get(kind, end)
-        # At an event there are two values, of which the last one is that after it.
+        # An event stores its time twice; the second entry holds the value after the event.
         at = int(np.flatnonzero(result.t == time)[-1])
         share = 1.0 / (run.t_span[1] - run.t_span[0]) if kind == "mean" else 1.0
         return share * float(value[at]), share * slopes[:, at]
 
 
 def trial(evaluation: Evaluation, values: Mapping[str, float]) -> Point | Error:
-    """Evaluate goals, or say why they have no value."""
+    """Evaluate a point, and return the error instead of raising it if that fails."""
     try:
         return evaluation.at(values)
     except Error as error:

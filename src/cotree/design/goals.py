@@ -1,9 +1,9 @@
-"""Goals of a design as texts: what is to be least, and what has to hold.
+"""Objectives and constraints of a design, parsed from text.
 
 In: texts in the grammar of expressions (:mod:`cotree.scene.expressions`), in which a few functions
-stand for what a whole run gives: ``end(x)``, ``start(x)``, ``at(2.0, x)``, ``integral(x)``,
+denote quantities of a whole run: ``end(x)``, ``start(x)``, ``at(2.0, x)``, ``integral(x)``,
 ``mean(x)``, ``maximum(x)``, ``minimum(x)`` and ``time(event)``. Out: these quantities, and formulas
-of them. Nothing is evaluated as Python.
+in terms of them. Nothing is evaluated as Python.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cotree.scene.words import read_tree
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-#: What a run gives, by the number of arguments of the function that stands for it.
+#: Functions that denote a quantity of a run, with their numbers of arguments.
 QUANTITIES = {
     "end": 1,
     "start": 1,
@@ -34,13 +34,13 @@ QUANTITIES = {
     "time": 1,
 }
 
-#: Those that add up over the run, so that jumps inside them do no harm.
+#: Those that integrate over the run, so that jumps of the integrand do no harm.
 SUMMED = ("integral", "mean")
 
-#: Functions that jump, or have a derivative of zero wherever they have one.
+#: Discontinuous functions, whose derivative is useless to a gradient-based search.
 _JUMPING = {"sign", "floor", "mod"}
 
-#: Begins names that no scene can have: letters of scenes are those of C.
+#: Prefix of placeholder names. No scene has such names, since those are valid C identifiers.
 _MARK = "quantity_ö"
 
 _LONGEST = 4000  # characters, as of expressions
@@ -55,16 +55,16 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number that a run gives.
+    """A scalar quantity of a run.
 
     Attributes
     ----------
     kind : str
         A key of :data:`QUANTITIES`.
     text : str
-        The expression that it is taken of; of ``time`` the name of an event.
+        Its argument: an expression, or for ``time`` the name of an event.
     t : float
-        When, of ``at``, [s].
+        Time, for ``at`` only, [s].
     """
 
     kind: str
@@ -73,16 +73,16 @@ class Quantity:
 
 
 class Formula:
-    """A formula of quantities and of the parameters that are varied.
+    """A differentiable function of quantities and of the design variables.
 
     Parameters
     ----------
     expression : Expression
-        In which marks stand for quantities.
+        The expression, in which placeholders stand for quantities.
     n_quantities : int
         Number of all quantities of a design.
     over : sequence of str
-        Names that are varied.
+        Names of the design variables.
     """
 
     def __init__(self, expression: Expression, n_quantities: int, over: Sequence[str]) -> None:
@@ -95,7 +95,7 @@ class Formula:
         self._slopes = adjoints([self._node], [dag.one], self._symbols)
 
     def value(self, numbers: Sequence[float]) -> tuple[float, list[float]]:
-        """Evaluate at quantities and then parameters; give the derivatives by these, too."""
+        """Return the value and the derivatives at given quantities, then design variables."""
         found = evaluate(
             [self._node, *self._slopes], dict(zip(self._symbols, numbers, strict=True))
         )
@@ -105,16 +105,16 @@ class Formula:
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition: ``formula <= 0``, or ``formula == 0``.
+    """A constraint ``excess <= 0`` or ``excess == 0``.
 
     Attributes
     ----------
     text : str
         As the user wrote it.
     excess : Expression
-        The formula, with marks for quantities.
+        Its left-hand side, with placeholders for quantities.
     is_equality : bool
-        Whether it is to be zero.
+        Whether it is an equality constraint.
     """
 
     text: str
@@ -123,28 +123,28 @@ class Condition:
 
 
 class Goals:
-    """The objective and the conditions of a design, read from texts.
+    """The objective and the constraints of a design, parsed from text.
 
     Parameters
     ----------
     minimise : str
         The objective.
     subject_to : sequence of str
-        Conditions.
+        Constraints.
     parameters : collection of str
-        Parameters that are varied: their names stand for themselves, other names for values at the
-        end of the run.
+        Parameters that are varied. Their names denote the parameters; any other name denotes the
+        value at the end of the run.
     """
 
     def __init__(
         self, minimise: object, subject_to: Sequence[object], parameters: Collection[str]
     ) -> None:
         self.quantities: list[Quantity] = []
-        self._own = set(parameters)
+        self._varied = set(parameters)
         tree = self._read(minimise, "minimise")
         if isinstance(tree, ast.Compare):
             raise ExpressionError(
-                f"minimise: '{brief(minimise)}' is a comparison: it belongs into subject_to"
+                f"minimise: '{brief(minimise)}' is a comparison: constraints belong in subject_to"
             )
         self.objective = self._formula(tree, "minimise")
         self.conditions: list[Condition] = []
@@ -163,11 +163,11 @@ class Goals:
             raise ExpressionError(f"{where}: '{brief(text)}' {error}") from None
 
     def _conditions(self, text: object) -> list[Condition]:
-        """Read a condition; a chain such as ``0 <= x <= 2`` is two of them."""
+        """Parse a constraint; a chain such as ``0 <= x <= 2`` makes two."""
         tree = self._read(text, "subject_to")
         if not isinstance(tree, ast.Compare):
             raise ExpressionError(
-                f"subject_to: '{brief(text)}' compares nothing: write it with <=, >= or =="
+                f"subject_to: '{brief(text)}' is not a comparison: write it with <=, >= or =="
             )
         sides = [tree.left, *tree.comparators]
         found = []
@@ -175,7 +175,7 @@ class Goals:
             sign = _COMPARISONS.get(type(op))
             if sign is None:
                 raise ExpressionError(
-                    f"subject_to: '{brief(text)}' compares by something other than <=, >= and =="
+                    f"subject_to: '{brief(text)}' uses an operator other than <=, >= and =="
                 )
             low, high = (b, a) if sign == ">=" else (a, b)
             excess = ast.BinOp(low, ast.Sub(), high)
@@ -184,7 +184,7 @@ class Goals:
         return found
 
     def _formula(self, tree: ast.expr, where: str) -> Expression:
-        """Put marks in the place of what runs give."""
+        """Replace the quantities in an expression by placeholders."""
         try:
             marked = ast.unparse(_Marking(self, where).visit(tree))
         except RecursionError:
@@ -192,18 +192,18 @@ class Goals:
         return parse(marked, where)
 
     def add(self, quantity: Quantity) -> ast.Name:
-        """Give the mark of a quantity."""
+        """Register a quantity and return its placeholder."""
         if quantity not in self.quantities:
             self.quantities.append(quantity)
         return ast.Name(f"{_MARK}{self.quantities.index(quantity)}")
 
-    def is_own(self, name: str) -> bool:
-        """Tell whether a name stands for itself."""
-        return name in self._own
+    def is_varied(self, name: str) -> bool:
+        """Tell whether a name denotes a varied parameter."""
+        return name in self._varied
 
 
 class _Marking(ast.NodeTransformer):
-    """Replaces what runs give in a tree by marks."""
+    """Replaces the quantities in a syntax tree by placeholders."""
 
     def __init__(self, goals: Goals, where: str) -> None:
         self._goals, self._where = goals, where
@@ -213,8 +213,8 @@ class _Marking(ast.NodeTransformer):
         if name not in QUANTITIES:
             if name in _JUMPING or name == WHERE:
                 self._refuse(
-                    f"'{name}' of what a run gives has no derivative that tells where to go: "
-                    "use it inside integral(...) only"
+                    f"'{name}' is discontinuous, so its gradient is useless to the search: use it "
+                    "inside integral(...) only"
                 )
             if name not in FUNCTIONS:
                 known = nearest(name, [*FUNCTIONS, *QUANTITIES])
@@ -230,9 +230,9 @@ class _Marking(ast.NodeTransformer):
         for part in ast.walk(inner):
             called = _called(part)
             if called in QUANTITIES:
-                self._refuse(f"{called}(...) stands inside {name}(...): take them apart")
+                self._refuse(f"{called}(...) is nested inside {name}(...), which is not supported")
             if called in _JUMPING and name not in SUMMED:
-                self._refuse(f"{called} jumps, so that {name}(...) of it has no derivative")
+                self._refuse(f"{called} is discontinuous, so {name}(...) of it has no derivative")
         if name == "at":
             t = self._time(node.args[0])
         expression = parse(ast.unparse(inner), f"{self._where}: {name}")
@@ -244,32 +244,32 @@ class _Marking(ast.NodeTransformer):
             self._refuse("the time of at(...) must be a number")
         dag = Dag()
         found = expression.lower(dag, lambda name: dag.zero).value
-        assert found is not None  # constants fold
+        assert found is not None  # constant expressions are folded
         return float(found)
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
         return node if self._is_kept(node.id) else self._goals.add(Quantity("end", node.id))
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        # Parameters of parts have dots in their names, as variables have.
+        # Parameters of parts have dots in their names, just as variables do.
         kept = self._is_kept(dotted(node))
         return node if kept else self._goals.add(Quantity("end", ast.unparse(node)))
 
     def _is_kept(self, name: str) -> bool:
-        return name == "pi" or self._goals.is_own(name)
+        return name == "pi" or self._goals.is_varied(name)
 
     def _refuse(self, why: str) -> None:
         raise ExpressionError(f"{self._where}: {why}")
 
 
 def _called(part: ast.AST) -> str:
-    """Give the name of the function that a node calls; nothing for other nodes."""
+    """Return the name of the function that a node calls, or an empty string."""
     is_call = isinstance(part, ast.Call) and isinstance(part.func, ast.Name)
     return part.func.id if is_call else ""  # type: ignore[attr-defined]
 
 
 def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> None:
-    """Refuse times outside the run."""
+    """Refuse ``at(t, ...)`` with a time outside the run."""
     for quantity in quantities:
         if quantity.kind == "at" and not min(span) <= quantity.t <= max(span):
             raise ParameterError(

@@ -96,15 +96,15 @@ def optimise(
     Returns
     -------
     Design
-        ``parameters``, ``objective``, ``conditions``, ``message``, ``history`` and the ``result``
-        of the best run.
+        The optimal ``parameters``, with ``objective``, ``conditions``, ``message``, ``history`` and
+        the ``result`` of their run.
 
     Raises
     ------
     ModelError
-        If a name is unknown, an expression is not accepted, or bounds make no sense.
+        If a name is unknown, or an expression or a bound is invalid.
     SolveError
-        If the run fails at every start.
+        If the solver or a tolerance is invalid, or the run fails at every start.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def optimise(
     >>> round(best["c"], 3)  # the closed form is sqrt(k m)
     9.487
     """
-    described, way = scene_of(system), check_method(method)
+    described, method = scene_of(system), check_method(method)
     texts = check_names(subject_to, "subject_to", "conditions in quotes")
     tolerance, max_iterations = (
         _positive(tolerance),
@@ -126,7 +126,7 @@ def optimise(
     )
     names = list(over) if isinstance(over, Mapping) else []
     for name in names:
-        # States have a dot; which there are is known where the scene is compiled.
+        # Names with a dot may be states, which are known only after compilation.
         if "." not in str(name) and name not in described.parameters:
             raise ParameterError(
                 f"over names '{brief(name)}', which is no parameter of the scene"
@@ -144,6 +144,7 @@ def optimise(
     settings = {"method": solver, "rtol": rtol, "atol": atol, "max_step": max_step}
     evaluation = Evaluation(model, goals, found, names, _scenarios(common, runs, names), settings)
     scales = read_scales(dict(over), _known(model, common), guess)
+    evaluation.check_settings()
     _check_reach(evaluation)
     searches: list[Search] = []
     ends, failures = [], []
@@ -152,7 +153,7 @@ def optimise(
         try:
             if not searches:
                 _check_objective(search, start, scales)
-            ends.append(search.run(start, way, tolerance, max_iterations))
+            ends.append(search.run(start, method, tolerance, max_iterations))
         except ParameterError:
             raise
         except Error as error:
@@ -176,7 +177,7 @@ def _positive(tolerance: object) -> float:
 
 
 def _span(given: object) -> tuple[float, float]:
-    """Read the times between which runs take place, [s]."""
+    """Read the start and the end of a run, [s]."""
     if not isinstance(given, (Sequence, np.ndarray)) or len(given) != 2:
         raise ParameterError(f"t_span is {brief(repr(given))}: give two times")
     start, end = (check_number(t, "a time of t_span") for t in given)
@@ -188,15 +189,15 @@ def _span(given: object) -> tuple[float, float]:
 def _scenarios(
     common: Run, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
 ) -> list[Run]:
-    """Join what all runs have with what each has."""
+    """Merge the common settings with those of each scenario."""
     found = []
     if runs is not None and not isinstance(runs, Sequence):
         raise ParameterError(f"runs is {brief(repr(runs))}: give a list of mappings")
-    for i, own in enumerate([{}] if runs is None else runs):
-        if not isinstance(own, Mapping) or not set(own) <= set(_OF_RUN):
+    for i, given in enumerate([{}] if runs is None else runs):
+        if not isinstance(given, Mapping) or not set(given) <= set(_OF_RUN):
             raise ParameterError(f"run {i + 1} must be a mapping with {listed(_OF_RUN)}")
         more = {
-            word: check_mapping(own.get(word), f"{word} of run {i + 1}")
+            word: check_mapping(given.get(word), f"{word} of run {i + 1}")
             for word in ("parameters", "initial", "inputs")
         }
         found.append(
@@ -204,7 +205,7 @@ def _scenarios(
                 {**common.parameters, **more["parameters"]},
                 {**common.initial, **more["initial"]},
                 {**common.inputs, **more["inputs"]},
-                _span(own["t_span"]) if "t_span" in own else common.t_span,
+                _span(given["t_span"]) if "t_span" in given else common.t_span,
             )
         )
     if not found:
@@ -212,40 +213,42 @@ def _scenarios(
     for run in found:
         for name in names:
             if name in run.parameters or name in run.initial:
-                raise ParameterError(f"'{name}' is varied and given to a run: it is either")
+                raise ParameterError(
+                    f"'{name}' is in over and also set for a run: remove one of the two"
+                )
     return found
 
 
 def _known(model: Model, common: Run) -> dict[str, float]:
-    """Give the values of parameters and the initial values of states in the scene."""
+    """Return the nominal values of parameters and the initial values of states."""
     known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
     try:
         start = scene_start(model).y
-    except Error:  # the scene's own values need not be a design
+    except Error:  # the nominal values need not be a feasible design
         start = model.initial(model.default_parameters)
     known |= dict(zip(model.states, map(float, start), strict=True))
     return {**known, **common.parameters, **common.initial}
 
 
 def _check_reach(evaluation: Evaluation) -> None:
-    """Refuse names that no goal can depend on."""
+    """Refuse design variables on which no goal can depend."""
     model, goals = evaluation.model, evaluation.goals
     written = goals.objective.names.union(*(row.excess.names for row in goals.conditions))
     for name in model.unreached:
         if name in evaluation.over and name not in written:
             raise ParameterError(
-                f"nothing depends on '{name}': leave it out of over, or use it in the scene"
+                f"nothing depends on '{name}': remove it from over, or use it in the scene"
             )
 
 
 def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> None:
-    """Refuse an objective that what is varied does not change."""
+    """Refuse an objective that does not depend on any design variable."""
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
         return
-    # Of a start at an optimum the gradient vanishes, too: a second point decides.
-    aside = search.point(np.asarray(start) * 0.9 + 0.037)
-    if not isinstance(aside, Error) and not np.any(aside.gradient):
+    # The gradient also vanishes if the start is an optimum, so a second point decides.
+    second = search.point(np.asarray(start) * 0.9 + 0.037)
+    if not isinstance(second, Error) and not np.any(second.gradient):
         names = listed(f"'{scale.name}'" for scale in scales)
         raise ParameterError(
             f"the objective does not change with {names}: vary something that it depends on, or "
@@ -256,7 +259,7 @@ def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> Non
 def _design(
     evaluation: Evaluation, searches: Sequence[Search], best: int, end: Any, n_failed: int
 ) -> Design:
-    """Describe the best point of all searches."""
+    """Make the result from the best point of all searches."""
     search = searches[best]
     at = search.best
     assert at is not None
@@ -304,22 +307,22 @@ def _message(
     *,
     is_optimal: bool,
 ) -> str:
-    """Say how the search ended."""
+    """Describe in sentences how the search ended."""
     work = f"after {end.nit} iterations and {search.evaluation.n_runs} runs"
     missed = [row for row in conditions if not row.holds]
     if missed:
         worst = max(missed, key=lambda row: abs(row.excess))
-        said = (
-            f"No point was found at which '{worst.text}' holds, {work}: it is missed by "
-            f"{abs(worst.excess):.4g} at best."
+        message = (
+            f"No feasible point was found {work}: '{worst.text}' is violated by "
+            f"{abs(worst.excess):.4g} at the best point."
         )
     elif is_optimal:
-        said = f"Converged {work}."
+        message = f"Converged {work}."
     else:
         reason = str(end.message).strip().rstrip(".")
-        said = (
-            f"Stopped {work} before the objective was least ({reason}): try another guess, more "
-            "starts, tighter tolerances of the runs, or the other method."
+        message = (
+            f"Stopped {work} before reaching an optimum ({reason}): try another guess, more "
+            "starts, tighter integration tolerances, or the other method."
         )
     at_bound = [
         f"{scale.name} is at its {which} bound"
@@ -334,5 +337,7 @@ def _message(
     ]
     notes = [*at_bound, *dict.fromkeys(active)]
     failed = sum(bool(row.reason) for row in search.history)
-    said += f" {listed(notes)}." if notes else ""
-    return said + (f" {failed} trials whose run failed were stepped back from." if failed else "")
+    message += f" {listed(notes)}." if notes else ""
+    return message + (
+        f" {failed} trial points were rejected because their run failed." if failed else ""
+    )

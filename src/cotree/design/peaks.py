@@ -1,9 +1,10 @@
-"""The largest value of an output over a run, with its derivatives.
+"""The maximum of an output over a run, with its derivatives.
 
-In: values and sensitivities at close times. Out: the value at the peak, where the output's rate is
-zero: so its derivative by a parameter is the sensitivity at the peak's time, held. Between the
-times the polynomial through nine of them stands for the output; where one of lower degree disagrees
-with it, closer times are asked for. Windows end at events, beyond which another curve begins.
+In: values and sensitivities on a fine grid of times. Out: the value at the peak. The time
+derivative of the output vanishes there, so the derivative of the peak with respect to a parameter
+is the sensitivity at the time of the peak. Between the grid points the output is interpolated by
+the polynomial through nine of them; if a polynomial of lower degree disagrees with it, a finer grid
+is requested. Interpolation windows end at events, where the output may have a kink or a jump.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ from cotree.errors import SolveError
 if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
-#: Points on either side of the largest one, and the least number of points of a polynomial.
+#: Interpolation points on either side of the largest value, and their minimum number in total.
 _REACH, _FEWEST = 4, 5
 
-#: Polynomials of two degrees agree to this share of the output's range.
+#: Largest difference between the two interpolants, relative to the range of the output.
 _AGREE = 1e-7
 
 
 class CoarseError(SolveError):
-    """The times are too far apart for the output."""
+    """The grid of times is too coarse for the output."""
 
 
 def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, Array]:
-    """Find the largest value and its derivatives.
+    """Find the maximum and its derivatives.
 
     Parameters
     ----------
     t : ndarray, shape (n_t,)
-        Times, evenly spaced, rising.
+        Equidistant times in ascending order.
     value : ndarray, shape (n_t,)
         The output.
     slopes : ndarray, shape (n_parameters, n_t)
@@ -49,12 +50,12 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     Raises
     ------
     CoarseError
-        If the output changes too fast for these times.
+        If the grid does not resolve the output.
     SolveError
         If the peak is next to an event.
     """
     k = int(np.argmax(value))
-    # At an end of the run the time is held, and the derivative is the sensitivity there.
+    # A maximum at an end of the run stays there, so its derivative is the sensitivity.
     if k in (0, len(t) - 1):
         return float(value[k]), slopes[:, k].copy()
     before, after = events[events <= t[k]], events[events > t[k]]
@@ -63,23 +64,23 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     low, high = max(first, k - _REACH), min(last, k + _REACH + 1)
     if high - low < _FEWEST or k in (low, high - 1):
         raise CoarseError(
-            f"the largest value lies next to an event at t = {t[k]:.6g}, where it has no derivative"
+            f"the maximum lies next to an event at t = {t[k]:.6g}, where it is not differentiable"
         )
     step = t[k + 1] - t[k]
-    own = (t[low:high] - t[k]) / step
-    at, top = _top(own, value[low:high])
+    s = (t[low:high] - t[k]) / step  # in grid steps from the largest value
+    at, top = _top(s, value[low:high])
     range_ = float(np.ptp(value)) or 1.0
     inner = slice(1, -1)
-    if abs(top - _top(own[inner], value[low:high][inner])[1]) > _AGREE * range_:
+    if abs(top - _top(s[inner], value[low:high][inner])[1]) > _AGREE * range_:
         raise CoarseError(
-            f"the output changes too fast near its largest value at t = {t[k]:.6g} to find it"
+            f"the output changes too fast near its maximum at t = {t[k]:.6g} to be resolved"
         )
-    return top, _interpolated(own, slopes[:, low:high], at)
+    return top, _interpolated(s, slopes[:, low:high], at)
 
 
-def _top(own: Array, value: Array) -> tuple[float, float]:
-    """Find the largest value of the polynomial within one step of zero."""
-    polynomial = np.polynomial.Polynomial.fit(own, value, len(own) - 1, domain=[-1.0, 1.0])
+def _top(s: Array, value: Array) -> tuple[float, float]:
+    """Find the maximum of the interpolating polynomial on [-1, 1]: where, and its value."""
+    polynomial = np.polynomial.Polynomial.fit(s, value, len(s) - 1, domain=[-1.0, 1.0])
     roots = polynomial.deriv().roots()
     near = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) <= 1.0)].real
     candidates = np.append(near, 0.0)
@@ -88,13 +89,10 @@ def _top(own: Array, value: Array) -> tuple[float, float]:
     return float(candidates[best]), float(values[best])
 
 
-def _interpolated(own: Array, rows: Array, at: float) -> Array:
-    """Evaluate at a point the polynomials through rows of values."""
+def _interpolated(s: Array, rows: Array, at: float) -> Array:
+    """Evaluate the Lagrange polynomials through rows of values at a point."""
     weights = np.array(
-        [
-            np.prod([(at - b) / (a - b) for j, b in enumerate(own) if j != i])
-            for i, a in enumerate(own)
-        ]
+        [np.prod([(at - b) / (a - b) for j, b in enumerate(s) if j != i]) for i, a in enumerate(s)]
     )
     found: Array = rows @ weights
     return found

@@ -1,4 +1,4 @@
-"""Varied quantities, on scales from zero to one between their bounds."""
+"""Design variables, scaled to the interval from zero to one between their bounds."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scale:
-    """One number that is varied.
+    """The scale of one design variable.
 
     Attributes
     ----------
     name : str
-        A parameter, or a state whose initial value is meant.
+        A parameter, or a state, whose name denotes its initial value.
     low, high : float
-        Bounds; infinite for none.
+        Bounds; infinite if there is none.
     is_log : bool
-        Whether equal steps multiply it.
+        Whether the scale is logarithmic.
     start : float
-        Where the search begins.
+        Initial guess.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Scale:
 
     @property
     def _span(self) -> tuple[float, float]:
-        """Origin and unit of the scale, of logarithms where it is logarithmic."""
+        """Origin and unit of the scale, in terms of the logarithm for a logarithmic scale."""
         low, high, start = (self._plain(x) for x in (self.low, self.high, self.start))
         if math.isfinite(low) and math.isfinite(high):
             return low, high - low
@@ -54,19 +54,19 @@ class Scale:
         return math.log(value) if 0.0 < value < math.inf else math.copysign(math.inf, value - 1.0)
 
     def scaled(self, value: float) -> float:
-        """Put a value on the scale."""
+        """Convert a value to its scaled coordinate."""
         origin, unit = self._span
         return (self._plain(value) - origin) / unit
 
     def value(self, v: float) -> float:
-        """Give the value at a place of the scale, within the bounds."""
+        """Convert a scaled coordinate to a value, clipped to the bounds."""
         origin, unit = self._span
         plain = origin + unit * v
         found = math.exp(min(plain, 700.0)) if self.is_log else plain
         return min(max(found, self.low), self.high)
 
     def slope(self, value: float) -> float:
-        """Give the derivative of the value by its place on the scale."""
+        """Return the derivative of the value with respect to its scaled coordinate."""
         return self._span[1] * (value if self.is_log else 1.0)
 
 
@@ -80,14 +80,14 @@ def read_scales(
     over : mapping of str to (lower, upper) or (lower, upper, "log")
         Bounds by name.
     known : mapping of str to float
-        The scene's values, where searches begin.
+        The scene's values, which are the default guesses.
     guess : mapping of str to float
-        Values in place of these.
+        Initial guesses that override them.
 
     Raises
     ------
     ParameterError
-        If bounds make no sense, or a start is outside of them.
+        If bounds are invalid, or a guess violates them.
     """
     if not isinstance(over, dict) or not over:
         raise ParameterError(
@@ -95,7 +95,7 @@ def read_scales(
         )
     for name in guess:
         if name not in over:
-            raise ParameterError(f"guess names '{brief(name)}', which is not among over")
+            raise ParameterError(f"guess names '{brief(name)}', which is not in over")
     return [_read(name, bounds, known, guess) for name, bounds in over.items()]
 
 
@@ -107,7 +107,7 @@ def _read(name: str, bounds: Any, known: Mapping[str, float], guess: Mapping[str
         )
     kind = bounds[2] if len(bounds) == 3 else "linear"
     if kind not in ("linear", "log"):
-        raise ParameterError(f"{what} has the scale {brief(repr(kind))}: 'linear' or 'log'")
+        raise ParameterError(f"{what} has the scale {brief(repr(kind))}: give 'linear' or 'log'")
     low, high = (_bound(value, what) for value in bounds[:2])
     if not low < high:
         raise ParameterError(
@@ -115,16 +115,18 @@ def _read(name: str, bounds: Any, known: Mapping[str, float], guess: Mapping[str
         )
     is_log = kind == "log"
     if is_log and low <= 0.0:
-        raise ParameterError(f"{what} is logarithmic from {low:g} on: give a positive lower bound")
+        raise ParameterError(
+            f"{what} is logarithmic, but its lower bound is {low:g}: give a positive lower bound"
+        )
     if name in guess:
         start = check_number(guess[name], f"the guess of '{name}'")
         if not low <= start <= high:
             raise ParameterError(
-                f"the guess of '{name}' is {start:g}, outside of its bounds {low:g} to {high:g}"
+                f"the guess of '{name}' is {start:g}, outside its bounds {low:g} to {high:g}"
             )
     else:
         start = known.get(name, math.nan)
-        if not low <= start <= high:  # the scene's value is another design: begin in the middle
+        if not low <= start <= high:  # also where it is nan: there is no nominal value
             start = _middle(low, high, is_log=is_log)
     return Scale(name, low, high, is_log, start)
 
@@ -142,12 +144,12 @@ def _middle(low: float, high: float, *, is_log: bool) -> float:
 
 
 def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list[Array]:
-    """Give the places where searches begin: the first is the guess, the others are drawn.
+    """Return the starting points in scaled coordinates: the guess first, then random ones.
 
     Raises
     ------
     ParameterError
-        If there are to be others, and something has no bounds.
+        If random starts are requested and a variable is unbounded.
     """
     first = np.array([scale.scaled(scale.start) for scale in scales])
     starts = check_whole(starts, "starts", 1)
@@ -161,6 +163,6 @@ def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list
             )
     from scipy.stats import qmc
 
-    # A Latin hypercube spreads few points well in every direction.
+    # Even a few points of a Latin hypercube cover the range of every variable.
     rows = qmc.LatinHypercube(len(scales), seed=seed).random(starts - 1)
     return [first, *rows]

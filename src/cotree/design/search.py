@@ -1,7 +1,7 @@
-"""The search for a design by SciPy, with exact gradients, on scales from zero to one.
+"""Gradient-based search for a design by SciPy, in scaled design variables.
 
-A trial whose run fails gets the value of a high wall, so that the optimiser steps back from it; its
-gradient is that of the last point that had one.
+If the run of a trial point fails, the optimiser receives a penalty value, so that it rejects the
+step; the gradient is then that of the last point that could be evaluated.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ if TYPE_CHECKING:
 
 METHODS = ("slsqp", "trust-constr")
 
-#: Conditions hold where they are missed by less than this share of their size, or of one; bounds
-#: and conditions are active where they are nearer than this.
+#: Constraints count as satisfied if they are violated by less than this; bounds and constraints are
+#: active if the distance to them is less than this.
 MET = 1e-6
 
-#: The share of the largest gradient that conditions and bounds may leave at an optimum.
+#: Largest optimality residual of an optimum, relative to the largest gradient encountered.
 OPTIMAL = 1e-4
 
-#: A wall is so many times as high as the objective is large.
-_WALL = 1e3
+#: The penalty of a failed run, relative to the magnitude of the objective.
+_PENALTY = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One point that was tried.
+    """One trial point.
 
     Attributes
     ----------
     parameters : dict of str to float
-        What was varied.
+        Values of the design variables.
     objective : float
         The objective there; nan where the run failed.
     missed : float
-        By how much the worst condition is missed; nan where the run failed.
+        Largest constraint violation; nan where the run failed.
     reason : str
-        Why the run failed; empty where it did not.
+        Why the run failed; empty if it succeeded.
     """
 
     parameters: dict[str, float]
@@ -57,14 +57,14 @@ class Trial:
 
 
 class Search:
-    """One search from one start.
+    """One search from one starting point.
 
     Parameters
     ----------
     evaluation : Evaluation
-        The goals.
+        Evaluates objective and constraints.
     scales : sequence of Scale
-        What is varied.
+        The design variables.
     """
 
     def __init__(self, evaluation: Evaluation, scales: Sequence[Scale]) -> None:
@@ -79,11 +79,11 @@ class Search:
         self.steepest = 0.0
 
     def values(self, v: Array) -> dict[str, float]:
-        """Give what is varied at a place of the scales."""
+        """Convert scaled coordinates to values by name."""
         return {s.name: s.value(float(x)) for s, x in zip(self.scales, v, strict=True)}
 
     def point(self, v: Array) -> Point | Error:
-        """Evaluate the goals at a place of the scales, gradients by places."""
+        """Evaluate a point, with gradients with respect to the scaled coordinates."""
         key = np.asarray(v, dtype=float).tobytes()
         if self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -103,22 +103,22 @@ class Search:
         return found
 
     def missed(self, point: Point) -> float:
-        """Say by how much the worst condition is missed."""
+        """Return the largest constraint violation."""
         excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
         return float(np.max(excess, initial=0.0))
 
     def known(self, v: Array) -> Point:
-        """Give the goals at a place that was tried with success."""
+        """Return a point that was evaluated successfully before."""
         return self._known[v.tobytes()]
 
     @property
     def rank(self) -> tuple[float, float]:
-        """By how much the best point misses conditions, and its objective."""
+        """Constraint violation of the best point, and its objective."""
         assert self.best is not None
         return self._rank(self.known(self.best))
 
     def _keep(self, v: Array, found: Point) -> None:
-        """Remember the best point: the one that misses least, of those that hold the lowest."""
+        """Keep the best point: least violation first; among feasible ones, the least objective."""
         before = None if self.best is None else self._known[self.best.tobytes()]
         if before is None or self._rank(found) < self._rank(before):
             self.best = np.array(v, dtype=float)
@@ -127,17 +127,19 @@ class Search:
         missed = self.missed(found)
         return (0.0 if missed <= MET else missed, found.objective)
 
-    def or_wall(self, v: Array) -> Point:
-        """Give the goals at a place, or a wall where they have no value."""
+    def penalised(self, v: Array) -> Point:
+        """Evaluate a point; if its run fails, return the penalty instead."""
         found = self.point(v)
         if not isinstance(found, Error):
             return found
         assert self._good is not None
-        high = self._good.objective + _WALL * (abs(self._good.objective) + self.steepest + 1.0)
-        return self._good._replace(objective=high)
+        penalty = self._good.objective + _PENALTY * (
+            abs(self._good.objective) + self.steepest + 1.0
+        )
+        return self._good._replace(objective=penalty)
 
     def run(self, start: Array, method: str, tolerance: float, most: int) -> Any:
-        """Search from a place.
+        """Search from a starting point.
 
         Returns
         -------
@@ -146,19 +148,19 @@ class Search:
         Raises
         ------
         Error
-            If the goals have no value at the start.
+            If the starting point cannot be evaluated.
         """
         from scipy.optimize import minimize
 
         first = self.point(start)
         if isinstance(first, Error):
             raise first
-        # Both methods stop by changes of the objective, which count beside its size at the start.
+        # Both methods stop on absolute changes of the objective, so it is scaled to order one.
         unit = max(abs(first.objective), float(np.linalg.norm(first.gradient)), 1e-300)
         return minimize(
-            lambda v: self.or_wall(v).objective / unit,
+            lambda v: self.penalised(v).objective / unit,
             start,
-            jac=lambda v: self.or_wall(v).gradient / unit,
+            jac=lambda v: self.penalised(v).gradient / unit,
             method="SLSQP" if method == "slsqp" else method,
             bounds=[(s.scaled(s.low), s.scaled(s.high)) for s in self.scales],
             constraints=self._constraints(method),
@@ -166,34 +168,34 @@ class Search:
         )
 
     def _constraints(self, method: str) -> Any:
-        """Give the conditions as SciPy takes them; of no rows there are none."""
+        """Return the constraints in the form that the method of SciPy expects."""
         equal = self.equalities
         if not equal.size:
             return ()
         if method == "slsqp":
-            # There inequalities are to be positive.
+            # SLSQP expects inequalities in the form g >= 0.
             return [
                 {
                     "type": kind,
-                    "fun": lambda v, own=own, s=sign: s * self.or_wall(v).conditions[own],
-                    "jac": lambda v, own=own, s=sign: s * self.or_wall(v).slopes[own],
+                    "fun": lambda v, rows=rows, s=sign: s * self.penalised(v).conditions[rows],
+                    "jac": lambda v, rows=rows, s=sign: s * self.penalised(v).slopes[rows],
                 }
-                for kind, own, sign in (("eq", equal, 1.0), ("ineq", ~equal, -1.0))
-                if np.any(own)
+                for kind, rows, sign in (("eq", equal, 1.0), ("ineq", ~equal, -1.0))
+                if np.any(rows)
             ]
         from scipy.optimize import NonlinearConstraint
 
         return NonlinearConstraint(
-            lambda v: self.or_wall(v).conditions,
+            lambda v: self.penalised(v).conditions,
             np.where(equal, 0.0, -np.inf),
             0.0,
-            jac=lambda v: self.or_wall(v).slopes,
+            jac=lambda v: self.penalised(v).slopes,
         )
 
     def optimality(self, v: Array) -> float:
-        """Say how much of the gradient bounds and conditions leave, as a share of the largest.
+        """Return the Karush-Kuhn-Tucker residual, relative to the largest gradient.
 
-        Multipliers of active bounds and conditions take away what they can (Karush, Kuhn, Tucker).
+        Nonnegative multipliers of the active bounds and constraints follow by least squares.
         """
         from scipy.optimize import nnls
 
@@ -203,7 +205,7 @@ class Search:
         columns = []
         for i, scale in enumerate(self.scales):
             unit = np.eye(len(self.scales))[i]
-            # A bound pushes inwards: at the lower one the gradient may point upwards.
+            # At an active lower bound the objective may increase with the variable.
             if v[i] - scale.scaled(scale.low) <= MET:
                 columns.append(unit)
             if scale.scaled(scale.high) - v[i] <= MET:
@@ -228,7 +230,7 @@ def _options(method: str, tolerance: float, most: int) -> dict[str, float]:
 
 
 def check_method(method: object) -> str:
-    """Accept the name of a method in any case."""
+    """Check the name of a method, which may be in upper or lower case."""
     name = str(method).lower()
     if name not in METHODS:
         raise ParameterError(

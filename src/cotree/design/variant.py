@@ -1,7 +1,8 @@
-"""A scene that also gives what goals ask for: expressions as outputs, integrals as states.
+"""A variant of a scene that has an output for each quantity in the goals.
 
-An integral is the voltage of a capacitor of one farad, which a source charges with the integrand;
-so its derivatives come from the sensitivity graphs as those of all states do.
+Expressions become outputs and integrals become states: an integral is the voltage of a capacitor of
+one farad, charged by a current source with the integrand as its current. Its sensitivities
+therefore follow from the sensitivity graphs, like those of any other state.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def scene_of(source: Any) -> SceneDescription:
-    """Give the scene of a model, or the scene itself, or load it."""
+    """Return the scene of a model, or the scene itself."""
     if isinstance(source, Model):
         return source._scene
     if not isinstance(source, Scene):
@@ -38,23 +39,24 @@ def scene_of(source: Any) -> SceneDescription:
 def variant_of(
     source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
 ) -> tuple[Model, dict[Quantity, str]]:
-    """Compile a scene with what goals ask for.
+    """Compile a scene with an output for each quantity.
 
     Parameters
     ----------
     source : cotree.Model or cotree.Scene
-        Of a model its tree and its options are taken, too.
+        The system; the variant of a model keeps its tree and its compiler options.
     scene : SceneDescription
-        Its scene, which stays as it is.
+        Its scene, which is not modified.
     quantities : sequence of Quantity
-        What is asked for.
+        Quantities in the goals.
     over : sequence of str
-        Parameters, and states by their initial values, to take sensitivities to.
+        Design variables, to which sensitivities are needed: parameters and, by the names of states,
+        initial values.
 
     Returns
     -------
     cotree.Model, and dict of Quantity to str
-        The model, and the output or the event of each quantity.
+        The variant, and the output or event that provides each quantity.
     """
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}
@@ -80,41 +82,41 @@ def variant_of(
     try:
         return _compiled(source, changed, over), found
     except Error as error:
-        # People know their own texts, not the names of outputs that were made of them.
-        told = str(error)
+        # Users know the expressions that they wrote, not the names of the outputs made from them.
+        message = str(error)
         for (_, text), name in outputs.items():
-            told = told.replace(f"output '{name}'", f"'{text}' in a goal")
+            message = message.replace(f"output '{name}'", f"'{text}' in a goal")
         for is_summed, text in outputs:
-            # The source of an integral is a field of an edge, whose errors do not quote it.
-            if is_summed and any(f"'{name}'" in told for name in parse(text, text).names):
-                told = told.replace("a field uses", f"'{text}' in a goal uses")
-        raise type(error)(told) from None
+            # The integrand is a field of an edge, and errors in fields do not quote the expression.
+            if is_summed and any(f"'{name}'" in message for name in parse(text, text).names):
+                message = message.replace("a field uses", f"'{text}' in a goal uses")
+        raise type(error)(message) from None
 
 
 def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
-    """Compile the scene as its model was compiled."""
+    """Compile the variant with the options of the given model, if it is one."""
     if isinstance(source, Model):
         recipe = source._recipe.of(changed, source.first_graph)
         return replace(recipe, sensitivities=tuple(over)).made()
     assert isinstance(changed, Scene)
-    with without_warnings():  # of names that nothing depends on, which are refused later
+    with without_warnings():  # names on which nothing depends are refused by the caller
         return changed.compile(list(over))
 
 
 def _add(scene: SceneDescription, name: str, is_summed: bool, text: str) -> None:
-    """Add an output, or an integral with one."""
+    """Add an output for an expression, or for its integral."""
     try:
         if not is_summed:
             scene.output(name, text)
             return
         if scene.defaults.start == OPERATING_POINT:
             raise ParameterError(
-                f"integral({text}) needs a run from initial values, but this scene begins at its "
-                "operating point, where a sum over time has no rest"
+                f"integral({text}) needs a run from initial values, but this scene starts at its "
+                "operating point, where an integral over time has no steady value"
             )
-        # A number in front may have any unit: integrands are no currents.
-        own = f"1.0*({text})"
-        scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=own)
+        # The integrand is not a current; a numerical factor, which may have any unit, hides that.
+        current = f"1.0*({text})"
+        scene.edge(f"{name}i", "current_source", "ground", f"{name}n", current=current)
         scene.edge(f"{name}c", "capacitor", f"{name}n", "ground", capacitance=1.0)
         scene.output(name, f"{name}c.v")
     except Error as error:

@@ -1,4 +1,4 @@
-"""An estimation problem made of a model, experiments, and ranges of what is estimated."""
+"""Assembly of an estimation problem from a model, experiments and parameter ranges."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def estimation_problem(
     -------
     Problem
         ``objective(theta)`` gives the negative log-likelihood and its exact gradient, ``theta()``
-        the start. There are ``residuals``, ``jacobian`` and ``bounds``, too. ``theta``, shape
+        the initial point. It also has ``residuals``, ``jacobian`` and ``bounds``. ``theta``, shape
         (n_estimated,), holds values, or logarithms for parameters on logarithmic scales;
-        ``values(theta)`` gives values by name.
+        ``values(theta)`` returns values by name.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def estimation_problem(
 
 
 class _Assembly:
-    """The parts of a problem, found step by step."""
+    """Assembles a problem step by step."""
 
     def __init__(
         self,
@@ -109,8 +109,8 @@ class _Assembly:
         self._check_used()
 
     def problem(self, accuracy: Accuracy) -> Problem:
-        """Compile the models, and put everything together."""
-        self._begin_of: dict[str, float | None] = {n: self._own_value(n) for n in self._ranges}
+        """Compile the models and assemble the problem."""
+        self._begin_of: dict[str, float | None] = {n: self._nominal_value(n) for n in self._ranges}
         new = set().union(*(row.new for row in self._observed))
         values = {n: self._new_value(n) for n in new}
         wanted = [n for n in self._ranges if n in self._observer.scene.parameters or n in new]
@@ -123,7 +123,7 @@ class _Assembly:
         for i, row in enumerate(self._experiments):
             rows.add(i, row, self._names[i], self._observed[i], self._models[i])
         measured = rows.measured()
-        # In the order in which they were given, noise last.
+        # In the order in which the user gave them, with noise parameters last.
         places = {name: i for i, name in enumerate(self._ranges)}
         found = sorted(
             self._found.values(),
@@ -134,13 +134,13 @@ class _Assembly:
         return Problem(found, conditions, measured, accuracy)
 
     def _aliased(self, wanted: Sequence[str]) -> list[str]:
-        """List parameters and states that experiments let be estimated ones."""
+        """List parameters and states that experiments tie to estimated parameters."""
         given = [v for e in self._experiments for v in (*e.parameters.items(), *e.initial.items())]
         found = dict.fromkeys(k for k, v in given if isinstance(v, str) and k not in wanted)
         return list(found)
 
     def _check_used(self) -> None:
-        """Refuse estimated parameters that are nowhere."""
+        """Refuse estimated parameters that nothing uses, and unknown names in experiments."""
         scene = self._observer.scene
         used = set().union(*(row.new for row in self._observed))
         used |= {v for row in self._observed for v in row.deviations.values()}
@@ -158,46 +158,46 @@ class _Assembly:
                 name in row.parameters or name in row.initial for row in self._experiments
             ):
                 raise ParameterError(
-                    f"'{name}' is to be estimated, but every experiment gives its value: leave one "
-                    "of both out"
+                    f"'{name}' is to be estimated, but every experiment gives its value: remove "
+                    "one of the two"
                 )
             if name in used or name in scene.parameters or "." in name:
                 continue
             if name in scene.inputs:
                 raise ParameterError(
-                    f"'{name}' is an input: to estimate it, give it an expression of a new "
-                    f'parameter, inputs={{"{name}": "{name}_0"}}, and estimate that'
+                    f"'{name}' is an input: to estimate it, set it to an expression of a new "
+                    f'parameter, inputs={{"{name}": "{name}_0"}}, and estimate that parameter'
                 )
             raise ParameterError(
                 f"'{brief(name)}' is to be estimated, but the scene '{scene.name}' has no such "
                 f"parameter{nearest(name, scene.parameters)}"
             )
 
-    def _own_value(self, name: str) -> float | None:
-        """Give the model's value of a parameter or initial value."""
+    def _nominal_value(self, name: str) -> float | None:
+        """Return the scene's value of a parameter, or None if it is derived or not in the scene."""
         row = self._observer.scene.parameters.get(name)
         if row is not None:
             return None if row.is_derived else row.number
         return None
 
     def _new_value(self, name: str) -> float:
-        """Give some value of a new parameter, which each run sets."""
+        """Return a default for a new parameter; every run overrides it."""
         for row in self._experiments:
             value = row.parameters.get(name)
             if value is not None and not isinstance(value, str):
                 return value
         return self._begin.get(name, 1.0)
 
-    def _estimate(self, name: str, experiment: str, own: float | None, unit: str = "") -> str:
-        """Give the name of the estimated parameter of an experiment, which is made where new."""
+    def _estimate(self, name: str, experiment: str, nominal: float | None, unit: str = "") -> str:
+        """Return the name of the estimated parameter for an experiment; create it if it is new."""
         full = f"{name}[{experiment}]" if name in self._apart else name
         if full not in self._found:
             begin = self._begin.get(full, self._begin.get(name))
-            self._found[full] = estimated(full, self._ranges[name], begin, own, unit)
+            self._found[full] = estimated(full, self._ranges[name], begin, nominal, unit)
         return full
 
     def _condition(self, number: int) -> Condition:
-        """Make the run of an experiment."""
+        """Make the condition of an experiment."""
         row, name = self._experiments[number], self._names[number]
         model, observed = self._models[number], self._observed[number]
         first = dict(zip(model.states, model.initial_state.tolist(), strict=True))
@@ -206,19 +206,19 @@ class _Assembly:
         initial: dict[str, float | str] = {}
         for wanted in self._ranges:
             if wanted in model.parameters and wanted not in row.parameters:
-                own = None if wanted in observed.new else self._own_value(wanted)
-                parameters[wanted] = self._estimate(wanted, name, own, units[wanted])
+                nominal = None if wanted in observed.new else self._nominal_value(wanted)
+                parameters[wanted] = self._estimate(wanted, name, nominal, units[wanted])
             elif wanted in model.states and wanted not in row.initial:
                 initial[wanted] = self._estimate(wanted, name, first[wanted], units[wanted])
-        for target, given, own_values in (
+        for target, given, nominal_values in (
             (parameters, row.parameters, {}),
             (initial, row.initial, first),
         ):
             for key, value in given.items():
-                own = own_values.get(key, self._own_value(key))
+                nominal = nominal_values.get(key, self._nominal_value(key))
                 target[key] = value
                 if isinstance(value, str):
-                    target[key] = self._estimate(value, name, own, units.get(key, ""))
+                    target[key] = self._estimate(value, name, nominal, units.get(key, ""))
         inputs = {key: self._input(row, key, value) for key, value in observed.inputs.items()}
         return Condition(
             name, model, parameters, initial, self._shared(inputs), row.t_start, observed.outputs
@@ -233,7 +233,7 @@ class _Assembly:
         return signal(name, row.where, row.table.t, in_si(column.values, unit))
 
     def _shared(self, inputs: dict[str, Any]) -> dict[str, Any]:
-        """Give one mapping for equal numbers, so that experiments run in one block."""
+        """Return the same mapping for equal inputs, so that the experiments run in one block."""
         if not all(isinstance(value, (int, float)) for value in inputs.values()):
             return inputs
         kept: dict[Any, dict[str, Any]] = self.__dict__.setdefault("_kept", {})
@@ -241,7 +241,7 @@ class _Assembly:
 
 
 def _default(model: Any, method: str | None) -> str:
-    """Give the method of the runs: the scene's where none is given."""
+    """Return the integration method, by default that of the scene."""
     if method is not None:
         return method
     defaults = model._recipe.defaults if hasattr(model, "_recipe") else None
@@ -250,7 +250,7 @@ def _default(model: Any, method: str | None) -> str:
 
 
 def _listed(experiments: Any) -> list[Experiment]:
-    """Accept one experiment or several."""
+    """Accept a single experiment or a sequence."""
     found = [experiments] if isinstance(experiments, Experiment) else experiments
     if isinstance(found, (str, bytes)) or not hasattr(found, "__iter__"):
         found = [found]
@@ -266,7 +266,7 @@ def _listed(experiments: Any) -> list[Experiment]:
 
 
 def _names(rows: Sequence[Experiment]) -> list[str]:
-    """Name experiments: as they are called, or by their number from one."""
+    """Name experiments: by their own name if it is unique, else by their number from one."""
     given = [row.name for row in rows]
     return [
         name if name is not None and given.count(name) == 1 else str(i + 1)
@@ -277,7 +277,7 @@ def _names(rows: Sequence[Experiment]) -> list[str]:
 def _apart(
     ranges: Mapping[str, Any], shared: Sequence[str] | None, per_experiment: Sequence[str]
 ) -> set[str]:
-    """Find the parameters that have an estimate for each experiment."""
+    """Find the parameters that are estimated separately for each experiment."""
     apart = check_names(per_experiment, "per_experiment")
     alike = None if shared is None else check_names(shared, "shared")
     for word, names in (("per_experiment", apart), ("shared", alike or ())):
@@ -288,13 +288,15 @@ def _apart(
                 )
     for name in alike or ():
         if name in apart:
-            raise ParameterError(f"'{name}' is in shared and in per_experiment: leave one out")
-    # Whoever lists what is shared means that the others are not.
+            raise ParameterError(
+                f"'{name}' is in shared and in per_experiment: remove it from one of them"
+            )
+    # If the user lists the shared parameters, all others are separate.
     return set(apart) if alike is None else set(ranges) - set(alike)
 
 
 def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
-    """Read where estimation begins."""
+    """Read the initial guesses."""
     found = {}
     for name, value in check_mapping(start, "start").items():
         if name.partition("[")[0] not in ranges:

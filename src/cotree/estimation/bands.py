@@ -1,8 +1,8 @@
-"""Bands about predictions: how far the uncertainty of estimates reaches into what a model computes.
+"""Confidence and prediction bands: the uncertainty of estimates, propagated to predictions.
 
-In: estimates with their covariance. Out: any state or output over time with its standard error. By
-the delta method that follows from exact sensitivities, y' C y'; by draws from the normal
-distribution of the estimates it takes the bend of the model into account.
+In: estimates with their covariance C. Out: any state or output y over time with its standard error.
+The delta method uses exact sensitivities, var(y) = y' C y'^T. Sampling from the distribution of the
+estimates also accounts for the nonlinearity of the model.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Points of a band whose times are not given.
+# Number of points of a band if no times are given.
 _POINTS = 201
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A predicted quantity over time, and the interval that it lies in.
+    """A predicted quantity over time with its confidence or prediction interval.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class Band:
     value : ndarray, shape (n,)
         The quantity at the estimates.
     error : ndarray, shape (n,)
-        Its standard errors; infinite where it depends on what is not determined.
+        Its standard errors; infinite where it depends on an undetermined direction.
     lower, upper : ndarray, shape (n,)
         Ends of the interval at each time.
     level : float
-        Level of confidence, of each time on its own.
+        Pointwise level of confidence: it holds at each time on its own.
     with_noise : bool
-        Whether it is to hold a further measurement, not only the true value.
+        Whether the band is for a further measurement rather than for the true value.
     """
 
     name: str
@@ -77,19 +77,19 @@ class Band:
         return frame([dict(zip(names, row, strict=True)) for row in rows])
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw value and interval over time."""
+        """Plot the value and the interval over time."""
         from cotree.plot.fits import Course, draw_courses
 
         return draw_courses([course_of(self, Course, title=title_of(self.condition))], ax=ax)
 
 
 def title_of(name: str) -> str:
-    """Give the title of an experiment, of which some have a number for a name."""
+    """Return the title of an experiment, whose name may be a number."""
     return f"experiment {name}" if name.isdigit() else name
 
 
 def course_of(band: Band, make: Any, **more: Any) -> Any:
-    """Give a band in the form that pictures take, with measured points among ``more``."""
+    """Convert a band to the form that the plots take; ``more`` may hold measured points."""
     return make(
         name=band.name, unit=band.unit, t=band.t, value=band.value,
         lower=band.lower, upper=band.upper, level=band.level, **more,
@@ -116,12 +116,12 @@ def find_condition(problem: Problem, given: int | str) -> int:
 
 
 def read_times(t: Any, condition: Condition) -> Array:
-    """Read times at which a quantity is predicted, [s], shape (n,).
+    """Read the times at which a quantity is predicted, [s], shape (n,).
 
     Raises
     ------
     ParameterError
-        If there are none, or one is no number or before the start of the run.
+        If there are none, or one is not a finite number or before the start of the run.
     """
     try:
         times = np.atleast_1d(np.asarray(t, dtype=float))
@@ -144,7 +144,7 @@ def at_times(
     noise: str | float = 1.0,
     transformation: str = "lin",
 ) -> Problem:
-    """Make a problem that predicts one quantity at some times."""
+    """Make a problem that predicts one quantity at given times."""
     n = len(t)
     rows = Measured(
         np.zeros(n, dtype=np.intp), t, [output] * n, np.ones(n), [noise] * n, transformation
@@ -153,17 +153,17 @@ def at_times(
 
 
 def measured_like(problem: Problem, number: int, output: str) -> int | None:
-    """Find a measured row of a quantity, of this condition if there is one; None if there is none.
+    """Find a measured row of a quantity, preferably of this condition; None if there is none.
 
-    Noise and transformation of further values are taken from it.
+    Its noise and transformation apply to further measurements.
     """
-    own = [i for i, name in enumerate(problem.measured.observable) if name == output]
-    here = [i for i in own if problem.measured.condition[i] == number]
-    return (here or own or [None])[0]  # type: ignore[list-item]
+    rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
+    here = [i for i in rows if problem.measured.condition[i] == number]
+    return (here or rows or [None])[0]  # type: ignore[list-item]
 
 
 def noise_like(problem: Problem, output: str, row: int | None) -> str | float:
-    """Give the noise of further values, that of a measured row.
+    """Return the noise of further measurements: that of a measured row.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def noise_like(problem: Problem, output: str, row: int | None) -> str | float:
     """
     if row is None:
         raise ParameterError(
-            f"'{output}' was not measured, so that its noise is not known: give the standard "
+            f"'{output}' was not measured, so its noise is unknown: give the standard "
             "deviation of its noise"
         )
     return problem.measured.noise[row]
@@ -193,13 +193,13 @@ def band_of(
 ) -> Band:
     """Predict a quantity with its interval; see :meth:`FitResult.bands`."""
     number = find_condition(problem, condition)
-    own = problem.conditions[number]
-    quantity = own.quantity(output)
+    run = problem.conditions[number]
+    quantity = run.quantity(output)
     if t is None:
         times = problem.measured.t[problem.measured.condition == number]
-        end = float(times.max()) if times.size else own.t_start + 1.0
-        t = np.linspace(own.t_start, end, _POINTS)
-    t = read_times(t, own)
+        end = float(times.max()) if times.size else run.t_start + 1.0
+        t = np.linspace(run.t_start, end, _POINTS)
+    t = read_times(t, run)
     row = measured_like(problem, number, quantity)
     deviation: str | float = 1.0
     if noise is not False:
@@ -209,21 +209,21 @@ def band_of(
         if row is None
         else spread(problem.measured.transformation, len(problem.measured))[row]
     )
-    at = at_times(problem, own, quantity, t, deviation, kind)
+    at = at_times(problem, run, quantity, t, deviation, kind)
     (there,) = at.predict([theta])
     if there.message:
         raise ParameterError(f"'{output}' cannot be predicted: {there.message}")
     middle = at.likelihood.transformed(there.values)
-    # Rows of information are slopes over sigma, on the scale on which noise is added.
+    # The rows of the information are slopes over sigma, on the scale of the (additive) noise.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
     errors = found.error_along(slopes)
-    # Noise that is estimated by maximum likelihood is too small, as the errors would be.
+    # Maximum likelihood underestimates the noise; the errors were corrected by the same factor.
     factor = math.sqrt(found.spread) if noise is True and math.isfinite(found.freedom) else 1.0
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors
     if draws:
         drawn = _draw(at, theta, found, draws, seed, deviations if noise is not False else None)
-        # Nothing is drawn along what is not determined.
+        # Samples do not cover undetermined directions, so those entries are not usable.
         drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
         tail = 0.5 * (1.0 - level)
         low, high = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
@@ -234,16 +234,16 @@ def band_of(
         reach = found.quantile(level) * total
         low, high = middle - reach, middle + reach
     lower, upper = (_back(kind, values) for values in (low, high))
-    unit = own.model.layout.units.get(quantity, "")
+    unit = run.model.layout.units.get(quantity, "")
     scale = np.abs(there.values) * (np.log(10.0) if kind == "log10" else 1.0)
     in_units = errors if kind == "lin" else errors * scale
     return Band(
-        output, unit, own.name, t, there.values, in_units, lower, upper, level, noise is not False
+        output, unit, run.name, t, there.values, in_units, lower, upper, level, noise is not False
     )
 
 
 def _back(transformation: str, values: Array) -> Array:
-    """Undo the transformation of values."""
+    """Invert the transformation of values."""
     if transformation == "lin":
         return values
     with np.errstate(over="ignore"):
@@ -253,10 +253,10 @@ def _back(transformation: str, values: Array) -> Array:
 def _draw(
     at: Problem, theta: Array, found: Uncertainty, n: int, seed: int, deviations: Array | None
 ) -> Array:
-    """Predict for draws from the distribution of the estimates, in one call of the engine."""
+    """Predict for samples of the estimates, all in one call of the ensemble engine."""
     random = np.random.default_rng(check_whole(seed, "seed"))
     n = check_whole(n, "draws", 1)
-    # Student's t is a normal distribution over the root of a chi-squared one.
+    # A Student-t variate is a normal one divided by sqrt(chi-squared / freedom).
     wide = np.ones((n, 1))
     if math.isfinite(found.freedom):
         wide = np.sqrt(found.freedom / random.chisquare(found.freedom, (n, 1)))
@@ -265,7 +265,7 @@ def _draw(
     runs: Sequence[Predictions] = at.predict(thetas, slopes=False)
     is_run = np.array([not run.message for run in runs])
     if not is_run.any():
-        raise ParameterError(f"none of {n} draws could be run: {runs[0].message}")
+        raise ParameterError(f"the runs of all {n} draws failed: {runs[0].message}")
     drawn = np.array([at.likelihood.transformed(run.values) for run in runs])[is_run]
     if deviations is not None:
         drawn = drawn + deviations * wide[is_run] * random.standard_normal(drawn.shape)

@@ -1,12 +1,13 @@
-"""The next measurements: which outputs and times shrink the intervals most.
+"""Optimal experimental design: which further measurements shrink the intervals most.
 
-In: the information of present measurements, and rows of information of candidates, each by exact
-sensitivities at the estimates. Out: the chosen ones in the order in which they help, with the
-standard errors after each. A set is chosen greedily and then improved by exchanges of one at a time
-(Fedorov 1972), since the best first one need not belong to the best pair.
+In: the Fisher information of the present measurements and the contribution of each candidate, both
+from exact sensitivities at the estimates. Out: the chosen candidates in order of their benefit,
+with the standard errors after each. A set is chosen greedily and then improved by exchanging one
+element at a time (Fedorov 1972), since the best single measurement need not belong to the best
+pair.
 
-Where the present information is singular, candidates that make something determined come first: a
-choice is compared by the number of directions that it determines, then by its criterion there.
+If the present information is singular, choices are compared by the number of directions that remain
+undetermined, and only then by the criterion, evaluated in the determined subspace.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Criteria: the determinant of the covariance, the mean of relative variances, the largest variance
-#: of any direction. The name of a parameter is a criterion, too: its own variance.
+#: Criteria: determinant of the covariance, mean relative variance, and largest variance of any
+#: direction. The name of a parameter is also a criterion: the variance of that parameter.
 CRITERIA = ("D", "A", "E")
 
-# Passes of exchanges at most; two or three are usual.
+# Limit of exchange passes; two or three usually suffice.
 _MOST_PASSES = 20
 
-# Eigenvalues below this share of the largest one are none: squares of errors of sensitivities.
+# Relative eigenvalues below this count as zero: the square of the error of sensitivities.
 _SHARE = 1e-11
 
 
@@ -58,9 +59,9 @@ class Candidates:
         Standard deviation of the noise in SI: a number, a state or output, or None for that of the
         values of this quantity that were measured.
     experiment : int or str
-        The experiment that is repeated, by its number (from zero) or name.
+        The experiment to repeat, by its number (from zero) or name.
     parameters, initial, inputs : mapping
-        Changes to this experiment. Values are numbers, or names of estimated parameters; inputs are
+        Changes to this experiment. Values are numbers or names of estimated parameters; inputs are
         numbers or (times, values).
     label : str
         Name of the changed experiment.
@@ -78,24 +79,24 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class NextMeasurement:
-    """One of the measurements that are proposed.
+    """One proposed measurement.
 
     Attributes
     ----------
     output, experiment : str
         What to measure, and in which experiment.
     t : float
-        When, [s].
+        Time, [s].
     noise : float
-        Standard deviation that was reckoned with.
+        Assumed standard deviation of the noise.
     errors : mapping of str to float
-        Standard errors of the parameters, in their units, once this one and those before it are
-        made.
+        Standard errors of the parameters, in their units, after this measurement and those before
+        it.
     shrinks : float
-        The mean factor (D: of the geometric mean) by which it makes standard errors smaller; nan
-        where it makes something determined first.
+        Geometric mean of the ratios of the standard errors after and before it; nan if some
+        parameters were undetermined before.
     determines : tuple of str
-        Parameters that are determined from here on.
+        Parameters that become determined by this measurement.
     """
 
     output: str
@@ -108,10 +109,10 @@ class NextMeasurement:
 
 
 class NextMeasurements(tuple[NextMeasurement, ...]):
-    """Measurements that are proposed, in the order in which they help."""
+    """Proposed measurements, in order of their benefit."""
 
     def __str__(self) -> str:
-        """Write them as a table."""
+        """Format them as a table."""
         from cotree.estimation.report import columns
 
         names = list(self[0].errors) if self else []
@@ -139,7 +140,7 @@ class NextMeasurements(tuple[NextMeasurement, ...]):
         return markup.block("Next measurements", markup.table("", head, rows, n_rows=len(rows)))
 
     def to_dataframe(self) -> Any:
-        """Return a pandas DataFrame with a row for each."""
+        """Return a pandas DataFrame with a row for each measurement."""
         from cotree.estimation.report import frame
 
         return frame(
@@ -155,38 +156,38 @@ class NextMeasurements(tuple[NextMeasurement, ...]):
 
 
 def read_candidates(given: Any) -> list[Candidates]:
-    """Read candidates in any of the forms that users write.
+    """Read candidates in any of the accepted forms.
 
     Raises
     ------
     ParameterError
-        If they are no mapping and no sequence of ``Candidates``.
+        If they are neither a mapping nor a sequence of ``Candidates``.
     """
     if isinstance(given, Candidates):
         return [given]
     if isinstance(given, Mapping):
         found = []
-        for output, own in given.items():
-            if isinstance(own, Mapping):
-                wrong = {str(name) for name in own} - {row.name for row in fields(Candidates)[1:]}
-                if wrong or "t" not in own:
-                    told = f"have the field '{min(wrong)}'" if wrong else "have no times 't'"
-                    raise ParameterError(f"candidates of '{output}' {told}: give fields of "
+        for output, entry in given.items():
+            if isinstance(entry, Mapping):
+                wrong = {str(name) for name in entry} - {row.name for row in fields(Candidates)[1:]}
+                if wrong or "t" not in entry:
+                    fault = f"have the field '{min(wrong)}'" if wrong else "have no times 't'"
+                    raise ParameterError(f"candidates of '{output}' {fault}: give fields of "
                                          "cotree.Candidates")  # fmt: skip
-                found.append(Candidates(str(output), **own))
-            elif isinstance(own, tuple) and len(own) == 2 and np.ndim(own[0]) == 1:
-                found.append(Candidates(str(output), own[0], own[1]))
+                found.append(Candidates(str(output), **entry))
+            elif isinstance(entry, tuple) and len(entry) == 2 and np.ndim(entry[0]) == 1:
+                found.append(Candidates(str(output), entry[0], entry[1]))
             else:
-                found.append(Candidates(str(output), own))
+                found.append(Candidates(str(output), entry))
         return found
     try:
         listed = list(given)
     except TypeError:
-        listed = [None]
+        listed = [None]  # refused below
     if not all(isinstance(row, Candidates) for row in listed):
         raise ParameterError(
-            "candidates are a mapping of outputs to times, to (times, noise) or to the fields of "
-            "Candidates, or a list of Candidates"
+            "candidates must be a mapping of outputs to times, to (times, noise) or to the fields "
+            "of Candidates, or a list of Candidates"
         )
     return listed
 
@@ -206,7 +207,7 @@ def choose(
     if criterion not in CRITERIA and criterion not in names:
         listed = ", ".join(CRITERIA)
         raise ParameterError(
-            f"the criterion '{criterion}' is none of {listed}, and no estimated parameter"
+            f"the criterion '{criterion}' is none of {listed}, nor an estimated parameter"
             f"{nearest(criterion, (*CRITERIA, *names))}"
         )
     n = check_whole(n, "n", 1)
@@ -215,28 +216,28 @@ def choose(
         raise ParameterError(
             f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
         )
-    # Sizes are signed; squares do not know it.
+    # The units may be negative; their outer product scales the information correctly all the same.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
     weigh = _Weigh(present, found.split.open.shape[1], criterion, names)
     chosen = _improved(_greedy(rows, n, weigh, repeat, []), rows, weigh, repeat)
-    # Those of the improved set that help most come first.
+    # Order the final set by benefit.
     order = _greedy(rows, n, weigh, False, [], among=chosen)
-    return _told(problem, theta, found, rows, labels, order, weigh)
+    return _described(problem, theta, found, rows, labels, order, weigh)
 
 
 class _Weigh:
-    """Rates information by a criterion; larger is better, compared as tuples."""
+    """Rates added information by a criterion; ratings are tuples, of which larger is better."""
 
     def __init__(self, present: Array, n_open: int, criterion: str, names: Sequence[str]) -> None:
         self.present, self._criterion = present, criterion
         self.index = names.index(criterion) if criterion in names else -1
         s, v = np.linalg.eigh(present)
-        # Directions that are not determined have no information, not that of rounding.
+        # Undetermined directions have exactly zero information; rounding is removed.
         s[:n_open] = 0.0
         self.present = (v * s) @ v.T
 
     def inverse(self, added: Array) -> tuple[Array, Array, int]:
-        """Give the inverse along what is determined, the open directions, and their number."""
+        """Return the pseudo-inverse, the undetermined directions, and their number."""
         whole = self.present + added
         norms = np.sqrt(np.where(np.diag(whole) > 0.0, np.diag(whole), 1.0))
         s, v = np.linalg.eigh(whole / np.outer(norms, norms))
@@ -258,7 +259,7 @@ class _Weigh:
         return -float(n_open), -float(np.linalg.eigvalsh(inverse)[-1])
 
     def _log_determinant(self, added: Array) -> float:
-        """Give that of the information along what is determined."""
+        """Return the log-determinant of the information in the determined subspace."""
         s = np.linalg.eigvalsh(self.present + added)[self.inverse(added)[2] :]
         return float(np.sum(np.log(s))) if s.size and s[0] > 0.0 else -math.inf
 
@@ -266,7 +267,7 @@ class _Weigh:
 def _rows(
     problem: Problem, theta: Array, given: Sequence[Candidates], found: Uncertainty
 ) -> tuple[list[Array], list[tuple[str, str, float, float]]]:
-    """Give rows of information of all candidates, in units of the estimates, and their names."""
+    """Return the information rows of all candidates, in relative units, and their labels."""
     rows: list[Array] = []
     labels: list[tuple[str, str, float, float]] = []
     for item in given:
@@ -274,32 +275,32 @@ def _rows(
         base = problem.conditions[number]
         for name in expressions_among(check_mapping(item.inputs, "inputs of candidates")):
             raise ParameterError(
-                f"input '{name}' of candidates is an expression, which needs a model of its own: "
-                "give a number or (times, values)"
+                f"input '{name}' of candidates is an expression, which is not supported: give "
+                "a number or (times, values)"
             )
-        own = replace(
+        run = replace(
             base,
             name=item.label or base.name,
             parameters={**base.parameters, **item.parameters},
             initial={**base.initial, **item.initial},
             inputs={**base.inputs, **item.inputs} if item.inputs else base.inputs,
         )
-        quantity = own.quantity(item.output)
+        quantity = run.quantity(item.output)
         like = bands.measured_like(problem, number, quantity)
         noise = bands.noise_like(problem, quantity, like) if item.noise is None else item.noise
         kind = "lin"
         if like is not None:
             kind = spread(problem.measured.transformation, len(problem.measured))[like]
-        t = bands.read_times(item.t, own)
-        at = bands.at_times(problem, own, quantity, t, noise, kind)
+        t = bands.read_times(item.t, run)
+        at = bands.at_times(problem, run, quantity, t, noise, kind)
         (there,) = at.predict([theta])
         if there.message:
             raise ParameterError(f"'{item.output}' cannot be predicted: {there.message}")
         information = at.likelihood.fisher_rows(there) * found.split.sizes
         for i in range(len(t)):
-            # A value and, where its deviation is estimated, what it tells about that.
+            # One row for the value and one for its standard deviation, if that is estimated.
             rows.append(information[[i, i + len(t)]])
-            labels.append((item.output, own.name, float(t[i]), float(there.sigma[i])))
+            labels.append((item.output, run.name, float(t[i]), float(there.sigma[i])))
     if not rows:
         raise ParameterError("there are no candidates to choose from")
     return rows, labels
@@ -313,7 +314,7 @@ def _greedy(
     taken: list[int],
     among: Sequence[int] | None = None,
 ) -> list[int]:
-    """Take one after the other, each time the one that helps most."""
+    """Add one candidate at a time, always the one with the best rating."""
     left = list(range(len(rows))) if among is None else list(among)
     chosen = list(taken)
     added = sum((rows[i].T @ rows[i] for i in chosen), np.zeros_like(weigh.present))
@@ -327,7 +328,7 @@ def _greedy(
 
 
 def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: bool) -> list[int]:
-    """Exchange one at a time for a better one, as long as that helps."""
+    """Exchange one candidate at a time for a better one until no exchange improves the set."""
     chosen = list(chosen)
     for _ in range(_MOST_PASSES):
         has_changed = False
@@ -338,7 +339,7 @@ def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: b
             now = weigh(added + rows[chosen[k]].T @ rows[chosen[k]])
             best = max(free, key=lambda i: weigh(added + rows[i].T @ rows[i]))
             value = weigh(added + rows[best].T @ rows[best])
-            # Equal ones, up to rounding, are not exchanged for ever.
+            # The margin keeps candidates that are equal up to rounding from being swapped forever.
             if value[0] > now[0] or value[1] > now[1] + 1e-9 * abs(now[1]):
                 chosen[k], has_changed = best, True
         if not has_changed:
@@ -346,7 +347,7 @@ def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: b
     return chosen
 
 
-def _told(
+def _described(
     problem: Problem,
     theta: Array,
     found: Uncertainty,
@@ -355,13 +356,13 @@ def _told(
     order: Sequence[int],
     weigh: _Weigh,
 ) -> NextMeasurements:
-    """Say what each one brings, after those before it."""
+    """Describe the benefit of each measurement, given those before it."""
     names = problem.scaled.names
-    # The noise that was estimated keeps its factor.
+    # If the noise was estimated, the variances keep their small-sample correction.
     scale = np.abs(found.split.sizes) * problem.scaled.slopes(theta) * math.sqrt(found.spread)
     added = np.zeros_like(weigh.present)
     before, is_open = _errors(weigh, added)
-    told = []
+    described = []
     for i in order:
         added = added + rows[i].T @ rows[i]
         errors, now_open = _errors(weigh, added)
@@ -373,7 +374,7 @@ def _told(
         if not is_open.any():
             shrinks = float(np.exp(np.mean(np.log(ratio))))
         opened = [name for name, a, b in zip(names, is_open, now_open, strict=True) if a and not b]
-        told.append(
+        described.append(
             NextMeasurement(
                 output,
                 experiment,
@@ -385,11 +386,11 @@ def _told(
             )
         )
         before, is_open = errors, now_open
-    return NextMeasurements(told)
+    return NextMeasurements(described)
 
 
 def _errors(weigh: _Weigh, added: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Give standard errors in units of the estimates, and who has none yet."""
+    """Return relative standard errors, and which parameters are still undetermined."""
     inverse, opened, _ = weigh.inverse(added)
     is_open = np.any(np.abs(opened) > 1e-4 * np.max(np.abs(opened), initial=1e-300), axis=1)
     return np.sqrt(np.diag(inverse)), np.asarray(is_open)

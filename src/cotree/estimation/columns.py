@@ -1,4 +1,4 @@
-"""Columns of members: how parameters and initial values of a run follow from what is estimated."""
+"""Mapping from estimated parameters to the parameters and initial values of ensemble members."""
 
 from __future__ import annotations
 
@@ -23,27 +23,28 @@ class Accuracy:
     method: str = "auto"
     rtol: float = 1e-8
     atol: float = 1e-10
-    # Far from the estimates a run may become stiff: it fails, and the optimiser steps back.
+    # Far from the estimates a run may become stiff: it then fails early, and the step is rejected.
     max_steps: float = 100_000.0
 
 
 class Columns:
-    """The columns that a member sets for one condition.
+    """The parameters and initial values that a member sets for one condition.
 
     Parameters
     ----------
     condition : Condition
         The condition.
     columns : sequence of str
-        Parameters and states that members set; parameters that this condition does not name have
-        the model's values.
+        Parameters and states that members set; those that this condition does not name keep the
+        model's values.
     names : sequence of str
         Names of the estimated parameters.
 
     Attributes
     ----------
     through : ndarray, shape (n_sensitivities, n_estimated)
-        One where a parameter of sensitivity of the model is the estimated parameter.
+        Incidence matrix: one where a sensitivity parameter of the model is tied to an estimated
+        parameter.
     """
 
     def __init__(self, condition: Condition, columns: Sequence[str], names: Sequence[str]) -> None:
@@ -59,7 +60,7 @@ class Columns:
                 self.through[model.sensitivities.index(name), names.index(value)] = 1.0
 
     def row(self, values: Array) -> Array:
-        """Give the columns of one member for values of the estimated parameters."""
+        """Return the column values of one member for values of the estimated parameters."""
         row = self._numbers.copy()
         for j, k in self._places:
             row[j] = values[k]

@@ -1,11 +1,11 @@
-"""Combinations of parameters that data determine, and those that they do not, in words.
+"""Identifiability: which combinations of parameters the data determine, described in words.
 
-In: derivatives of what was measured, at the estimates and at points beside them. Out: directions
-along which parameters can change together and nothing that was measured does, and sentences. Of
-positive and negative values alike, directions are first looked at in relative changes, where a
-product of powers that alone is determined shows as whole numbers, then in absolute ones, where sums
-do. Either counts only if it is the same at the other points: near an estimate every surface looks
-like a plane.
+In: derivatives of the predictions, at the estimates and at nearby points. Out: directions along
+which parameters can change together without changing any prediction, and sentences about them.
+Directions are first expressed in relative changes, in which an identifiable product of powers has
+integer exponents, then in absolute changes, in which an identifiable sum has integer coefficients.
+Either is accepted only if it also holds at the other points, since near the estimates alone every
+curved manifold looks like a plane.
 """
 
 from __future__ import annotations
@@ -26,36 +26,35 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Errors of values and sensitivities over a run, in multiples of the tolerances of its steps: those
-# of long oscillations add up to some hundred times these.
+# Global errors of values and sensitivities, in multiples of the local tolerances: over long
+# oscillations the local errors accumulate to several hundred times the tolerance.
 _GROWN = 1e3
 
-# Exponents and coefficients are told from sensitivities that have some five digits, and no larger
-# ones than these are worth a name.
+# Exponents and coefficients follow from sensitivities with about five correct digits; larger
+# integers than this would not be plausible.
 _DIGITS, _LARGEST = 1e-3, 6
 
-# Entries of a direction below this share of the largest one are none.
+# Entries of a direction below this fraction of the largest one count as zero.
 _NOTHING = 1e-4
 
-# Points beside the estimates, and the relative changes that lead to them.
+# Number of nearby points, and the range of their relative distances from the estimates.
 _N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Determined and undetermined directions at a point.
+    """Determined and undetermined directions of the parameter space at a point.
 
     Attributes
     ----------
     sizes : ndarray, shape (n,)
-        The change of each parameter on its scale that counts as one: that by its own value, in
-        the first order.
+        Unit of change of each parameter on its scale: to first order, a change by its own value.
     values : ndarray, shape (n,)
-        The change of the value itself for the same.
+        The corresponding change of the value itself.
     open : ndarray, shape (n, n_open)
-        Directions that are not determined, in these units, orthonormal.
+        Undetermined directions in these units, orthonormal.
     is_relative : ndarray of bool, shape (n,)
-        Whether the unit is the parameter's value, which may not be zero.
+        Whether the unit is the parameter's value; it is not if that is zero.
     """
 
     sizes: Array
@@ -65,12 +64,12 @@ class Split:
 
     @property
     def is_open(self) -> npt.NDArray[np.bool_]:
-        """Whether each parameter takes part in a direction that is not determined."""
+        """Whether each parameter is involved in an undetermined direction."""
         return np.asarray(np.any(np.abs(self.open) > _NOTHING, axis=1))
 
 
 def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
-    """Find the directions that rows of information do not determine.
+    """Find the directions that the information does not determine.
 
     Parameters
     ----------
@@ -79,9 +78,9 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     theta : ndarray, shape (n,)
         The point.
     found : Predictions
-        What was computed there; their accuracy decides which changes can be told from none.
+        Predictions there; their accuracy decides which changes are distinguishable from zero.
     rows : ndarray, shape (n_rows, n)
-        Rows whose squares are the information there, by parameters on their scales.
+        A square root J of the information J^T J there, on the scales of the parameters.
     """
     accuracy = problem.accuracy
     slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
@@ -90,19 +89,19 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     other = np.where(np.isfinite(width), width, 1.0)
     units = np.where(is_relative, values, other)
     sizes = units / np.where(slopes > 0.0, slopes, 1.0)
-    # A relative change of one moves predictions by more than their errors, or does nothing.
+    # A parameter has no influence if a unit change moves predictions by less than their errors.
     deviations = np.abs(found.values) * accuracy.rtol + accuracy.atol
     slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
-    # Deviations that are estimated themselves depend on no run, and so are exact.
+    # Estimated standard deviations do not depend on a simulation, so their columns are exact.
     is_run = np.any(found.slopes != 0.0, axis=0)
     blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
     return Split(sizes, units, _null(rows * sizes, _GROWN * accuracy.rtol, blur), is_relative)
 
 
 def _null(rows: Array, relative: float, blur: Array) -> Array:
-    """Find directions that change no row by more than errors do, orthonormal columns.
+    """Return an orthonormal basis of the numerical null space.
 
-    Errors of a column have the norm ``blur``, and ``relative`` of its own.
+    The error of a column has the norm ``blur`` plus ``relative`` times the norm of the column.
     """
     n = rows.shape[1]
     norms = np.linalg.norm(rows, axis=0)
@@ -112,10 +111,10 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
     if live.size:
         _, s, vh = np.linalg.svd(rows[:, live] / norms[live], full_matrices=True)
         s = np.concatenate([s, np.zeros(live.size - len(s))])
-        # Singular values move by no more than the norm of the errors of the rows (Weyl).
+        # Perturbations move singular values by at most the norm of the perturbation (Weyl).
         limit = float(np.linalg.norm(relative + blur[live] / norms[live]))
         along = np.zeros((n, int(np.sum(s <= limit))))
-        # Columns of length one make units of the parameters' own, which are undone here.
+        # Undo the normalisation of the columns.
         along[live] = (vh[s <= limit] / norms[live]).T
         found.append(along)
     basis = np.hstack(found)
@@ -123,7 +122,7 @@ def _null(rows: Array, relative: float, blur: Array) -> Array:
 
 
 def points_beside(problem: Problem, theta: Array) -> Array:
-    """Choose points at which a direction must be the same to be one of the model's own."""
+    """Choose nearby points, at which a structural direction must be undetermined as well."""
     random = np.random.default_rng(0)
     share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))
     share *= random.choice([-1.0, 1.0], share.shape)
@@ -133,7 +132,7 @@ def points_beside(problem: Problem, theta: Array) -> Array:
 
 
 def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
-    """Say what is not determined, one sentence for each group of parameters that belong together.
+    """Describe what is not determined, one sentence for each group of coupled parameters.
 
     Parameters
     ----------
@@ -142,23 +141,23 @@ def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tupl
     here : Split
         What is determined at the estimates.
     beside : sequence of Split
-        The same at points beside them.
+        The same at nearby points.
     """
-    said, idle = [], []
+    sentences, idle = [], []
     for group in _groups(here.open):
-        own = here.open[group]
-        own = own[:, np.linalg.norm(own, axis=0) > _NOTHING]
-        basis = _spanned(own)
+        rows = here.open[group]
+        rows = rows[:, np.linalg.norm(rows, axis=0) > _NOTHING]
+        basis = _spanned(rows)
         chosen = [names[i] for i in group]
         if basis.shape[1] == len(group):
             idle += chosen
         else:
-            said.append(_sentence(chosen, group, basis, here, beside))
+            sentences.append(_sentence(chosen, group, basis, here, beside))
     if idle:
         they = "it" if len(idle) == 1 else "they"
-        said.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
+        sentences.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
                     "estimated.")  # fmt: skip
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _sentence(
@@ -198,42 +197,42 @@ def _sentence(
 
 
 def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
-    """Whether combinations stay as they are along the open directions of other points."""
+    """Tell whether combinations are constant along the undetermined directions elsewhere."""
     rows = np.array(simple, dtype=float)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     for item in opens:
-        own = item[group]
-        lengths = np.linalg.norm(own, axis=0)
-        own = own[:, lengths > _NOTHING] / lengths[lengths > _NOTHING]
-        if np.any(np.abs(rows @ own) > _DIGITS):
+        along = item[group]
+        lengths = np.linalg.norm(along, axis=0)
+        along = along[:, lengths > _NOTHING] / lengths[lengths > _NOTHING]
+        if np.any(np.abs(rows @ along) > _DIGITS):
             return False
     return True
 
 
 def _groups(basis: Array) -> list[list[int]]:
-    """Put parameters together that share an open direction, by the reduced form of these."""
+    """Group parameters that share an undetermined direction in reduced echelon form."""
     reduced = np.abs(_reduced(basis.T)) > _NOTHING
     groups: list[set[int]] = []
     for row in reduced:
-        own = set(np.flatnonzero(row).tolist())
-        groups = [g for g in groups if not g & own] + [own.union(*(g for g in groups if g & own))]
+        new = set(np.flatnonzero(row).tolist())
+        groups = [g for g in groups if not g & new] + [new.union(*(g for g in groups if g & new))]
     return sorted(sorted(g) for g in groups if g)
 
 
 def _spanned(columns: Array) -> Array:
-    """Give an orthonormal basis of what columns span."""
+    """Return an orthonormal basis of the column space."""
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(u[:, s > _NOTHING])
 
 
 def _complement(columns: Array) -> Array:
-    """Give rows that span what is orthogonal to columns."""
+    """Return rows that span the orthogonal complement of the column space."""
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=True)
     return np.asarray(u[:, int(np.sum(s > _NOTHING)) :].T)
 
 
 def _reduced(rows: Array) -> Array:
-    """Bring rows to their reduced echelon form."""
+    """Return the reduced row echelon form."""
     a, top = rows.copy(), 0
     for j in range(a.shape[1]):
         if top == len(a):
@@ -251,7 +250,7 @@ def _reduced(rows: Array) -> Array:
 
 
 def _simple(rows: Array) -> list[list[int]] | None:
-    """Write rows as small whole numbers; None where they are none."""
+    """Express rows as small integers; None if that is not possible."""
     found = []
     for row in _reduced(rows):
         parts = [Fraction(float(x)).limit_denominator(_LARGEST) for x in row]
@@ -287,7 +286,7 @@ def _sum(names: Sequence[str], coefficients: Sequence[int]) -> str:
 
 
 def _direction(names: Sequence[str], group: list[int], along: Array, here: Split) -> str:
-    """Write the changes along a direction, in percent where a value is not zero."""
+    """Describe the changes along a direction, in percent unless the value is zero."""
     along = along / np.abs(along).max() * (1.0 if along[0] >= 0 else -1.0)
     return _listed(
         [

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Scales: "lin" is the value itself, the others its natural and its decimal logarithm.
+#: Scales: "lin" is the value itself, the others are its natural and its decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
 _LN10 = math.log(10.0)
@@ -24,18 +24,18 @@ _LN10 = math.log(10.0)
 
 @dataclass(frozen=True)
 class Estimated:
-    """A parameter that is estimated.
+    """An estimated parameter.
 
     Attributes
     ----------
     name : str
-        Its name among the estimated ones.
+        Its name.
     lower, upper : float
-        Bounds of its value, in its unit; infinite for none.
+        Bounds of its value, in its unit; infinite if there is none.
     scale : str
         One of ``SCALES``: an optimiser sees the value, or its logarithm.
     start : float or None
-        A value to begin with, within the bounds; None leaves that to whoever estimates.
+        Initial guess, within the bounds; None leaves the choice to the estimation.
     unit : str
         Unit of the value.
     """
@@ -53,7 +53,7 @@ class Estimated:
             raise ParameterError(
                 f"the scale of {what} is '{self.scale}': give {', '.join(map(repr, SCALES))}"
             )
-        # Written so that nan is refused, too.
+        # Written so that nan is refused as well.
         if not self.lower < self.upper:
             raise ParameterError(
                 f"{what} has the bounds {self.lower:g} and {self.upper:g}: the lower one must be "
@@ -66,13 +66,13 @@ class Estimated:
             )
         if self.start is not None and not self.lower <= self.start <= self.upper:
             raise ParameterError(
-                f"{what} begins at {self.start:g}, outside of its bounds {self.lower:g} and "
+                f"{what} starts at {self.start:g}, outside its bounds {self.lower:g} and "
                 f"{self.upper:g}"
             )
 
 
 class Scaled:
-    """Estimated parameters on their scales, as arrays.
+    """Conversion between the values of estimated parameters and the optimiser's variables.
 
     Parameters
     ----------
@@ -95,15 +95,15 @@ class Scaled:
         self.upper = self.scaled(np.array([row.upper for row in estimated], dtype=float))
 
     def values(self, theta: Array) -> Array:
-        """Give values for what an optimiser sees, shape (..., n) each."""
+        """Convert the optimiser's variables to values, shape (..., n) each."""
         return np.where(
             self._is_log, np.exp(np.where(self._is_log, theta * self._factors, 0)), theta
         )
 
     def scaled(self, values: Array) -> Array:
-        """Give what an optimiser sees for values, shape (..., n) each.
+        """Convert values to the optimiser's variables, shape (..., n) each.
 
-        A value of zero on a logarithmic scale is minus infinity.
+        A value of zero on a logarithmic scale becomes minus infinity.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(
@@ -111,5 +111,5 @@ class Scaled:
             )
 
     def slopes(self, theta: Array) -> Array:
-        """Give derivatives of the values by what an optimiser sees, shape (..., n)."""
+        """Return the derivatives of the values by the optimiser's variables, shape (..., n)."""
         return np.where(self._is_log, self.values(theta) * self._factors, 1.0)

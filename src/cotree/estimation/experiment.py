@@ -1,4 +1,4 @@
-"""Experiments: measured data, and the conditions under which they were taken."""
+"""Experiments: measured data and the conditions under which they were recorded."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Experiment:
-    """Measured data of one run, and the conditions under which they were taken.
+    """Measured data of one run and the conditions under which they were recorded.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ class Experiment:
         the name of an input is used as that input, with linear interpolation, unless the input is
         given here.
     initial, parameters : mapping of str to float or str, optional
-        Initial values of states and values of parameters in this run, in SI; a text is the name of
-        an estimated parameter.
+        Initial values of states and values of parameters in this run, in SI; a string is the name
+        of an estimated parameter.
     observables : mapping of str to str, or sequence of str, optional
         What each column measures: an expression of states, outputs and anything else that the
         outputs of a scene may use. If absent, the columns named after states and outputs are used.
@@ -52,7 +52,7 @@ class Experiment:
     t_start : float
         Time at which the run starts, [s]; there are no measurements before it.
     name : str, optional
-        Name in tables and pictures; that of the file, or the number of the experiment, if absent.
+        Name in tables and plots; the name of the file, or the number of the experiment, if absent.
 
     Raises
     ------
@@ -119,27 +119,27 @@ class Experiment:
         return f"<Experiment {self.name or ''}: {names} at {t.size} times to {t[-1]:g} s>"
 
     def noise_of(self, column: str) -> float | str | None:
-        """Give the standard deviation of a column, as it was given; None for an unknown one."""
+        """Return the standard deviation of a column as given; None if it is to be estimated."""
         found = self._noise.get(column, self._noise.get(""))
         if found is None or isinstance(found, str):
             return found
         return check_number(found, f"the noise of column '{column}' of {self.where}")
 
     def unit_of(self, column: str) -> str | None:
-        """Give the unit of a column that was given apart from its name, or None."""
+        """Return the unit of a column from ``units``, or None."""
         return self._units.get(column)
 
     def transform_of(self, column: str) -> str:
-        """Give the transformation under which a column is compared."""
+        """Return the transformation under which values of a column are compared."""
         return str(self._transform.get(column, self._transform.get("", "lin")))
 
     def _value(self, what: str, name: object, value: Any) -> float | str:
-        """Check a value of a state or parameter: a number, or the name of an estimated one."""
+        """Check a value: a number, or the name of an estimated parameter."""
         where = f"'{brief(str(name))}' in {what} of {self.where}"
         return value if isinstance(value, str) else check_number(value, where)
 
     def _observed(self, given: Any) -> dict[str, str] | None:
-        """Read what columns measure; they are named without their units."""
+        """Read what the columns measure; keys are names without units."""
         if given is None:
             return None
         if isinstance(given, str):
@@ -147,7 +147,7 @@ class Experiment:
         if not isinstance(given, Mapping):
             given = {name: split_unit(str(name))[0] for name in given}
         if not given:
-            raise ParameterError(f"observables of {self.where} names no column: leave it out")
+            raise ParameterError(f"observables of {self.where} names no column: omit it")
         for name, text in given.items():
             if isinstance(text, bool) or not isinstance(text, str):
                 raise ParameterError(
@@ -157,7 +157,7 @@ class Experiment:
         return {self.table.column(str(name)).name: text for name, text in given.items()}
 
     def _by_column(self, what: str, given: Any) -> dict[str, Any]:
-        """Read a value for all columns, under an empty name, or one for each in a mapping."""
+        """Read a mapping by column; a single value for all columns has an empty key."""
         if given is None:
             return {}
         if not isinstance(given, Mapping):

@@ -1,4 +1,4 @@
-"""Parameters from measurements: least squares from several starts."""
+"""``cotree.fit``: estimation of parameters by least squares from several starts."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ def fit(
     experiments : Experiment or sequence of Experiment
         The measurements.
     parameters : mapping of str to tuple, or sequence of str
-        What is estimated: parameters of the scene, initial values (by the names of states), new
-        parameters in expressions of experiments, and names that experiments use as values. The
+        Parameters to estimate: parameters of the scene, initial values (by the names of states),
+        new parameters in expressions of experiments, and names that experiments use as values. The
         range of each is ``(lower, upper)`` or ``(lower, upper, scale)`` in SI, with the scale
-        ``"lin"``, ``"log"`` or ``"log10"``; None stands for no bound. Without a range, a positive
+        ``"lin"``, ``"log"`` or ``"log10"``; None means no bound. Without a range, a positive
         parameter lies between a hundredth and a hundred times its start, on a logarithmic scale.
     shared, per_experiment : sequence of str, optional
         Parameters with one estimate for all experiments, and with a separate one for each, named
@@ -103,7 +103,7 @@ def fit(
     Returns
     -------
     FitResult
-        Estimates with standard errors, intervals, findings, profiles and pictures. After Ctrl-C it
+        Estimates with standard errors, intervals, findings, profiles and plots. After Ctrl-C it
         contains the best points found so far.
 
     Raises
@@ -156,18 +156,18 @@ def fit(
 def solve(
     problem: Problem, search: Search, n_starts: int, seed: int, *, progress: bool = True
 ) -> FitResult:
-    """Search from several starts, of which one at least must succeed.
+    """Search from several starts, at least one of which must succeed.
 
     Parameters
     ----------
     problem : Problem
         What is estimated.
     search : Search
-        How the optimiser searches.
+        Settings of the optimiser.
     n_starts, seed : int
         Number of starts, and seed of all but the first one.
     progress : bool
-        Whether a bar may be shown.
+        Whether a progress bar may be shown.
 
     Raises
     ------
@@ -179,12 +179,12 @@ def solve(
     points = sized(problem, spread_starts(problem, n_starts, seed))
     records = minimise_from_starts(problem, points, search, progress=progress)
     if not math.isfinite(records[0].objective):
-        told = f"all {n_starts} starts failed" if n_starts > 1 else "the fit failed at its start"
-        raise SolveError(f"{told}: {records[0].message}")
+        subject = f"all {n_starts} starts failed" if n_starts > 1 else "the only start failed"
+        raise SolveError(f"{subject}: {records[0].message}")
     _check_determined(problem, records[0].theta)
     if any(row.message.startswith("interrupted") for row in records):
         warnings.warn(
-            "the fit was interrupted: these are the best points until then",
+            "the fit was interrupted: the result holds the best points found so far",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -192,21 +192,21 @@ def solve(
 
 
 def sized(problem: Problem, points: Array) -> Array:
-    """Let deviations without a start begin at the root mean square of what they explain."""
+    """Initialise noise parameters that have no guess by the root mean square of the residuals."""
     noise = np.array([v if isinstance(v, str) else "" for v in problem.measured.noise])
-    bare = [
+    unset = [
         (j, noise == row.name)
         for j, row in enumerate(problem.estimated)
         if row.start is None and (noise == row.name).any()
     ]
-    if not bare:
+    if not unset:
         return points
     points = points.copy()
     target = problem.likelihood.transformed(problem.likelihood.value)
     for point, found in zip(points, problem.predict(points), strict=True):
-        apart = problem.likelihood.transformed(found.values) - target
-        for j, rows in bare:
-            size = float(np.sqrt(np.mean(apart[rows] ** 2)))
+        difference = problem.likelihood.transformed(found.values) - target
+        for j, rows in unset:
+            size = float(np.sqrt(np.mean(difference[rows] ** 2)))
             if math.isfinite(size) and size > 0.0:
                 values = problem.scaled.values(point)
                 values[j] = size
@@ -215,11 +215,11 @@ def sized(problem: Problem, points: Array) -> Array:
 
 
 def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
-    """Refuse a loss or an optimiser that the problem does not allow."""
+    """Refuse a loss or an optimiser that does not support the problem."""
     unknown = [name for name in problem.measured.noise if isinstance(name, str)]
     if loss != "linear" and unknown:
         raise ParameterError(
-            f"loss='{loss}' needs noise that is given, but '{unknown[0]}' is estimated: give the "
+            f"loss='{loss}' needs a given noise, but '{unknown[0]}' is estimated: give the "
             "standard deviation of every measured column"
         )
     if optimiser == "lm":
@@ -227,32 +227,33 @@ def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
 
 
 def _check_minpack(problem: Problem, loss: str, n_unknown: int) -> None:
-    """Refuse what MINPACK's method does not have: bounds, losses, fewer rows than parameters."""
+    """Refuse what MINPACK does not support: bounds, robust losses, fewer rows than parameters."""
     bounded = [
         row.name for row in problem.estimated if row.lower > -math.inf or row.upper < math.inf
     ]
     if bounded:
         raise ParameterError(
-            f"optimiser='lm' knows no bounds, but '{bounded[0]}' has some: take 'trf', or give "
-            "(None, None)"
+            f"optimiser='lm' does not support bounds, but '{bounded[0]}' has some: use 'trf', "
+            "or give (None, None)"
         )
     if loss != "linear":
-        raise ParameterError(f"optimiser='lm' knows no loss '{loss}': take 'trf'")
-    # Each value with unknown noise has a second row.
+        raise ParameterError(f"optimiser='lm' does not support loss '{loss}': use 'trf'")
+    # Each value with estimated noise contributes a second row.
     if len(problem.measured) + n_unknown < len(problem.estimated):
         raise ParameterError(
             "optimiser='lm' needs at least as many measured values as parameters, of which there "
-            f"are {len(problem.estimated)}: take 'trf'"
+            f"are {len(problem.estimated)}: use 'trf'"
         )
 
 
 def _check_determined(problem: Problem, theta: Array) -> None:
-    """Refuse to estimate what has no influence at all."""
+    """Refuse a problem in which no parameter influences any measured value."""
     (found,) = problem.predict([theta])
     if not np.any(found.slopes):
         names = ", ".join(f"'{name}'" for name in problem.scaled.names)
         raise ParameterError(
-            f"no measured value depends on {names}: measure something else, or estimate others"
+            f"no measured value depends on {names}: measure other quantities, or estimate "
+            "other parameters"
         )
 
 

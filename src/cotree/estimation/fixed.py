@@ -1,4 +1,4 @@
-"""A problem with one parameter fixed, as an optimiser of the others sees it."""
+"""A problem with one parameter fixed, for optimisation over the others."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ Array = npt.NDArray[np.float64]
 
 
 class FixedProblem:
-    """A problem without one of its parameters.
+    """A problem with one of its parameters fixed.
 
     Parameters
     ----------
     problem : Problem
-        The whole problem.
+        The full problem.
     index : int
         Number of the parameter that is fixed.
     value : float
         Its value, on its scale.
     meeting : Rendezvous
-        Computes predictions of the whole problem.
+        Computes predictions of the full problem.
     more_rows : callable, optional
-        Rows of priors of the whole problem.
+        Prior residuals of the full problem.
 
     Attributes
     ----------
     scaled, measured, likelihood
         As of the problem, for the other parameters.
     more_rows : callable or None
-        Rows of priors by the other parameters.
+        Prior residuals as a function of the other parameters.
     """
 
     def __init__(
@@ -58,15 +58,15 @@ class FixedProblem:
         self.more_rows = None if more_rows is None else self._more_rows
 
     def free(self, theta: Array) -> Array:
-        """Leave the fixed parameter out."""
+        """Remove the fixed parameter."""
         return np.delete(theta, self._index)
 
     def whole(self, theta: Array) -> Array:
-        """Put the fixed parameter in."""
+        """Insert the fixed parameter."""
         return np.insert(theta, self._index, self._value)
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Ask for predictions, as of a rendezvous."""
+        """Return predictions, like :meth:`Rendezvous.ask`."""
         found = self._meeting.ask(number, self.whole(theta))
         return replace(
             found,
@@ -75,7 +75,7 @@ class FixedProblem:
         )
 
     def objective(self, number: int) -> float:
-        """Give the objective where no other parameter is left."""
+        """Evaluate the objective if no other parameter is left."""
         found = self._meeting.ask(number, self.whole(np.zeros(0)))
         value = -self.likelihood.log_likelihood(found)
         if self._more is not None:

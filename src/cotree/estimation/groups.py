@@ -1,7 +1,7 @@
-"""Runs of conditions, in blocks of an ensemble: conditions of one model, one end and one start.
+"""Simulation of conditions in ensemble blocks; those of a block share model, start and end time.
 
 In: conditions, measured rows, and values of the estimated parameters. Out: the measured quantities
-with their derivatives by what the model's sensitivities are to, and by the estimated parameters.
+with their derivatives with respect to the estimated parameters.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
-# A run of which only the start was measured still has an end.
+# Length of a run for which only the initial time was measured, [s].
 _SHORTEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """Quantities of the measured rows of some members, a row for each point and quantity.
+    """Predicted quantities for some points in parameter space and all rows of a group.
 
     Attributes
     ----------
     values : ndarray, shape (n_thetas, n)
         Values.
     slopes : ndarray, shape (n_thetas, n, n_estimated)
-        Derivatives by the values of the estimated parameters, not by their logarithms; empty where
-        none were asked for.
+        Derivatives with respect to the values of the estimated parameters, not their logarithms;
+        empty if not requested.
     messages : tuple of str
-        For each value of the estimated parameters why a run failed, or an empty text.
+        For each point, why a run failed, or an empty string.
     """
 
     values: Array
@@ -54,12 +54,12 @@ class Quantities:
 
 
 class Group:
-    """Conditions that run in one block, with the rows that were measured in them.
+    """Conditions that run in one block, with their measured rows.
 
     Parameters
     ----------
     conditions : sequence of Condition
-        They share model, inputs, start, and the names of the initial values that they set.
+        They share model, inputs, start, and the names of the initial values they set.
     numbers : sequence of int
         Their numbers in the problem.
     measured : Measured
@@ -95,7 +95,8 @@ class Group:
         self._through = np.array(through)
         self.rows = np.flatnonzero(np.isin(measured.condition, numbers))
         order = {number: i for i, number in enumerate(numbers)}
-        self._own = np.array([order[int(c)] for c in measured.condition[self.rows]], dtype=np.intp)
+        conditions_of_rows = [order[int(c)] for c in measured.condition[self.rows]]
+        self._condition_of = np.array(conditions_of_rows, dtype=np.intp)
         times, self._at = np.unique(measured.t[self.rows], return_inverse=True)
         self._times: Array = times
         start, end = first.t_start, float(times[-1])
@@ -113,39 +114,39 @@ class Group:
         self._plans: dict[bool, Plan] = {}
 
     def _quantities(self, measured: Measured) -> None:
-        """Find where in a block the observables and deviations of the rows stand."""
+        """Locate the observables and standard deviations of the rows within a block."""
         wanted = [measured.observable[i] for i in self.rows.tolist()]
         noise = [measured.noise[i] for i in self.rows.tolist()]
         known = {*self._model.states, *self._model.outputs}
         self.numbers = np.array([np.nan if isinstance(v, str) else v for v in noise], dtype=float)
         self._with_noise = np.array([i for i, v in enumerate(noise) if v in known], dtype=np.intp)
-        # Deviations that are estimated themselves: their rows, and which parameters they are.
+        # Standard deviations that are estimated parameters: their rows and parameter numbers.
         direct = [i for i, v in enumerate(noise) if isinstance(v, str) and v not in known]
         self._direct = np.array(direct, dtype=np.intp)
         self._direct_of = np.array([self._names.index(str(noise[i])) for i in direct], np.intp)
         wanted += [str(noise[i]) for i in self._with_noise]
         states = self._model.states
         self._outputs = tuple(dict.fromkeys(name for name in wanted if name not in states))
-        # States come first, then the outputs that are evaluated.
+        # Order of the columns: states, then the requested outputs.
         place = {name: i for i, name in enumerate((*states, *self._outputs))}
         self._which = np.array([place[name] for name in wanted], dtype=np.intp)
-        self._member = np.concatenate([self._own, self._own[self._with_noise]])
+        self._member = np.concatenate([self._condition_of, self._condition_of[self._with_noise]])
         self._time = np.concatenate([self._at, self._at[self._with_noise]])
 
     def run(self, values: Array, *, slopes: bool) -> tuple[Quantities, Quantities]:
-        """Run all conditions for each row of values of the estimated parameters.
+        """Run all conditions for each row of parameter values.
 
         Parameters
         ----------
         values : ndarray, shape (n_thetas, n_estimated)
             Values of the estimated parameters.
         slopes : bool
-            Whether derivatives are wanted.
+            Whether to compute derivatives.
 
         Returns
         -------
         Quantities, Quantities
-            Observables, and deviations, which of numbers are these.
+            Observables and standard deviations; given numbers are passed through.
         """
         n, n_rows = len(values), len(self.rows)
         rows = np.array([item.row(theta) for theta in values for item in self._maps])
@@ -169,10 +170,11 @@ class Group:
 
     def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
         if slopes not in self._plans:
-            # The first values decide: others, far away, may be stiff, and are found to be then.
+            # The method is chosen at the first point. If a distant point turns out to be stiff,
+            # that is detected during its run.
             first = rows[: len(self._conditions)]
             members = Members(tuple(columns), first, {MEMBER: np.arange(len(first))})
-            # A method is chosen once, so that results do not depend on what ran before.
+            # It is chosen once, so that results do not depend on the history of evaluations.
             known = next(iter(self._plans.values()), None)
             settings = self._settings if known is None else known.settings
             plan = make_plan(
@@ -189,7 +191,7 @@ class Group:
         return self._plans[slopes]
 
     def _read(self, block: Block, n: int, *, slopes: bool) -> tuple[Array, Array]:
-        """Take values and derivatives by estimated parameters out of a block."""
+        """Extract values and their derivatives by the estimated parameters from a block."""
         n_states, n_c = len(self._model.states), len(self._conditions)
         shape = (n, n_c, len(self._times))
         every = np.concatenate([block.z[..., :n_states], block.outputs], axis=2)
@@ -205,20 +207,20 @@ class Group:
         return values, np.einsum("qrm,rmj->qrj", along, self._through[self._member])
 
     def _messages(self, block: Block, failed: Sequence[str], n: int) -> tuple[str, ...]:
-        """Say why the runs with each value of the estimated parameters failed, if they did."""
+        """Return for each point why one of its runs failed, or an empty string."""
         n_c, found = len(self._conditions), []
-        # An event may end a run before all that was measured.
-        last = np.array([self._times[self._at[self._own == c]].max() for c in range(n_c)])
+        # An event may end a run before the last measurement.
+        last = np.array([self._times[self._at[self._condition_of == c]].max() for c in range(n_c)])
         for i in range(n):
-            said = ""
+            message = ""
             for c, condition in enumerate(self._conditions):
                 k = i * n_c + c
                 place = int(np.searchsorted(self._times, last[c]))
                 ended = np.isnan(block.z[k, place]).any()
                 why = failed[k] or (block.messages[k] if block.status[k] != 0 else "")
                 if not why and ended:
-                    why = f"its run ended before t = {last[c]:g}, where values were measured"
+                    why = f"its run ended before the last measurement at t = {last[c]:g}"
                 if why:
-                    said = said or f"condition '{condition.name}': {why}"
-            found.append(said)
+                    message = message or f"condition '{condition.name}': {why}"
+            found.append(message)
         return tuple(found)

@@ -1,9 +1,9 @@
-"""Residuals, likelihood and Fisher information of predictions; nothing here runs a model.
+"""Residuals, likelihood and Fisher information as functions of predictions; no model runs here.
 
 With a measured value m, its prediction y and the transformation T, the residual is
-r = (T(y) - T(m)) / sigma. For normal distributions a row adds
--(r^2 / 2 + log(sigma sqrt(2 pi)) + log(dm/dT)) to the log-likelihood, for Laplace's with the scale
-sigma -(abs(r) + log(2 sigma) + log(dm/dT)).
+r = (T(y) - T(m)) / sigma. A row with a normal distribution contributes
+-(r^2 / 2 + log(sigma sqrt(2 pi)) + log(dm/dT)) to the log-likelihood; a row with a Laplace
+distribution of scale sigma contributes -(abs(r) + log(2 sigma) + log(dm/dT)).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ _LN10 = math.log(10.0)
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Computed values of measured rows at some values of the estimated parameters.
+    """Predictions of the measured rows at one point in parameter space.
 
     Attributes
     ----------
     values : ndarray, shape (n_rows,)
-        Observables, not transformed.
+        Observables, before transformation.
     slopes : ndarray, shape (n_rows, n_estimated)
-        Their derivatives by the estimated parameters on their scales.
+        Their derivatives with respect to the estimated parameters on their scales.
     sigma : ndarray, shape (n_rows,)
-        Standard deviations, or scales, of the transformed values.
+        Standard deviations (Laplace: scales) of the transformed values.
     sigma_slopes : ndarray, shape (n_rows, n_estimated)
         Their derivatives.
     message : str
-        Empty; or why a run failed, in which case its values are nan.
+        Empty, or why a run failed, in which case its values are nan.
     """
 
     values: Array
@@ -51,7 +51,7 @@ class Predictions:
 
 
 class Likelihood:
-    """Measures of the agreement of predictions with measured values.
+    """Likelihood of the measured values given predictions.
 
     Parameters
     ----------
@@ -63,51 +63,51 @@ class Likelihood:
         n = len(measured)
         logs = np.array(spread(measured.transformation, n), dtype=object)
         self.is_log = logs != "lin"
-        # T is log(x) / factor, and its slope 1 / (factor x).
+        # T(x) = log(x) / factor, so its derivative is 1 / (factor x).
         self._factor = np.where(logs == "log10", _LN10, 1.0)
         self.is_normal = np.array(spread(measured.distribution, n), dtype=object) == "normal"
         self.value = np.asarray(measured.value, dtype=float)
         self._target = self.transformed(self.value)
-        # Minus the logarithms of constant factors of the densities.
+        # Negative logarithms of the constant factors of the densities.
         log_slope = np.where(
             self.is_log, np.log(self._factor * np.abs(self.value) + ~self.is_log), 0
         )
-        own = np.where(self.is_normal, 0.5 * math.log(2.0 * math.pi), math.log(2.0))
-        self._constant = float(np.sum(own + log_slope))
+        log_norm = np.where(self.is_normal, 0.5 * math.log(2.0 * math.pi), math.log(2.0))
+        self._constant = float(np.sum(log_norm + log_slope))
 
     def transformed(self, values: Array) -> Array:
-        """Transform values of the rows; nan where there is no logarithm."""
+        """Transform values of the rows; nan where the logarithm does not exist."""
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(np.where(self.is_log, values, 1.0)) / self._factor
         return np.where(self.is_log, logs, values)
 
     def residuals(self, found: Predictions) -> Array:
-        """Give r of each row, shape (n_rows,)."""
+        """Return the residual r of each row, shape (n_rows,)."""
         return np.asarray((self.transformed(found.values) - self._target) / found.sigma)
 
     def residual_slopes(self, found: Predictions) -> Array:
-        """Give the derivatives of r, shape (n_rows, n_estimated)."""
+        """Return the derivatives of r, shape (n_rows, n_estimated)."""
         slopes = self._mean_slopes(found)
         return np.asarray(
             slopes - (self.residuals(found) / found.sigma)[:, None] * found.sigma_slopes
         )
 
     def chi2(self, found: Predictions) -> float:
-        """Give the sum of the squared residuals."""
+        """Return the sum of the squared residuals."""
         return float(np.sum(self.residuals(found) ** 2))
 
     def log_likelihood(self, found: Predictions) -> float:
-        """Give the log-likelihood; minus infinity where a prediction has none."""
+        """Return the log-likelihood; minus infinity if a prediction is not finite."""
         r = self.residuals(found)
         parts = np.where(self.is_normal, 0.5 * r**2, np.abs(r)) + np.log(found.sigma)
         total = -float(np.sum(parts)) - self._constant
         return total if math.isfinite(total) else -math.inf
 
     def gradient(self, found: Predictions) -> Array:
-        """Give the derivatives of the log-likelihood, shape (n_estimated,).
+        """Return the gradient of the log-likelihood, shape (n_estimated,).
 
-        At a residual of zero of a Laplace distribution, which has a corner there, it is that of
-        neither side but their mean.
+        The Laplace density has a kink at a residual of zero; there the mean of both one-sided
+        derivatives is used.
         """
         r = self.residuals(found)
         weights = np.where(self.is_normal, r, np.sign(r))
@@ -115,22 +115,23 @@ class Likelihood:
         return np.asarray(-weights @ self.residual_slopes(found) - np.sum(by_sigma, axis=0))
 
     def fisher(self, found: Predictions) -> Array:
-        """Give the expected Fisher information, shape (n_estimated, n_estimated)."""
+        """Return the expected Fisher information, shape (n_estimated, n_estimated)."""
         rows = self.fisher_rows(found)
         return np.asarray(rows.T @ rows)
 
     def fisher_rows(self, found: Predictions) -> Array:
-        """Give rows whose squares are the Fisher information, shape (2 n_rows, n_estimated).
+        """Return J such that J^T J is the Fisher information, shape (2 n_rows, n_estimated).
 
-        Those of the measured values come first, those of their deviations next. Their singular
-        values show what is not determined with twice the digits of its eigenvalues.
+        Rows of the measured values come first, then those of their standard deviations. Singular
+        values of J reveal undetermined directions with twice as many digits as eigenvalues of
+        J^T J.
         """
-        # The information on sigma is 2 / sigma^2; of Laplace's distribution it is 1 / sigma^2.
+        # The information about sigma is 2 / sigma^2 (normal) or 1 / sigma^2 (Laplace).
         share = np.where(self.is_normal, math.sqrt(2.0), 1.0)
         by_sigma = found.sigma_slopes * (share / found.sigma)[:, None]
         return np.vstack([self._mean_slopes(found), by_sigma])
 
     def _mean_slopes(self, found: Predictions) -> Array:
-        """Give the derivatives of transformed predictions in units of sigma."""
+        """Return the derivatives of transformed predictions, divided by sigma."""
         scale = np.where(self.is_log, self._factor * found.values, 1.0) * found.sigma
         return np.asarray(found.slopes / scale[:, None])

@@ -1,4 +1,4 @@
-"""Measured rows of a problem, made of the columns of experiments."""
+"""Conversion of the columns of experiments into the measured rows of a problem."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Begins the names of deviations that nobody named: those of columns, ``noise[v]``.
+#: Prefix of automatically named standard deviations: that of column ``v`` is ``noise[v]``.
 NOISE = "noise"
 
-# Deviations that are estimated lie between these multiples of the spread of the data. The lower one
-# is below what runs resolve; the upper one leaves room to starts that are far away.
+# Bounds of estimated standard deviations, in multiples of the range of the data. The lower one is
+# below the accuracy of the runs; the upper one accommodates starts far from the optimum.
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Values of a column: where and when they were measured, and their noise."""
+    """Measured values of one column of one experiment, with times and noise."""
 
     number: int
     t: Array
@@ -46,7 +46,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Run:
-    """An experiment, its name, what its columns are, and its model."""
+    """An experiment with its name, the meaning of its columns, and its model."""
 
     experiment: Experiment
     name: str
@@ -55,16 +55,16 @@ class _Run:
 
 
 class MeasuredRows:
-    """Puts measured values of experiments together.
+    """Collects the measured values of all experiments.
 
     Parameters
     ----------
     noise : str or None
         ``given`` or ``estimated``, as of :func:`cotree.fit`.
     estimate : callable
-        Gives the estimated parameter of a name in an experiment.
+        Returns the estimated parameter for a name in an experiment.
     found : dict of str to Estimated
-        The estimated parameters, to which those of noise are added.
+        The estimated parameters; noise parameters are added to it.
     """
 
     def __init__(
@@ -81,18 +81,19 @@ class MeasuredRows:
         Raises
         ------
         ParameterError, UnitError
-            If there are none, units do not fit, or a value or deviation has no logarithm.
+            If all values are missing, units are incompatible, a value has no logarithm, or a
+            standard deviation is not positive.
         """
         run = _Run(experiment, name, observed, model)
         parts = [self._part(number, run, column) for column in observed.outputs]
-        there = [part for part in parts if part.values.size]
-        if not there:
+        present = [part for part in parts if part.values.size]
+        if not present:
             listed = ", ".join(f"'{column}'" for column in observed.outputs)
             raise ParameterError(f"{experiment.where}: {listed} holds missing values only")
-        self._parts += there
+        self._parts += present
 
     def measured(self) -> Measured:
-        """Give all rows."""
+        """Return the rows of all experiments."""
         parts = self._parts
         return Measured(
             np.concatenate([np.full(len(part.t), part.number, dtype=np.intp) for part in parts]),
@@ -104,7 +105,7 @@ class MeasuredRows:
         )
 
     def _part(self, number: int, run: _Run, name: str) -> _Part:
-        """Give the values of a column that are there."""
+        """Return the values of a column that are not missing."""
         row, output = run.experiment, run.observed.outputs[name]
         table, column = row.table, row.table.columns[name]
         known = _unit(run.model, output)
@@ -122,11 +123,11 @@ class MeasuredRows:
             given = row.noise_of(name)
             if given is None and self._noise == "given":
                 raise ParameterError(
-                    f"noise is 'given', but that of column '{name}' of {row.where} is not: give "
+                    f"noise is 'given', but column '{name}' of {row.where} has none: give "
                     "Experiment(noise=...)"
                 )
             if given is None or self._noise == "estimated":
-                noise = [self._own_noise(name, values, transform, known)] * len(there)
+                noise = [self._estimated_noise(name, values, transform, known)] * len(there)
             else:
                 noise = self._given_noise(run, name, unit, there)
         return _Part(number, table.t[there], output, values, noise, transform)
@@ -135,7 +136,8 @@ class MeasuredRows:
         self, run: _Run, name: str, unit: Unit | None, there: npt.NDArray[np.intp]
     ) -> list[str | float]:
         row, observed = run.experiment, run.observed
-        # A deviation is a difference: offsets of units do not count, nor units of logarithms.
+        # A standard deviation is a difference, so offsets of units do not apply; that of a
+        # logarithm has no unit.
         is_plain = unit is None or row.transform_of(name) != "lin"
         factor = 1.0 if is_plain or unit is None else float(unit.factor)
         if name in observed.deviations:
@@ -146,18 +148,18 @@ class MeasuredRows:
         if name not in observed.columns:
             given, where = row.noise_of(name), f"the noise of column '{name}' of {row.where}"
             return [_positive(float(given or 0.0) * factor, where)] * len(there)
-        own = row.table.columns[observed.columns[name]]
-        own_unit = row.table.unit(own, "", row.unit_of(own.name))
-        # A column of deviations without a unit has that of what was measured.
-        scale = factor if own_unit is None else float(own_unit.factor)
-        rows, what = row.table.rows, f"column '{own.name}'"
+        column = row.table.columns[observed.columns[name]]
+        column_unit = row.table.unit(column, "", row.unit_of(column.name))
+        # A column of standard deviations without a unit has the unit of the measured column.
+        scale = factor if column_unit is None else float(column_unit.factor)
+        rows, what = row.table.rows, f"column '{column.name}'"
         return [
-            _positive(float(own.values[i]) * scale, f"{row.where}, {rows[i]}, {what}")
+            _positive(float(column.values[i]) * scale, f"{row.where}, {rows[i]}, {what}")
             for i in there.tolist()
         ]
 
-    def _own_noise(self, column: str, values: Array, transform: str, unit: str) -> str:
-        """Give the estimated deviation of a column, which all experiments share."""
+    def _estimated_noise(self, column: str, values: Array, transform: str, unit: str) -> str:
+        """Return the estimated standard deviation of a column, shared by all experiments."""
         name = f"{NOISE}[{column}]"
         if transform != "lin":
             values, unit = np.log(values), ""
@@ -171,7 +173,7 @@ class MeasuredRows:
 
 
 def _unit(model: Model, name: str) -> str:
-    """Give the unit of a state or output, empty where none is known."""
+    """Return the unit of a state or output, or an empty string."""
     layout = model.layout
     return next((row.unit for row in (*layout.states, *layout.outputs) if row.name == name), "")
 

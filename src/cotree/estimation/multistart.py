@@ -1,8 +1,7 @@
-"""Least squares from several starts, whose runs go through one call of the ensemble engine.
+"""Multistart least squares, with the simulations of all starts batched in the ensemble engine.
 
-Each start has its own optimiser, SciPy's ``least_squares``, in a thread of its own. Whenever all of
-them wait for predictions, these are computed together. What a start finds depends on nothing but
-its own points.
+Each start runs SciPy's ``least_squares`` in its own thread. Whenever all threads wait for
+predictions, these are computed in one batch. The result of a start does not depend on the others.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 
-# Starts that search at the same time, each in a thread; results do not depend on it.
+# Number of starts that run concurrently, one thread each; results do not depend on it.
 _SIDE_BY_SIDE = 256
 
 
-# Residuals where a run fails, for MINPACK; their squares are finite.
+# Residuals that MINPACK receives if a run fails; large, but their squares do not overflow.
 _HIGH = 1e100
 
 
@@ -46,23 +45,23 @@ class Search:
     Attributes
     ----------
     optimiser : str
-        ``trf`` or ``dogbox``, which keep to bounds, or ``lm``, which knows none.
+        ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
     loss : str
-        ``linear``, or one of those that let outliers count less; noise must be given for them.
+        ``linear``, or a robust loss, which requires a given noise.
     f_scale : float
-        The residual, in standard deviations, from which on values count as outliers.
+        The residual, in standard deviations, beyond which values count as outliers.
     ftol, xtol, gtol : float
-        Where it ends: relative change of the objective, relative step, and gradient.
+        Termination tolerances: relative change of the objective, relative step, and gradient.
     max_evaluations : int or None
-        The most predictions of one start.
+        Largest number of evaluations per start.
     scale : str
-        What steps in different parameters are compared by: ``jacobian``, the columns of the
-        Jacobian, or ``bounds``, the distance between finite bounds on the parameters' scales.
+        Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
+        the distance between finite bounds on the parameters' scales.
 
     Raises
     ------
     ParameterError
-        If the scale is neither of these.
+        If the scale is unknown.
     """
 
     optimiser: str = "trf"
@@ -76,7 +75,9 @@ class Search:
 
     def __post_init__(self) -> None:
         if self.scale not in ("jacobian", "bounds"):
-            raise ParameterError(f"the scale of a search is '{self.scale}': jacobian or bounds")
+            raise ParameterError(
+                f"the scale of a search is '{self.scale}': give 'jacobian' or 'bounds'"
+            )
 
 
 def minimise_from_starts(
@@ -96,19 +97,20 @@ def minimise_from_starts(
     starts : array_like, shape (n_starts, n_estimated)
         Where to begin, on the scales of the estimated parameters, within the bounds.
     search : Search, optional
-        How the optimiser searches.
+        Settings of the optimiser.
     more_rows : callable, optional
-        Gives further rows and their Jacobian for ``theta``, shapes (n,) and (n, n_estimated); half
-        of the sum of their squares is added to the objective: priors, say.
+        Returns further residuals and their Jacobian for ``theta``, shapes (n,) and
+        (n, n_estimated), such as those of priors; half the sum of their squares is added to the
+        objective.
     progress : bool
-        Whether a bar may be shown, on terminals only.
+        Whether a progress bar may be shown, on terminals only.
 
     Returns
     -------
     tuple of StartRecord
-        The least objective first, those that failed last. The objective is the negative
-        log-likelihood; of losses that are not linear, half of the sum of the losses. After Ctrl-C
-        the best points so far, which are not converged.
+        Sorted by objective, with failed starts last. The objective is the negative log-likelihood,
+        or half the sum of the losses if the loss is not linear. After Ctrl-C, the records hold the
+        best points so far and are marked as not converged.
     """
     points = np.atleast_2d(np.asarray(starts, dtype=float))
     how = search or Search()
@@ -123,19 +125,19 @@ def minimise_from_starts(
             ]
 
             def count(done: int, n: int, first: int = first, before: int = n_evaluations) -> None:
-                told = f" ended, {before + n} evaluations"
-                bar.count(first + done, lambda elapsed: told)
+                label = f" ended, {before + n} evaluations"
+                bar.count(first + done, lambda elapsed: label)
 
             if not is_stopped:
                 is_stopped = meeting.meet([one.run for one in block], count)
             records += [one.record() for one in block]
             n_evaluations = sum(row.n_evaluations for row in records)
-    # Sorting keeps the order of equal ones: the first start comes first.
+    # The sort is stable, so of equal starts the first one comes first.
     return tuple(sorted(records, key=lambda row: (not math.isfinite(row.objective), row.objective)))
 
 
 class Start:
-    """One start: an optimiser, and the best of the points that it asked for."""
+    """One start: runs the optimiser and keeps the best of the points it evaluates."""
 
     def __init__(
         self,
@@ -150,14 +152,14 @@ class Start:
         self._began, self._more, self._meeting = began, more_rows, meeting
         self._rows = SquareRows(problem)
         self._n_evaluations = 0
-        # Where rows were last formed, these and their Jacobian.
+        # The point evaluated last, with its residuals and their Jacobian.
         self._at: tuple[Array, Array, Array] | None = None
         self._best, self._least = began, math.inf
         self._ended: OptimizeResult | None = None
         self._message = "interrupted before its first point"
 
     def run(self) -> None:
-        """Search; called in a thread of its own."""
+        """Run the optimiser; called in a separate thread."""
         from scipy.optimize import least_squares
 
         scaled, how = self._problem.scaled, self._search
@@ -185,7 +187,7 @@ class Start:
                 self._message = f"interrupted after {_counted(self._n_evaluations)}"
 
     def record(self) -> StartRecord:
-        """Tell where it led."""
+        """Return the outcome."""
         is_converged = self._ended is not None and self._ended.status > 0
         message = self._message if self._ended is None else self._why(self._ended)
         return StartRecord(
@@ -209,7 +211,7 @@ class Start:
         if self._more is not None:
             more, along = self._more(theta)
             rows, slopes = np.concatenate([rows, more]), np.vstack([slopes, along])
-        # Values without slopes are of no use: the step that led there is taken back.
+        # A point without derivatives is useless to the optimiser, so the step is rejected.
         if found.message or not np.all(np.isfinite(slopes)):
             rows = np.full_like(rows, np.nan)
         if not np.all(np.isfinite(rows)) and self._least == math.inf:
@@ -219,7 +221,7 @@ class Start:
         return rows
 
     def _high_values(self, theta: Array) -> Array:
-        """Give high values where a run fails: MINPACK takes nan for convergence, others do not."""
+        """Return large residuals if a run fails, since MINPACK mistakes nan for convergence."""
         rows = self._values(theta)
         return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 
@@ -230,7 +232,7 @@ class Start:
         return self._at[2]
 
     def _note(self, theta: Array, found: Predictions, rows: Array) -> None:
-        """Keep the best point."""
+        """Update the best point."""
         if not np.all(np.isfinite(rows)):
             return
         if self._search.loss == "linear":
@@ -243,22 +245,22 @@ class Start:
             self._best, self._least = theta.copy(), objective
 
     def _why(self, ended: OptimizeResult) -> str:
-        """Say why the optimiser ended."""
+        """Return the reason for termination."""
         found = {
             1: "converged: the gradient vanishes",
-            2: "converged: the objective changes no more",
-            3: "converged: the parameters change no more",
-            4: "converged: objective and parameters change no more",
+            2: "converged: the objective no longer changes",
+            3: "converged: the parameters no longer change",
+            4: "converged: neither the objective nor the parameters change",
         }
-        short = f"it stopped after {_counted(self._n_evaluations)}, the most it may take"
-        return found.get(int(ended.status), short)
+        limit = f"it stopped after {_counted(self._n_evaluations)}, the limit"
+        return found.get(int(ended.status), limit)
 
 
 def _robust(rows: Array, search: Search) -> float:
-    """Give half of the sum of losses as SciPy defines it."""
+    """Return half the sum of losses as SciPy defines it."""
     from scipy.optimize import least_squares
 
-    # One evaluation at a point where nothing can be changed: SciPy has no public losses.
+    # SciPy does not export its loss functions, so a problem with zero Jacobian evaluates the cost.
     there = least_squares(
         lambda x: rows,
         [0.0],

@@ -1,8 +1,8 @@
-"""Models of experiments: the scene of a model with what was measured among its outputs.
+"""Models of experiments: the scene, extended by outputs for the measured quantities.
 
-In: a model or a scene, and experiments with expressions for what columns measure, for noise and for
-inputs. Out: for each experiment a compiled model with sensitivities to what is estimated, and the
-names of its outputs. Experiments with the same expressions share one model.
+In: a model or a scene, and experiments with expressions for observables, noise and inputs. Out: for
+each experiment a compiled model with sensitivities to the estimated parameters, and the names of
+its outputs. Experiments whose inputs have the same expressions share one model.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_LONGEST = 50  # of a name made from that of a column
+_LONGEST = 50  # characters of an output name derived from a column name
 
 
 @dataclass
 class Observed:
-    """The columns of an experiment as names and expressions of its model.
+    """The observables, noise and inputs of an experiment in terms of its model.
 
     Attributes
     ----------
     outputs : dict of str to str
         The state or output that each column measures.
     noise : dict of str to str
-        The output that is the standard deviation of a column, where an expression is.
+        The output that gives the standard deviation of a column, if that is an expression.
     deviations : dict of str to str
         The estimated parameter that is the standard deviation of a column.
     columns : dict of str to str
-        The column that is the standard deviation of a column.
+        The column that holds the standard deviation of a column.
     inputs : dict of str to object
-        Its inputs that are no expressions.
+        Inputs given as numbers, tables or functions.
     expressions : dict of str to str
-        Its inputs that are.
+        Inputs given as expressions.
     new : set of str
-        Parameters in its expressions that the scene does not have.
+        Parameters in expressions that the scene does not have.
     """
 
     outputs: dict[str, str] = field(default_factory=dict)
@@ -66,12 +66,12 @@ class Observed:
 
 
 class Observer:
-    """Adds what was measured to a scene, and compiles it.
+    """Adds outputs for measured quantities to a scene, and compiles it.
 
     Parameters
     ----------
     model : Model or Scene
-        What explains the measurements.
+        The model that explains the measurements.
     """
 
     def __init__(self, model: Model | Scene) -> None:
@@ -79,7 +79,7 @@ class Observer:
             raise ParameterError(
                 f"a fit needs a compiled model or a scene, not {brief(repr(model))}"
             )
-        # A compiled model keeps its coordinates and options; a scene is compiled as it needs be.
+        # Variants of a compiled model keep its tree and its options.
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
         self.scene: SceneDescription = model._scene if isinstance(model, Model) else model
@@ -90,12 +90,12 @@ class Observer:
         """Names of the states."""
         if self._model is None:
             assert isinstance(self.scene, Scene)
-            # Compiled without sensitivities, which takes little and is found again in the cache.
+            # Compiled without sensitivities, which is cheap and cached.
             self._model = self.scene.compile()
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, wanted: Sequence[str]) -> Observed:
-        """Find what the columns of an experiment are.
+        """Determine what the columns of an experiment mean.
 
         Parameters
         ----------
@@ -107,15 +107,15 @@ class Observer:
         Raises
         ------
         ModelError
-            If an expression is not accepted, or nothing of the data is known.
+            If an expression is invalid, or no column is known to the model.
         """
         found = Observed()
         known = {*wanted, *experiment.parameters}
         table = experiment.table
         for name, column in table.columns.items():
-            is_left = name in self.scene.inputs and name not in experiment.inputs
+            is_input = name in self.scene.inputs and name not in experiment.inputs
             is_measured = experiment.observables is not None and name in experiment.observables
-            if is_left and not is_measured and column.values.size > 1:
+            if is_input and not is_measured and column.values.size > 1:
                 found.inputs[name] = column
         given = {**experiment.inputs}
         found.expressions = expressions_among(given)
@@ -135,7 +135,7 @@ class Observer:
         return found
 
     def _texts(self, experiment: Experiment, found: Observed) -> dict[str, str]:
-        """Give what each column measures."""
+        """Return the expression that each column measures."""
         if experiment.observables is not None:
             return experiment.observables
         table, known = experiment.table, {*self.states, *self.scene.outputs}
@@ -147,7 +147,7 @@ class Observer:
             close = nearest(left[0] if left else "", known)
             raise ParameterError(
                 f"{experiment.where}: no column is a state or an output of the model{close}; its "
-                f'columns are {listed}: tell what they measure, observables={{"column": '
+                f'columns are {listed}: say what they measure, observables={{"column": '
                 '"expression"}'
             )
         if left:
@@ -155,7 +155,7 @@ class Observer:
             close = nearest(left[0], known) if len(left) == 1 else ""
             warnings.warn(
                 f"{experiment.where}: no state, output or input of the model is called {listed}, "
-                f"which is left out{close}; observables tells which columns count",
+                f"which is ignored{close}; use observables to say which columns count",
                 RuntimeWarning,
                 stacklevel=6,
             )
@@ -181,12 +181,13 @@ class Observer:
             found.noise[column] = self._output(f"noise_of_{column}", given, where, found, known)
 
     def _output(self, column: str, text: str, where: str, found: Observed, known: set[str]) -> str:
-        """Give the name of a state or output of an expression; it becomes one where it is none."""
+        """Return the state or output that equals an expression; add an output if there is none."""
         expression = parse(text, where)
         plain = expression.text.strip()
         if plain in self.scene.outputs:
             return plain
-        # Only a model that is there tells its states at no cost.
+        # States are checked only if they are known without an extra compilation; otherwise
+        # `_use_states` replaces the output after compilation.
         if self._model is not None and plain in self._model.states:
             return plain
         scene = self.scene
@@ -239,7 +240,7 @@ class Observer:
         return found
 
     def _use_states(self, row: Observed, model: Model) -> None:
-        """Let columns that measure a state plainly name it, and no output that equals it."""
+        """Let columns that measure a state refer to it rather than to an output equal to it."""
         for column, name in row.outputs.items():
             text = self._new.get(name, name)
             row.outputs[column] = text if text in model.states else name
@@ -265,7 +266,7 @@ class Observer:
         for name, text in outputs.items():
             scene.output(name, text)
         with warnings.catch_warnings():
-            # A fit looks itself at whether anything depends on a parameter.
+            # The fit itself reports parameters on which nothing depends.
             warnings.filterwarnings("ignore", message="no state or output depends on")
             return self._made(scene, names)
 
@@ -278,16 +279,16 @@ class Observer:
 
 
 def signal(column: str, where: str, t: Array, values: Array) -> tuple[Array, Array]:
-    """Give a column of the data as an input: a table of its values that are there.
+    """Convert a column of the data to an input table, without missing values.
 
     Raises
     ------
     ParameterError
-        If fewer than two are.
+        If there are fewer than two values.
     """
-    there = np.isfinite(values)
-    if there.sum() < 2:
+    present = np.isfinite(values)
+    if present.sum() < 2:
         raise ParameterError(
             f"column '{column}' of {where} is an input, which needs at least two values"
         )
-    return t[there], values[there]
+    return t[present], values[present]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.ensemble.block_in_c import load_batch
-from cotree.errors import ParameterError, SolveError
+from cotree.errors import SolveError
 from cotree.estimation.columns import Accuracy
 from cotree.estimation.multistart import minimise_from_starts
 from cotree.estimation.petab_files import read_tables
@@ -23,6 +23,7 @@ from cotree.estimation.petab_priors import Priors, sample_starts
 from cotree.estimation.petab_simulation import measurement_frame
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
+from cotree.scene.given import check_whole
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def read_petab(
     Raises
     ------
     SceneError
-        If a file is missing, cannot be read, or a row makes no sense; the message begins with file
+        If a file is missing, cannot be read, or a row is invalid; the message begins with file
         and line.
     ModelError, FormulationError, BuildError
         If the model cannot be formed or compiled.
@@ -137,28 +138,28 @@ class PetabProblem(Problem):
     def using(
         self, *, method: str | None = None, rtol: float | None = None, atol: float | None = None
     ) -> PetabProblem:
-        """Give the same problem with another method, or with other tolerances.
+        """Return the same problem with another integration method or other tolerances.
 
         Parameters
         ----------
         method, rtol, atol : str, float and float, optional
-            As of :func:`cotree.read_petab`; those of this problem where absent.
+            As of :func:`cotree.read_petab`; by default those of this problem.
         """
-        own = self.accuracy
+        current = self.accuracy
         accuracy = Accuracy(
-            method or own.method,
-            own.rtol if rtol is None else rtol,
-            own.atol if atol is None else atol,
+            method or current.method,
+            current.rtol if rtol is None else rtol,
+            current.atol if atol is None else atol,
         )
         return PetabProblem(self._tables, self._mapped, accuracy)
 
     def theta(self, parameters: Any = None) -> Array:
-        """Give values of the estimated parameters on their scales, shape (n_estimated,).
+        """Convert values of the estimated parameters to their scales, shape (n_estimated,).
 
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Their values, not on their scales; nominal ones where they are missing.
+            Values, not on their scales; missing ones are nominal.
 
         Raises
         ------
@@ -175,7 +176,7 @@ class PetabProblem(Problem):
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Values of estimated parameters, not on their scales; nominal ones where missing.
+            Values of estimated parameters, not on their scales; missing ones are nominal.
 
         Raises
         ------
@@ -208,13 +209,14 @@ class PetabProblem(Problem):
     def log_prior(self, parameters: Any = None) -> float:
         """Compute the sum of the logarithms of the objective priors' densities.
 
-        A prior on the parameter's scale counts there, any other one on its value; bounds do not cut
-        densities off. Parameters and errors are those of :meth:`log_likelihood`.
+        Priors on the parameter's scale are densities on that scale, all others are densities of its
+        value; they are not truncated at bounds. Parameters and errors are those of
+        :meth:`log_likelihood`.
         """
         return self.priors.log_density(self.theta(parameters))
 
     def simulate(self, parameters: Any = None) -> Any:
-        """Compute what was measured, as PEtab's simulation table.
+        """Compute predictions of the measured values, as a PEtab simulation table.
 
         Parameters and errors are those of :meth:`log_likelihood`.
 
@@ -227,20 +229,20 @@ class PetabProblem(Problem):
         return measurement_frame(self._tables.measurement_files, values)
 
     def objective(self, theta: Any) -> tuple[float, Array]:
-        """Compute what a fit minimises, for any optimiser.
+        """Compute the objective of a fit and its gradient, for any optimiser.
 
         Parameters
         ----------
         theta : array_like, shape (n_estimated,)
-            Values on their scales; :meth:`theta` gives those of the nominal ones.
+            Values on their scales; :meth:`theta` returns the nominal ones.
 
         Returns
         -------
         value : float
-            Minus the log-likelihood and the logarithms of the objective priors; infinite where a
+            The negative log-likelihood less the logarithms of the objective priors; infinite if a
             run fails.
         gradient : ndarray, shape (n_estimated,)
-            Its derivatives.
+            Its gradient.
         """
         theta = np.asarray(theta, dtype=float)
         [found] = self.predict(theta[None, :])
@@ -255,15 +257,22 @@ class PetabProblem(Problem):
         Parameters
         ----------
         n : int
-            How many.
+            Number of starts, at least one.
         seed : int, optional
             Equal seeds give equal starts.
 
         Returns
         -------
         ndarray, shape (n, n_estimated)
-            On their scales, within the bounds; uniform there where there is no prior.
+            On their scales, within the bounds; uniform if there is no prior.
+
+        Raises
+        ------
+        ParameterError
+            If ``n`` or the seed is invalid, or starts cannot be drawn.
         """
+        n = check_whole(n, "n", 1)
+        seed = None if seed is None else check_whole(seed, "seed")
         rows = [row.initialization_prior for row in self._rows]
         return sample_starts(self.estimated, rows, n, seed)
 
@@ -276,36 +285,34 @@ class PetabProblem(Problem):
         search: Search | None = None,
         progress: bool = True,
     ) -> FitResult:
-        """Maximise the likelihood and the objective priors, from several starts.
+        """Maximise the likelihood times the objective priors, from several starts.
 
         Parameters
         ----------
         starts : int
-            How many starts, at least one.
+            Number of starts, at least one.
         seed : int, optional
             Equal seeds draw equal starts; see :meth:`starts`.
         from_nominal : bool
-            Whether the nominal values are the first start, where all parameters have one.
+            Whether the nominal values are the first start, if all parameters have one.
         search : Search, optional
             Optimiser, tolerances and budgets. Where many parameters end at their bounds, try
             ``Search(optimiser="dogbox", scale="bounds")``.
         progress : bool
-            Whether a bar may be shown, on terminals only.
+            Whether a progress bar may be shown, on terminals only.
 
         Returns
         -------
         FitResult
-            The starts, the least objective first: minus the log-likelihood and the logarithms of
-            the priors, which take part in intervals and profiles of the result, too.
+            The starts, sorted by objective: the negative log-likelihood less the logarithms of the
+            priors, which also enter the intervals and profiles of the result.
 
         Raises
         ------
         ParameterError
-            If there are no starts, or they cannot be drawn.
+            If the number of starts or the seed is invalid, or starts cannot be drawn.
         """
-        if not starts >= 1:
-            raise ParameterError(f"a fit from {starts} starts: give at least one")
-        points = self.starts(starts, seed)
+        points = self.starts(check_whole(starts, "starts", 1), seed)
         if from_nominal and len(self.nominal) == len(self.names):
             points[0] = np.clip(self.theta(), self.scaled.lower, self.scaled.upper)
         more = self.priors.rows if self.priors else None
@@ -314,7 +321,7 @@ class PetabProblem(Problem):
         return FitResult(self, found, search, more_rows=more)
 
     def _with_priors(self, record: StartRecord) -> StartRecord:
-        """Put the logarithms of the priors in place of squares that differ by a constant."""
+        """Replace the squares of the priors by their logarithms, which differ by a constant."""
         if not (self.priors and math.isfinite(record.objective)):
             return record
         rows, _ = self.priors.rows(record.theta)

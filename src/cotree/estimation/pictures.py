@@ -1,4 +1,4 @@
-"""Pictures of a fit: its numbers in the form that :mod:`cotree.plot.fits` draws."""
+"""Plots of a fit: data preparation for :mod:`cotree.plot.fits`."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 
     from cotree.estimation.result import FitResult
 
-# Panels over time in an overview, and in a picture of their own; more are too small to read.
+# Largest numbers of time plots in an overview and in a figure of their own; more are unreadable.
 _MOST_IN_OVERVIEW, _MOST = 6, 24
 
 
 def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> list[Course]:
-    """Give all that was measured over time, with bands; not more than some."""
+    """Return measured and computed values over time with bands, at most ``most`` of them."""
     measured, found = result.problem.measured, result.predictions
     parts = []
     for condition, name, rows in _measured_parts(result)[:most]:
         t = measured.t[rows]
-        own = result.problem.conditions[condition]
-        end = max(t.max(), own.t_start)
-        times = np.unique(np.concatenate([np.linspace(own.t_start, end, 301), t]))
-        band = result.bands(own.column(name), times, experiment=condition, noise=noise)
+        run = result.problem.conditions[condition]
+        end = max(t.max(), run.t_start)
+        times = np.unique(np.concatenate([np.linspace(run.t_start, end, 301), t]))
+        band = result.bands(run.column(name), times, experiment=condition, noise=noise)
         is_plain = not result.problem.likelihood.is_log[rows].any()
         parts.append(
             course_of(
                 band,
                 Course,
-                title=title_of(own.name),
+                title=title_of(run.name),
                 t_measured=t,
                 measured=np.asarray(measured.value, dtype=float)[rows],
                 sigma=found.sigma[rows] if is_plain else None,
@@ -45,32 +45,32 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
 
 
 def residuals(result: FitResult) -> list[Residuals]:
-    """Give the residuals of each quantity in each experiment."""
+    """Return the residuals of each quantity in each experiment."""
     likelihood, found = result.problem.likelihood, result.predictions
     values = result.residuals
     computed = likelihood.transformed(found.values)
     target = likelihood.transformed(likelihood.value)
-    many = len(result.problem.conditions) > 1
+    has_several = len(result.problem.conditions) > 1
     return [
         Residuals(
-            f"{own.column(name)} · {title_of(own.name)}" if many else own.column(name),
+            f"{run.column(name)} · {title_of(run.name)}" if has_several else run.column(name),
             result.problem.measured.t[rows],
             values[rows],
             target[rows],
             computed[rows],
         )
         for condition, name, rows in _measured_parts(result)
-        for own in [result.problem.conditions[condition]]
+        for run in [result.problem.conditions[condition]]
     ]
 
 
 def waterfall(result: FitResult) -> Figure:
-    """Draw the starts."""
+    """Plot the objectives of the starts."""
     return draw_waterfall(*_starts(result))
 
 
 def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Figure:
-    """Form profiles and draw them."""
+    """Compute profiles and plot them."""
     found, errors = result.profiles(names, level=level), result.standard_errors
     return draw_profiles(
         [
@@ -92,7 +92,7 @@ def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Fi
 
 
 def overview(result: FitResult) -> Figure:
-    """Draw courses, residuals, and starts or correlations."""
+    """Plot time courses, residuals, and starts or correlations."""
     return draw_overview(
         courses(result, most=_MOST_IN_OVERVIEW),
         residuals(result),
@@ -108,7 +108,7 @@ def _starts(result: FitResult) -> tuple[np.ndarray, list[bool]]:
 
 
 def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:
-    """Give the rows of each quantity in each experiment."""
+    """Return the rows of each quantity in each experiment."""
     measured = result.problem.measured
     parts: dict[tuple[int, str], list[int]] = {}
     for i, name in enumerate(measured.observable):

@@ -1,8 +1,8 @@
-"""An estimation problem: conditions, what was measured in them, and what is estimated.
+"""An estimation problem: conditions, measured values and estimated parameters.
 
-In: conditions, measured rows and estimated parameters. Out: predictions, and by them residuals,
+In: conditions, measured rows and estimated parameters. Out: predictions, and from them residuals,
 log-likelihood, gradient and Fisher information, as functions of the estimated parameters on their
-scales. Runs go through the ensemble engine; those of several values of the parameters in one call.
+scales. Runs at several points in parameter space go through the ensemble engine in one call.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ Array = npt.NDArray[np.float64]
 
 
 class Problem:
-    """Measured values, and the runs that are to explain them.
+    """Measured values and the simulations that predict them.
 
     Parameters
     ----------
     estimated : sequence of Estimated
-        What is estimated; the order is that of ``theta``.
+        The estimated parameters, in the order of ``theta``.
     conditions : sequence of Condition
         The runs.
     measured : Measured
-        What was measured in them.
+        The measured values.
     accuracy : Accuracy, optional
         Method and tolerances of the runs.
 
@@ -50,12 +50,12 @@ class Problem:
     scaled : Scaled
         The estimated parameters on their scales.
     likelihood : Likelihood
-        Measures of agreement, by predictions.
+        Likelihood as a function of predictions.
 
     Raises
     ------
     ParameterError
-        If a name is unknown, or a row makes no sense.
+        If a name is unknown, or a row is invalid.
     """
 
     def __init__(
@@ -69,9 +69,11 @@ class Problem:
         self.measured, self.accuracy = measured, accuracy or Accuracy()
         self.scaled = Scaled(self.estimated)
         if len(set(self.scaled.names)) < len(self.scaled.names):
-            raise ParameterError(f"estimated parameters have one name: {self.scaled.names}")
+            raise ParameterError(
+                f"two estimated parameters have the same name: {self.scaled.names}"
+            )
         if not len(measured):
-            raise ParameterError("nothing was measured: give at least one value")
+            raise ParameterError("there are no measured values: give at least one")
         for condition in self.conditions:
             for link in condition.chain:
                 check_condition(link, self.scaled.names)
@@ -81,20 +83,20 @@ class Problem:
         self._groups = self._grouped()
 
     def predict(self, thetas: Any, *, slopes: bool = True) -> list[Predictions]:
-        """Compute what was measured, for several values of the estimated parameters in one call.
+        """Predict the measured values at several points in parameter space in one call.
 
         Parameters
         ----------
         thetas : array_like, shape (n_thetas, n_estimated)
-            Values on their scales. What comes out for one does not depend on the others.
+            Points on the scales of the parameters. Results do not depend on the other points.
         slopes : bool
-            Whether derivatives are wanted; runs of the states alone take less time, and their
-            values differ within the tolerances.
+            Whether to compute derivatives. Without them runs are faster, and the values differ
+            within the tolerances.
 
         Returns
         -------
         list of Predictions
-            One for each; those of runs that fail are nan and have a message.
+            One for each point; if a run fails, values are nan and there is a message.
         """
         n_rows, n_est = len(self.measured), len(self.estimated)
         thetas = np.asarray(thetas, dtype=float)
@@ -123,13 +125,13 @@ class Problem:
         ]
 
     def theta(self, parameters: Any = None) -> Array:
-        """Give values of the estimated parameters on their scales, shape (n_estimated,).
+        """Convert values of the estimated parameters to their scales, shape (n_estimated,).
 
         Parameters
         ----------
         parameters : mapping of str to float, or array_like of shape (n_estimated,), optional
-            Their values, not on their scales; those that are missing are where estimation begins,
-            which is the middle of finite bounds where nothing says it.
+            Values, not on their scales. Missing ones are the initial guesses, or the middle of
+            finite bounds if there is no guess.
 
         Raises
         ------
@@ -143,31 +145,31 @@ class Problem:
             for row, value in zip(self.estimated, middle, strict=True)
         }
         if parameters is not None and not hasattr(parameters, "keys"):
-            own = as_array(parameters, (len(names),), "the estimated parameters")
-            parameters = dict(zip(names, own.tolist(), strict=True))
+            array = as_array(parameters, (len(names),), "the estimated parameters")
+            parameters = dict(zip(names, array.tolist(), strict=True))
         for name, value in dict(parameters or {}).items():
             if name not in given:
                 raise ParameterError(f"'{name}' is not estimated: {', '.join(names)} are")
             given[name] = value
         missing = [name for name, value in given.items() if value is None]
         if missing:
-            raise ParameterError(f"'{missing[0]}' has no value to begin with: give one")
+            raise ParameterError(f"'{missing[0]}' has no initial guess: give a value")
         theta = self.scaled.scaled(np.array(list(given.values()), dtype=float))
         for name, value in zip(names, theta, strict=True):
             if not np.isfinite(value):
-                raise ParameterError(f"'{name}' is {given[name]}: it needs a finite logarithm")
+                raise ParameterError(f"'{name}' is {given[name]}, which has no finite logarithm")
         return theta
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the estimated parameters on their scales, as SciPy's ``minimize`` takes them.
 
-        Infinite ones are none.
+        They are infinite if there is no bound.
         """
         return list(zip(self.scaled.lower.tolist(), self.scaled.upper.tolist(), strict=True))
 
     def values(self, theta: Any) -> dict[str, float]:
-        """Give the estimated parameters by name, in their units.
+        """Return the estimated parameters by name, in their units.
 
         Parameters
         ----------
@@ -178,7 +180,7 @@ class Problem:
         return dict(zip(self.scaled.names, self.scaled.values(given).tolist(), strict=True))
 
     def objective(self, theta: Any) -> tuple[float, Array]:
-        """Give the negative log-likelihood and its gradient, for any optimiser.
+        """Return the negative log-likelihood and its gradient, for any optimiser.
 
         Parameters
         ----------
@@ -194,7 +196,7 @@ class Problem:
         return -self.likelihood.log_likelihood(found), -self.likelihood.gradient(found)
 
     def residuals(self, theta: Any) -> Array:
-        """Give differences in standard deviations, shape (n_rows,); nan where a run fails.
+        """Return the normalised residuals, shape (n_rows,); nan if a run fails.
 
         Parameters
         ----------
@@ -204,7 +206,7 @@ class Problem:
         return self.likelihood.residuals(self.predicted(theta))
 
     def jacobian(self, theta: Any) -> Array:
-        """Give the exact derivatives of the residuals, shape (n_rows, n_estimated).
+        """Return the exact Jacobian of the residuals, shape (n_rows, n_estimated).
 
         Parameters
         ----------
@@ -214,7 +216,7 @@ class Problem:
         return self.likelihood.residual_slopes(self.predicted(theta))
 
     def predicted(self, theta: Any) -> Predictions:
-        """Give predictions with derivatives at one point; the last ones are kept.
+        """Return predictions with derivatives at one point; the latest are cached.
 
         Parameters
         ----------
@@ -222,25 +224,25 @@ class Problem:
             Values of the estimated parameters on their scales.
         """
         point = np.array(as_array(theta, (len(self.estimated),), "theta"), dtype=float)
-        # Optimisers ask for values and for derivatives one after the other.
+        # Optimisers request values and derivatives at the same point in separate calls.
         key = point.tobytes()
         if self._last is None or self._last[0] != key:
             self._last = key, self.predict([point])[0]
         return self._last[1]
 
     def _grouped(self) -> list[Group]:
-        """Put conditions together that run in one block; those without measurements do not run."""
+        """Group conditions that can run in one block; those without measurements are not run."""
         found: dict[Hashable, list[int]] = {}
         for number, condition in enumerate(self.conditions):
-            own = self.measured.t[self.measured.condition == number]
-            if not own.size:
+            times = self.measured.t[self.measured.condition == number]
+            if not times.size:
                 continue
             key = (
                 id(condition.model),
-                # Tables are not hashed: conditions of one mapping of inputs run together.
+                # Tables cannot be hashed, so inputs are compared by identity of their mapping.
                 id(condition.inputs) if condition.inputs else 0,
                 condition.t_start,
-                float(own.max()),
+                float(times.max()),
                 tuple(frozenset(link.initial) for link in condition.chain),
             )
             found.setdefault(key, []).append(number)

@@ -1,13 +1,13 @@
-"""Profile likelihoods: how far a parameter may go while the others make up for it.
+"""Profile likelihoods of estimated parameters.
 
-In: a problem at its estimates. Out: the least objective as a function of one parameter at a time,
-and the interval in which it exceeds the least one by no more than a limit
-(:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). This interval
-of the likelihood ratio is the same on every scale, follows curved valleys, and stays open where the
-data do not determine the parameter.
+In: a problem at its estimates. Out: the minimum of the objective over all other parameters, as a
+function of one parameter, and the interval in which it rises by no more than a limit
+(:meth:`~cotree.estimation.uncertainty.Uncertainty.rise`; Venzon and Moolgavkar 1988). This
+likelihood-ratio interval is invariant under reparametrisation, follows curved valleys, and is
+unbounded if the data do not determine the parameter.
 
-Both directions of all parameters walk side by side: whenever all of them wait for predictions,
-these are computed in one call.
+Both directions of all parameters are followed concurrently: whenever all of them wait for
+predictions, these are computed in one batch.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# A step is to raise twice the objective by this share of the quantile: some four points on each
-# side, and by no more than this before it is shortened.
+# Target for the rise of twice the objective per step, as a fraction of the limit, which gives about
+# four points on each side, and the rise beyond which a step is shortened.
 _STEP, _TOO_FAR = 0.25, 1.0
 
-# Steps of one walk at most, and by how much one may be longer than the one before.
+# Limit of the number of steps in one direction, and of the growth of the step size.
 _MOST, _LONGER = 60, 2.0
 
-# Without bounds a walk ends after so many standard errors, or relative changes.
+# Unbounded parameters are followed for this many standard errors or, if undetermined, multiples.
 _FARTHEST = 50.0
 
-# Digits of the others at their best: errors of the objective are squares of these.
+# Tolerances for the other parameters; the error of the objective is of second order in these.
 _SEARCH = Search(ftol=1e-8, xtol=1e-8, gtol=1e-8)
 
-# An end of an interval is refined until twice the objective is this near to the quantile.
+# The end of an interval is refined until the rise is this close to the limit.
 _NEAR = 5e-3
 
 
@@ -61,7 +61,7 @@ class Profile:
     values : ndarray, shape (n,)
         Its values, ascending, in its unit.
     rise : ndarray, shape (n,)
-        Twice the least objective there, above that of the estimates.
+        Twice the increase of the minimised objective above that of the estimates.
     thetas : ndarray, shape (n, n_estimated)
         All parameters there, on their scales.
     estimate : float
@@ -71,11 +71,11 @@ class Profile:
     limit : float
         The rise at the ends of the interval.
     interval : tuple of float
-        Ends of the interval; infinite or a bound where it does not close.
+        Ends of the interval; the bound, which may be infinite, if the limit is not reached.
     is_closed : tuple of bool
-        Whether the lower and the upper end lie inside of the bounds.
+        Whether the lower and the upper end lie inside the bounds.
     sentence : str
-        The interval, or why it stays open, in words.
+        The interval, or why it is open, in words.
     scale : str
         The scale on which the parameter is estimated.
     """
@@ -94,10 +94,10 @@ class Profile:
     scale: str = "lin"
 
     def curve(self, n: int = 201) -> tuple[Array, Array]:
-        """Interpolate the profile for pictures.
+        """Interpolate the profile for plotting.
 
-        The signed root of the rise is interpolated, which is a straight line for a linear model,
-        over the parameter on its scale.
+        Interpolation is applied to the signed root of the rise, which is a straight line for a
+        linear model, as a function of the parameter on its scale.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ def profiles_of(
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
-    """Form the profile likelihoods of some parameters.
+    """Compute the profile likelihoods of some parameters.
 
     Parameters
     ----------
@@ -144,15 +144,15 @@ def profiles_of(
     theta : ndarray, shape (n,)
         Estimates on their scales.
     objective : float
-        The objective there: the negative log-likelihood, with that of priors.
+        The objective there: the negative log-likelihood, including priors.
     chosen : sequence of int
         Numbers of the parameters.
     found : Uncertainty
-        Uncertainty of the estimates, which gives the first steps and the limit.
+        Uncertainty of the estimates, which determines the first steps and the limit.
     level : float
         Level of confidence.
     more_rows : callable, optional
-        Rows of priors; see :func:`~cotree.estimation.multistart.minimise_from_starts`.
+        Prior residuals; see :func:`~cotree.estimation.multistart.minimise_from_starts`.
     """
     limit = found.rise(level)
     meeting = Rendezvous(problem.predict)
@@ -170,7 +170,7 @@ def profiles_of(
 
 
 class _Walk:
-    """A walk from the estimates along one parameter, the others at their best."""
+    """Continuation from the estimates along one parameter, with the others optimised."""
 
     def __init__(
         self,
@@ -199,10 +199,10 @@ class _Walk:
         bound = float((scaled.lower if side < 0 else scaled.upper)[index])
         error = float(found.errors[index])
         size = float(abs(found.split.sizes[index]))
-        # Along what is not determined, and for what has no error yet, relative steps begin.
+        # Undetermined parameters have no finite standard error and start with a relative step.
         self._first = error * math.sqrt(_STEP * limit) if math.isfinite(error) else 0.2 * size
         reach = _FARTHEST * (error if math.isfinite(error) else size)
-        # A logarithm may have the bound minus infinity, which is a value of zero.
+        # A lower bound of zero is minus infinity on a logarithmic scale.
         self._bound = bound if math.isfinite(bound) else float(theta[index]) + side * reach
         self.is_bounded = math.isfinite(bound)
         self._along = np.zeros(len(theta))
@@ -213,11 +213,11 @@ class _Walk:
             self._along = column / error**2
 
     def run(self) -> None:
-        """Walk until the limit is crossed, or the bound is met."""
+        """Follow the profile until the limit is crossed or the bound is reached."""
         try:
             self._walk()
         except Stopped:
-            self.why = "interrupted there"
+            self.why = "where it was interrupted"
 
     def _walk(self) -> None:
         step = self._first
@@ -231,7 +231,7 @@ class _Walk:
             if point is None:
                 step *= 0.25
                 if step < 1e-3 * self._first:
-                    self.why = "runs fail beyond"
+                    self.why = "beyond which runs fail"
                     return
                 continue
             if (
@@ -246,16 +246,16 @@ class _Walk:
                 self._refine()
                 return
             step = self._next(step, rise, point[1])
-        self.why = "the walk is long beyond"
+        self.why = "where the limit of steps was reached"
 
     def _next(self, step: float, before: float, after: float) -> float:
-        """Choose a step that raises by what is wanted, as the root of the rise goes on straight."""
+        """Choose the step for the target rise by linear extrapolation of the root of the rise."""
         slope = (math.sqrt(max(after, 0.0)) - math.sqrt(max(before, 0.0))) / step
         wanted = math.sqrt(max(after, 0.0) + _STEP * self._limit) - math.sqrt(max(after, 0.0))
         return min(_LONGER * step, wanted / slope if slope > 0.0 else math.inf)
 
     def _refine(self) -> None:
-        """Find where the limit is crossed, by regula falsi between the last two points."""
+        """Locate the crossing of the limit between the last two points by regula falsi."""
         (a, low, _), (b, high, _) = self.points[-2:]
         wanted = math.sqrt(self._limit)
         for _ in range(6):
@@ -275,7 +275,7 @@ class _Walk:
                 b, high = point[0], point[1]
 
     def _at(self, x: float) -> tuple[float, float, Array] | None:
-        """Give the rise at a value, the others at their best; None where runs fail."""
+        """Evaluate the profile at a value; None if the runs fail."""
         nearest = min(self.points, key=lambda row: abs(row[0] - x))
         along = self._along
         if len(self.points) > 1:
@@ -287,7 +287,7 @@ class _Walk:
             value = fixed.objective(self._number)
             there = np.array([x])
         else:
-            # An optimiser uses no more of a problem and of a rendezvous than this one has.
+            # `FixedProblem` has all members of `Problem` and `Rendezvous` that `Start` uses.
             start = Start(
                 cast("Problem", fixed),
                 self._number,
@@ -307,11 +307,11 @@ class _Walk:
 def _joined(
     problem: Problem, i: int, theta: Array, level: float, limit: float, down: _Walk, up: _Walk
 ) -> Profile:
-    """Put both walks together."""
+    """Combine both directions."""
     points = sorted([*down.points[1:], *up.points], key=lambda row: row[0])
     thetas = np.array([row[2] for row in points])
     row = problem.estimated[i]
-    ends, closed, said = [], [], []
+    ends, closed, parts = [], [], []
     for walk, word, bound in ((down, "lower", row.lower), (up, "upper", row.upper)):
         closed.append(walk.end is not None)
         if walk.end is not None:
@@ -322,14 +322,14 @@ def _joined(
         ends.append(bound)
         reached = float(problem.scaled.values(walk.points[-1][2])[i])
         if walk.why:
-            said.append(f"no {word} limit up to {reached:.4g}, {walk.why}")
+            parts.append(f"no {word} limit up to {reached:.4g}, {walk.why}")
         elif walk.is_bounded:
-            said.append(f"no {word} limit within the bounds")
+            parts.append(f"no {word} limit within the bounds")
         else:
-            said.append(f"no {word} limit up to {reached:.4g}")
+            parts.append(f"no {word} limit up to {reached:.4g}")
     unit = f" {row.unit}" if row.unit else ""
     if any(closed):
-        said.insert(0, f"{100 * level:g} % interval {ends[0]:.5g} to {ends[1]:.5g}{unit}")
+        parts.insert(0, f"{100 * level:g} % interval {ends[0]:.5g} to {ends[1]:.5g}{unit}")
     return Profile(
         row.name,
         row.unit,
@@ -341,6 +341,6 @@ def _joined(
         limit,
         (ends[0], ends[1]),
         (closed[0], closed[1]),
-        "; ".join(said),
+        "; ".join(parts),
         row.scale,
     )

@@ -1,4 +1,4 @@
-"""Ranges of estimated parameters as users give them: bounds, a scale, and where to begin."""
+"""Parsing of the ranges of estimated parameters: bounds, scale and initial guess."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cotree.errors import ParameterError, brief
 from cotree.estimation.estimated import SCALES, Estimated
 from cotree.scene.expressions import check_number
 
-# Bounds of a positive parameter without any: this share and this multiple of where it begins.
+# Default bounds of a positive parameter: its initial guess divided and multiplied by this.
 _SPAN = 100.0
 
 
@@ -20,7 +20,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        If there are none, or they are no names.
+        If there are none, or something is not a name.
     """
     if isinstance(parameters, str):
         parameters = [parameters]
@@ -34,9 +34,9 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
         if not isinstance(name, str) or not name:
             raise ParameterError(f"parameters holds {brief(repr(item))}: give names of parameters")
         if name in found:
-            raise ParameterError(f"'{name}' is estimated twice: name it once")
+            raise ParameterError(f"'{name}' is given twice: name it once")
         found[name] = parameters[item] if isinstance(parameters, Mapping) else item
-        if found[name] is name:  # of a list, which has names only
+        if found[name] is name:  # an entry of a list of names, without a range
             found[name] = None
     if not found:
         raise ParameterError("nothing is estimated: name at least one parameter")
@@ -44,7 +44,7 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
 
 
 def estimated(
-    name: str, given: Any, start: float | None, own: float | None, unit: str = ""
+    name: str, given: Any, start: float | None, nominal: float | None, unit: str = ""
 ) -> Estimated:
     """Read the range of one parameter.
 
@@ -53,30 +53,30 @@ def estimated(
     name : str
         Its name.
     given : tuple, Estimated or None
-        ``(lower, upper)``, ``(lower, upper, scale)``, where None stands for no bound, or None: a
-        hundredth to a hundred times where it begins, on a logarithmic scale.
+        ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound; or None: from a
+        hundredth to a hundred times the initial guess, on a logarithmic scale.
     start : float or None
-        Where a user lets it begin.
-    own : float or None
-        The model's value, which is taken for the start if it is within the bounds.
+        The user's initial guess.
+    nominal : float or None
+        The model's value, which is the default guess if it is within the bounds.
     unit : str
         Its unit.
 
     Raises
     ------
     ParameterError
-        If the range makes no sense, or none was given and there is no positive start.
+        If the range is invalid, or there is neither a range nor a positive guess.
     """
     what = f"estimated parameter '{name}'"
     if isinstance(given, Estimated):
         start = given.start if start is None else start
         given = (given.lower, given.upper, given.scale)
-    begin = own if start is None else start
+    begin = nominal if start is None else start
     if given is None:
         if begin is None or not begin > 0.0:
-            told = "has no value to begin with" if begin is None else f"begins at {begin:g}"
+            reason = "has no initial guess" if begin is None else f"starts at {begin:g}"
             raise ParameterError(
-                f'{what} {told}, so its bounds are not clear: give them, "{name}": (lower, upper)'
+                f'{what} {reason}, so it has no default bounds: give "{name}": (lower, upper)'
             )
         return Estimated(name, begin / _SPAN, begin * _SPAN, "log", begin, unit)
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) not in (2, 3):
@@ -91,11 +91,13 @@ def estimated(
     )
     scale = str(given[2]) if len(given) == 3 else "lin"
     if start is None:
-        # The value of the scene is a guess: bounds count for more.
-        inside = own is not None and lower <= own <= upper and (scale == "lin" or own > 0.0)
-        begin = own if inside else None
+        # The scene's value is only a default: it is dropped if it violates the bounds.
+        inside = (
+            nominal is not None and lower <= nominal <= upper and (scale == "lin" or nominal > 0.0)
+        )
+        begin = nominal if inside else None
     elif scale != "lin" and not start > 0.0:
-        raise ParameterError(f"{what} begins at {start:g}, which has no logarithm")
+        raise ParameterError(f"{what} starts at {start:g}, which has no logarithm")
     return Estimated(name, lower, upper, scale, begin, unit)
 
 

@@ -1,4 +1,4 @@
-"""A meeting point of threads, each of which asks for predictions: all are computed in one call."""
+"""Batching of predictions: threads wait until all have made a request, which one call computes."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 class Stopped(BaseException):
-    """Nothing is computed any more; no error, so that nothing catches it by accident."""
+    """Computation was stopped; a ``BaseException``, so that no handler catches it by accident."""
 
 
 class Rendezvous:
-    """Gathers what threads ask for, until all that still work have asked.
+    """Collects the requests of threads until all active ones are waiting.
 
     Parameters
     ----------
     compute : callable
-        Gives an answer for each of several questions, an array with a row for each; it is called in
-        the thread that waits for the others, to which Ctrl-C comes.
+        Computes the predictions of a batch, an array with a row for each request. It is called in
+        the thread that called :meth:`meet`, which receives Ctrl-C.
     """
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
@@ -38,12 +38,12 @@ class Rendezvous:
         self._is_stopped = False
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Ask from a thread, and wait for the answer.
+        """Request predictions from a thread, and wait for them.
 
         Raises
         ------
         Stopped
-            If nothing is computed any more.
+            If computation was stopped.
         """
         with self._changed:
             self._asked[number] = np.array(theta, dtype=float)
@@ -53,21 +53,21 @@ class Rendezvous:
                 return self._answers.pop(number)
             raise Stopped
 
-    def meet(self, works: Sequence[Callable[[], None]], told: Callable[[int, int], None]) -> bool:
-        """Let functions work, each in its own thread, until all have ended.
+    def meet(self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]) -> bool:
+        """Run functions, each in its own thread, until all have returned.
 
         Parameters
         ----------
         works : sequence of callable
-            They call :meth:`ask` with their number.
-        told : callable
-            Called after each computation with the number of functions that have ended, and of
-            predictions.
+            The functions, which call :meth:`ask` with their number.
+        report : callable
+            Called after each batch with the numbers of functions that have returned and of
+            predictions computed.
 
         Returns
         -------
         bool
-            Whether Ctrl-C came, after which all of them were stopped.
+            Whether Ctrl-C was pressed, upon which all functions were stopped.
         """
         self._working = set(range(len(works)))
         errors: list[BaseException] = []
@@ -85,7 +85,7 @@ class Rendezvous:
                     found = self._compute(np.array([self._asked[i] for i in numbers]))
                     n_computed += len(numbers)
                     self._answer(dict(zip(numbers, found, strict=True)))
-                    told(len(works) - len(self._working), n_computed)
+                    report(len(works) - len(self._working), n_computed)
             finally:
                 with self._changed:
                     self._is_stopped = True
@@ -108,7 +108,7 @@ class Rendezvous:
                 self._changed.notify_all()
 
     def _gathered(self) -> bool:
-        """Wait until all that work have asked; say whether any does."""
+        """Wait until all active threads have made a request; tell whether there are any."""
         with self._changed:
             self._changed.wait_for(lambda: len(self._asked) == len(self._working))
             return bool(self._working)

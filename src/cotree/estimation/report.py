@@ -1,4 +1,4 @@
-"""Tables of a fit for people and for programs: text, HTML, data frames and plain dictionaries."""
+"""Reports of a fit: text, HTML, data frames and plain dictionaries."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 _WIDTH = 96
 
-# Correlations from here on are worth a line of the table, and so many of them.
+# Smallest correlation that is listed, and the largest number of them.
 _CORRELATED, _MOST_CORRELATED = 0.5, 8
 
 _HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "unit", "")
 
 
 def estimate_rows(result: FitResult, level: float = 0.95) -> list[dict[str, Any]]:
-    """Give a row for each parameter: estimate, standard error, interval, bounds and remark."""
+    """Return a row for each parameter: estimate, standard error, interval, bounds and remark."""
     errors, intervals = result.standard_errors, result.intervals(level)
     is_open = result.uncertainty.split.is_open
     rows = []
@@ -50,7 +50,7 @@ def estimate_rows(result: FitResult, level: float = 0.95) -> list[dict[str, Any]
 
 
 def quality(result: FitResult) -> dict[str, Any]:
-    """Give the measures of agreement by name."""
+    """Return the goodness-of-fit statistics by name."""
     return {
         "values": len(result.problem.measured),
         "conditions": len(result.problem.conditions),
@@ -68,7 +68,7 @@ def quality(result: FitResult) -> dict[str, Any]:
 
 
 def as_text(result: FitResult) -> str:
-    """Write what a person wants to know, as plain text."""
+    """Format a summary as plain text."""
     numbers = quality(result)
     title = "Fit of " + _counted(numbers["estimated"], "parameter")
     title += " to " + _counted(numbers["values"], "value")
@@ -90,7 +90,7 @@ def as_text(result: FitResult) -> str:
 
 
 def as_html(result: FitResult) -> str:
-    """Write the same as HTML for a notebook."""
+    """Format the summary as HTML for a notebook."""
     numbers = [(key, _short(value)) for key, value in quality(result).items()]
     findings = [markup.paragraph(sentence) for sentence in result.findings]
     return markup.block(
@@ -106,7 +106,7 @@ def as_html(result: FitResult) -> str:
 
 
 def as_dict(result: FitResult) -> dict[str, Any]:
-    """Give everything as plain values, which JSON can hold: what is not finite becomes None."""
+    """Return everything as JSON-compatible values; numbers that are not finite become None."""
     found: dict[str, Any] = _plain(
         {
             "parameters": estimate_rows(result),
@@ -126,10 +126,10 @@ def as_dict(result: FitResult) -> dict[str, Any]:
 
 
 def starts_rows(result: FitResult) -> list[dict[str, Any]]:
-    """Give a row for each start, the best one first.
+    """Return a row for each start, the best one first.
 
-    The distance is that of the end to the best one, in standard errors: the square root of its
-    squared Mahalanobis distance along what is determined.
+    The distance from the best end point is the Mahalanobis distance, in standard errors;
+    undetermined directions do not contribute.
     """
     best, rows = result.starts[0], []
     values = result.problem.scaled.values
@@ -184,7 +184,7 @@ def _cells(result: FitResult) -> list[list[str]]:
 
 
 def columns(head: Sequence[str], rows: Sequence[Sequence[str]], texts: Sequence[int]) -> list[str]:
-    """Set rows under each other, numbers to the right; columns of texts are given by number."""
+    """Align rows as a table: numbers to the right, the columns listed in ``texts`` to the left."""
     widths = [max(len(cell) for cell in column) for column in zip(head, *rows, strict=True)]
     lines = []
     for row in (head, ["-" * w for w in widths], *rows):

@@ -1,4 +1,4 @@
-"""Results of a fit: estimates, and how far they can be trusted."""
+"""Results of a fit: estimates and their uncertainty."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StartRecord:
-    """One start of an optimiser, and where it led.
+    """The outcome of one start of the optimiser.
 
     Attributes
     ----------
     began, theta : ndarray, shape (n_estimated,)
-        Values of the estimated parameters on their scales, first and last.
+        First and best values of the estimated parameters on their scales.
     objective : float
-        What was minimised, at the end; infinite where no run succeeded.
+        The objective at the best point; infinite if no run succeeded.
     n_evaluations : int
-        How often predictions were computed.
+        Number of evaluations of the predictions.
     is_converged : bool
         Whether the optimiser met its tolerances.
     message : str
-        Why it ended, as a sentence.
+        Reason for termination.
     """
 
     began: Array
@@ -56,22 +56,22 @@ class StartRecord:
 
 
 class FitResult(ShownFit):
-    """Estimates of parameters, and how far they can be trusted.
+    """Estimated parameters with their uncertainty.
 
-    ``print(result)`` shows estimates with standard errors and intervals, and the findings: whatever
-    limits the use of the estimates. Standard errors follow from the Fisher information, by exact
-    sensitivities; profiles do not assume that the model is nearly linear.
+    ``print(result)`` shows estimates with standard errors and intervals, and the findings: anything
+    that limits the use of the estimates. Standard errors follow from the Fisher information, which
+    is formed from exact sensitivities; profiles do not assume that the model is nearly linear.
 
     Parameters
     ----------
     problem : Problem
         What was fitted.
     starts : sequence of StartRecord
-        The starts, the least objective first.
+        The starts, sorted by objective.
     search : Search, optional
-        How the optimiser searched; its loss matters to standard errors.
+        Settings of the optimiser; standard errors depend on its loss.
     more_rows : callable, optional
-        Gives rows of priors and their Jacobian for ``theta``; see
+        Returns residuals of priors and their Jacobian for ``theta``; see
         :func:`~cotree.estimation.multistart.minimise_from_starts`.
 
     Attributes
@@ -93,7 +93,7 @@ class FitResult(ShownFit):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the estimated parameters; arrays have their order."""
+        """Names of the estimated parameters, in the order of arrays."""
         return self.problem.scaled.names
 
     @property
@@ -137,22 +137,22 @@ class FitResult(ShownFit):
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard errors by name, in units; infinite where a parameter is not determined."""
+        """Standard errors by name, in units; infinite if a parameter is not determined."""
         slopes = self.problem.scaled.slopes(self.theta)
-        # Of a value of zero on a logarithmic scale, the slope is zero.
+        # The derivative is zero for a value of zero on a logarithmic scale.
         errors = np.where(slopes > 0.0, slopes, 1.0) * self.uncertainty.errors
         return dict(zip(self.names, errors.tolist(), strict=True))
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """Give intervals of confidence by name, in units.
+        """Return confidence intervals by name, in units.
 
-        They are formed on the scale of each parameter, so that those of parameters on logarithmic
-        scales stay positive, and take no account of the bounds.
+        They are formed on the scale of each parameter, so those of parameters on logarithmic scales
+        are positive, and do not take the bounds into account.
 
         Parameters
         ----------
         level : float
-            Level of confidence of each interval on its own.
+            Confidence level of each interval on its own.
         """
         reach = self.uncertainty.quantile(level) * self.uncertainty.errors
         with np.errstate(over="ignore"):
@@ -166,7 +166,7 @@ class FitResult(ShownFit):
 
     @property
     def correlation(self) -> Array:
-        """Correlation of the estimates, shape (n_estimated, n_estimated); nan for none."""
+        """Correlation of the estimates, (n_estimated, n_estimated); nan if undetermined."""
         return self.uncertainty.correlation
 
     @property
@@ -176,16 +176,16 @@ class FitResult(ShownFit):
 
     @property
     def eigenvalues(self) -> Array:
-        """Eigenvalues of the Fisher information in relative changes, ascending, (n_estimated,).
+        """Eigenvalues of the Fisher information for relative changes, ascending, (n_estimated,).
 
-        One over the square root of each is the relative standard error of a combination of
-        parameters; those of combinations that are not determined are zero up to rounding.
+        The inverse square root of each is the relative standard error of a combination of
+        parameters; for undetermined combinations the eigenvalue is zero up to rounding.
         """
         return np.asarray(np.linalg.eigvalsh(self._relative_fisher()))
 
     @property
     def eigenvectors(self) -> Array:
-        """Relative changes of the parameters in the columns, (n_estimated, n_estimated)."""
+        """Eigenvectors for :attr:`eigenvalues`, in relative changes, in the columns."""
         return np.asarray(np.linalg.eigh(self._relative_fisher())[1])
 
     @property
@@ -200,13 +200,13 @@ class FitResult(ShownFit):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Measured values less the combinations of parameters that they determine."""
+        """Number of measured values less that of the parameter combinations they determine."""
         n_open = int(self.uncertainty.split.open.shape[1])
         return len(self.problem.measured) - len(self.names) + n_open
 
     @property
     def reduced_chi2(self) -> float:
-        """Chi-squared over its degrees of freedom; nan where there are none."""
+        """Chi-squared divided by its degrees of freedom; nan if there are none."""
         freedom = self.degrees_of_freedom
         return self.chi2 / freedom if freedom > 0 else math.nan
 
@@ -217,7 +217,7 @@ class FitResult(ShownFit):
 
     @property
     def aic(self) -> float:
-        """Akaike's information criterion."""
+        """Akaike information criterion."""
         return 2.0 * (len(self.names) - self.log_likelihood)
 
     @property
@@ -242,7 +242,7 @@ class FitResult(ShownFit):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """Whatever limits the use of the estimates, a sentence each; empty if nothing does."""
+        """What limits the use of the estimates, a sentence each; empty if nothing does."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)
@@ -257,7 +257,7 @@ class FitResult(ShownFit):
         )
 
     def profile(self, name: str, *, level: float = 0.95) -> Profile:
-        """Form the profile likelihood of a parameter, and its interval by the likelihood ratio.
+        """Compute the profile likelihood of a parameter and its likelihood-ratio interval.
 
         Parameters
         ----------
@@ -269,14 +269,14 @@ class FitResult(ShownFit):
         Raises
         ------
         ParameterError
-            If the parameter is not estimated, or the loss is no likelihood.
+            If the parameter is not estimated, or the loss is not a likelihood.
         """
         return self.profiles([name], level=level)[name]
 
     def profiles(
         self, names: Sequence[str] | None = None, *, level: float = 0.95
     ) -> dict[str, Profile]:
-        """Form profile likelihoods of some parameters, or of all, side by side.
+        """Compute profile likelihoods of some or all parameters, in one batch.
 
         Parameters
         ----------
@@ -289,8 +289,8 @@ class FitResult(ShownFit):
 
         if self.search is not None and self.search.loss != "linear":
             raise ParameterError(
-                f"the loss '{self.search.loss}' is no likelihood, so that there are no profiles of "
-                "it: fit with loss='linear'"
+                f"the loss '{self.search.loss}' is not a likelihood, so it has no profiles: fit "
+                "with loss='linear'"
             )
         chosen = self.names if names is None else check_names(names, "names")
         for name in chosen:
@@ -321,26 +321,26 @@ class FitResult(ShownFit):
         draws: int = 0,
         seed: int = 0,
     ) -> Band:
-        """Predict any state or output with its interval.
+        """Predict any state or output with its confidence or prediction interval.
 
         Parameters
         ----------
         output : str
             A state or output of the model, measured or not, or a column of the data.
         t : array_like, optional
-            Times, [s]; from the start to the last measured value where absent.
+            Times, [s]; by default from the start to the last measured value.
         experiment : int or str
             The experiment, by its number or name.
         level : float
-            Level of confidence at each time on its own.
+            Pointwise confidence level.
         noise : bool, float or str
-            Whether to form the interval of a further measured value. True uses the noise of the
-            measured values of this quantity; a number or a name gives its standard deviation.
+            Whether to compute the prediction interval of a further measurement. True uses the noise
+            of the measured values of this quantity; a number or a name gives its deviation.
         draws : int
-            Number of runs at draws from the distribution of the estimates, normal or Student's t,
-            in place of the delta method, which linearises the model at the estimates.
+            Number of samples from the distribution of the estimates, normal or Student's t. Zero
+            selects the delta method, which linearises the model at the estimates.
         seed : int
-            Of the draws.
+            Seed of the samples.
 
         Raises
         ------
@@ -362,21 +362,22 @@ class FitResult(ShownFit):
         Parameters
         ----------
         candidates : mapping, or sequence of Candidates
-            Outputs, states or columns with times, with (times, noise), or with the fields of
-            :class:`~cotree.estimation.candidates.Candidates` as a mapping, which can change the
-            experiment. Without noise, that of the measured values of the output counts.
+            Outputs, states or columns, mapped to times, to (times, noise), or to a mapping of the
+            fields of :class:`~cotree.estimation.candidates.Candidates`, which can also change the
+            experiment. The default noise is that of the measured values of the output.
         n : int
-            How many to choose.
+            Number of measurements to choose.
         criterion : str
-            "D" for the determinant of the covariance, "A" for the sum of relative variances, "E"
-            for the largest one of all directions, or the name of a parameter for its own.
+            What to minimise: "D", the determinant of the covariance; "A", the sum of relative
+            variances; "E", the largest variance of any direction; or the name of a parameter, for
+            its variance.
         repeat : bool
             Whether a candidate may be measured more than once.
 
         Returns
         -------
         NextMeasurements
-            In the order in which they help, with the standard errors after each.
+            Ordered by benefit, with the standard errors after each.
 
         Raises
         ------
@@ -392,7 +393,7 @@ class FitResult(ShownFit):
 
     @cached_property
     def _prior(self) -> Array | None:
-        """Rows of information of priors."""
+        """Jacobian of the residuals of priors at the estimates."""
         return None if self.more_rows is None else self.more_rows(self.theta)[1]
 
     def _relative_fisher(self) -> Array:

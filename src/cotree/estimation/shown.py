@@ -1,4 +1,4 @@
-"""Results of a fit as people and programs take them: tables, texts and pictures."""
+"""Presentation of fit results: text, tables and plots."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class ShownFit:
-    """Texts, tables and pictures of a :class:`~cotree.estimation.result.FitResult`."""
+    """Text, tables and plots of a :class:`~cotree.estimation.result.FitResult`."""
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """Units by name; an empty text where none is known."""
+        """Units by name; an empty string if unknown."""
         return {
             row.name: row.unit or _unit(self._fit.problem, row.name)
             for row in self._fit.problem.estimated
@@ -33,13 +33,13 @@ class ShownFit:
         return self._fit.starts[0].is_converged
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values; what is not finite is None."""
+        """Return everything as JSON-compatible values; numbers that are not finite are None."""
         from cotree.estimation.report import as_dict
 
         return as_dict(self._fit)
 
     def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """Return the same as JSON; with a path, write it to a file, too."""
+        """Return the same as JSON text; if a path is given, also write it to that file."""
         from cotree.files import written_whole
 
         text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
@@ -61,51 +61,51 @@ class ShownFit:
         return frame(starts_rows(self._fit), "rank")
 
     def plot(self) -> Figure:
-        """Draw data and what was computed with bands, residuals, and starts or correlations."""
+        """Plot data and predictions with bands, residuals, and starts or correlations."""
         from cotree.estimation.pictures import overview
 
         return overview(self._fit)
 
     def plot_courses(self, *, noise: bool = False) -> Figure:
-        """Draw all that was measured over time, computed with bands; with noise if wanted."""
+        """Plot measured and predicted values over time with bands, which may include noise."""
         from cotree.estimation.pictures import courses
         from cotree.plot.fits import draw_courses
 
         return draw_courses(courses(self._fit, noise=noise))
 
     def plot_residuals(self) -> Figure:
-        """Draw residuals over time, measured against computed values, and their probability."""
+        """Plot residuals over time, measured against predicted values, and a probability plot."""
         from cotree.estimation.pictures import residuals
         from cotree.plot.fits import draw_residuals
 
         return draw_residuals(residuals(self._fit))
 
     def plot_waterfall(self) -> Figure:
-        """Draw the objectives of all starts in their order."""
+        """Plot the objectives of all starts in ascending order."""
         from cotree.estimation.pictures import waterfall
 
         return waterfall(self._fit)
 
     def plot_profiles(self, names: Sequence[str] | None = None, *, level: float = 0.95) -> Figure:
-        """Form profile likelihoods and draw them."""
+        """Compute and plot profile likelihoods."""
         from cotree.estimation.pictures import profiles
 
         return profiles(self._fit, names, level)
 
     def plot_correlation(self) -> Figure:
-        """Draw the correlation of the estimates as a map of colours."""
+        """Plot the correlation matrix of the estimates as a heat map."""
         from cotree.plot.fits import draw_correlation
 
         return draw_correlation(self._fit.names, self._fit.correlation)
 
     def __str__(self) -> str:
-        """Write what a person wants to know."""
+        """Return a summary as plain text."""
         from cotree.estimation.report import as_text
 
         return as_text(self._fit)
 
     def __repr__(self) -> str:
-        """Write the estimates on one line."""
+        """Return the estimates on one line."""
         found = ", ".join(f"{name} = {value:.6g}" for name, value in self._fit.parameters.items())
         return f"<FitResult: {found}>"
 
@@ -120,9 +120,9 @@ class ShownFit:
 
 
 def _unit(problem: Problem, name: str) -> str:
-    """Find the unit of an estimated parameter in the models, whose parameter or state it is."""
+    """Find the unit of the model parameter or state to which an estimated parameter is tied."""
     for condition in problem.conditions:
-        for own, value in (*condition.parameters.items(), *condition.initial.items()):
+        for target, value in (*condition.parameters.items(), *condition.initial.items()):
             if value == name:
-                return condition.model.layout.units.get(own, "")
+                return condition.model.layout.units.get(target, "")
     return ""

@@ -1,4 +1,4 @@
-"""Starts of an optimiser, spread between the bounds of the estimated parameters."""
+"""Starting points of the optimiser, spread between the bounds of the parameters."""
 
 from __future__ import annotations
 
@@ -20,19 +20,18 @@ _LN10 = math.log(10.0)
 
 
 def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
-    """Choose starts: the problem's own one first, the others spread evenly between the bounds.
+    """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
 
     Parameters
     ----------
     problem : Problem
-        What is estimated. A parameter without a start of its own begins in the middle of its
-        bounds. Where a bound is infinite, the starts reach a decade beyond its own start on a
-        logarithmic scale, else to zero and to twice its own start, or to -1 and 1 where that is
-        zero.
+        The problem. Without a guess, a parameter starts in the middle of its bounds. If a bound is
+        infinite, starts extend one decade beyond the guess on a logarithmic scale; on a linear
+        scale they extend to zero and to twice the guess, or to -1 and 1 if the guess is zero.
     n : int
-        How many.
+        Number of starting points.
     seed : int
-        Of the Latin hypercube: equal seeds give equal starts.
+        Seed of the Latin hypercube: equal seeds give equal starts.
 
     Returns
     -------
@@ -41,11 +40,11 @@ def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
     """
     ends = np.array([_ends(row) for row in problem.estimated]).T
     lower, upper = problem.scaled.lower, problem.scaled.upper
-    # What the bounds leave open is taken from about the start.
+    # Infinite bounds are replaced by an interval around the guess.
     low = np.where(np.isfinite(lower), lower, np.minimum(ends[0], upper))
     high = np.where(np.isfinite(upper), upper, np.maximum(ends[1], lower))
-    own = np.array([np.nan if row.start is None else row.start for row in problem.estimated])
-    first = problem.scaled.scaled(own)
+    guess = np.array([np.nan if row.start is None else row.start for row in problem.estimated])
+    first = problem.scaled.scaled(guess)
     first = np.where(np.isfinite(first), first, 0.5 * (low + high))
     if n < 2:
         return first[None, :]
@@ -54,7 +53,7 @@ def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
 
 
 def _ends(row: Estimated) -> tuple[float, float]:
-    """Give an interval about the start of a parameter, on its scale."""
+    """Return an interval around the guess of a parameter, on its scale."""
     if row.scale != "lin":
         decade = 1.0 if row.scale == "log10" else _LN10
         middle = math.log10(row.start) * decade if row.start else 0.0

@@ -1,12 +1,11 @@
-"""Rows for methods of least squares, whose sum of squares is twice the negative log-likelihood.
+"""The negative log-likelihood as a least-squares problem, 1/2 F^T F with the Jacobian J of F.
 
-Rows of measured values with given normal noise are their residuals. What is not a sum of squares,
-logarithms of estimated deviations and absolute values of Laplace's distribution, is written so that
-three things hold at every point: half of the sum of squares is the objective up to a constant, the
-Jacobian times the rows is its exact gradient, and the Jacobian squared is near its second
-derivative. A last row, with a Jacobian of zero, makes up for the value. The usual rows
-sqrt(2 log(sigma) + constant) have the first two only: Gauss-Newton steps along a deviation are then
-about twice too long, and converge slowly.
+For a given normal noise, F consists of the residuals. The other terms, logarithms of estimated
+standard deviations and absolute values for Laplace distributions, are not squares. They are
+rewritten such that at every point 1/2 F^T F is the objective up to a constant, J^T F is its exact
+gradient, and J^T J approximates its Hessian. To this end a last row, whose row of J is zero,
+corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the first two properties:
+Gauss-Newton steps in a standard deviation are then about twice too long and converge slowly.
 """
 
 from __future__ import annotations
@@ -22,22 +21,21 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Deviations may shrink by this exponent from where a start begins: 2e-9 of it. A larger one would
-# leave fewer digits to the objective.
+# A standard deviation may shrink by a factor exp(-20) = 2e-9 from its initial value. A larger
+# exponent would cost digits of the objective.
 _SHRINKS = 20.0
 
-# Residuals of Laplace's distribution below this one count by their squares, which have a slope of
-# zero between the slopes of both sides.
+# Below this, residuals of a Laplace distribution count quadratically: it smooths the kink at zero.
 _CORNER = 1e-3
 
 
 class SquareRows:
-    """Rows and their Jacobian at the predictions of one start.
+    """Computes F and J from the predictions of one start.
 
     Parameters
     ----------
     problem : Problem
-        What is estimated, and what was measured.
+        The estimation problem.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -48,32 +46,32 @@ class SquareRows:
         self._first: Array | None = None
 
     def at(self, found: Predictions) -> tuple[Array, Array]:
-        """Give rows, shape (n,), and their derivatives, shape (n, n_estimated).
+        """Return F, shape (n,), and J, shape (n, n_estimated).
 
-        The constant of deviations is set by the first predictions that are asked for.
+        The first call fixes the additive constant of the terms of standard deviations.
         """
         r = self._likelihood.residuals(found)
         slopes = self._likelihood.residual_slopes(found)
         if self._is_plain:
             return r, slopes
-        # Squares of these are r^2 of normal and |r| of Laplace's distributions.
+        # The squares of these rows are r^2 for normal and |r| for Laplace distributions.
         weights = np.where(self._is_normal, 1.0, np.maximum(np.abs(r), _CORNER) ** -0.5)
         rows, missing = r * weights, np.where(self._is_normal, 0.0, 2.0 * np.abs(r))
         missing = missing - np.where(self._is_normal, 0.0, rows**2)
-        own, normal = self._with_noise, self._is_normal[self._with_noise]
+        noisy, normal = self._with_noise, self._is_normal[self._with_noise]
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(found.sigma)
         if self._first is None:
             self._first = logs
-        # Along log(sigma) the rows above have the curvature r^2, and the objective 2 r^2, whose
-        # mean is 2; of Laplace's distribution they have nearly all of it.
-        weight = np.where(normal, np.maximum(1.0, np.abs(r[own])), 0.5)
-        by_sigma = found.sigma_slopes[own] / found.sigma[own, None]
+        # With respect to log(sigma), J^T J of the rows above contributes r^2, but the Hessian of
+        # the objective is 2 r^2, with expectation 2. For Laplace distributions little is missing.
+        weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
+        by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
         rest = np.sum(missing) + np.sum(
-            2.0 * (logs - self._first + _SHRINKS)[own] - weight**-2.0 + 4.0
+            2.0 * (logs - self._first + _SHRINKS)[noisy] - weight**-2.0 + 4.0
         )
         with np.errstate(invalid="ignore"):
-            # A deviation that shrinks beyond all bounds has no rows: the step is taken back.
+            # If a standard deviation shrinks too far, this is nan, and the step is rejected.
             last = np.sqrt(rest)
         return (
             np.concatenate([rows, 1.0 / weight, [last]]),

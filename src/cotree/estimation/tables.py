@@ -1,7 +1,7 @@
-"""Measured data as columns of numbers: data frames, mappings of arrays, and files in CSV.
+"""Import of measured data from data frames, mappings of arrays, and CSV files.
 
-Whatever cannot be read is refused by a sentence with file, row and column. A column may have its
-unit in its name, ``angle [deg]``; missing values are nan.
+Error messages name the file, row and column at fault. The name of a column may include its unit,
+``angle [deg]``; missing values are nan.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_LARGEST = 2**30  # of a file, [byte]
+_LARGEST = 2**30  # file size, [byte]
 _MISSING = frozenset({"", "nan", "na", "n/a", "none", "null", "-"})
 
-#: Names by which a column of times is known, in small letters.
+#: Recognised names of the time column, in lower case.
 _TIMES = ("t", "time")
 
 _BRACKETS = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]\s*\Z", re.DOTALL)
@@ -41,14 +41,14 @@ _PARENTHESES = re.compile(r"(.*\S)\s+\(([^()]*)\)\s*\Z", re.DOTALL)
 
 @dataclass(frozen=True)
 class Column:
-    """Numbers of a column.
+    """A column of numbers.
 
     Attributes
     ----------
     name, unit : str
-        Of ``angle [deg]``, these are ``angle`` and ``deg``.
+        Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
     values : ndarray, shape (n,)
-        As they were given; missing ones are nan.
+        Values in this unit; missing ones are nan.
     """
 
     name: str
@@ -58,18 +58,18 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of numbers over times.
+    """Columns of numbers as functions of time.
 
     Attributes
     ----------
     where : str
-        Where they are from, for messages.
+        Origin of the data, for messages.
     rows : sequence of str
-        The name of each row, for messages: "line 5" of a file.
+        Designation of each row, for messages, such as "line 5".
     t : ndarray, shape (n,)
-        Times, [s], which increase.
+        Increasing times, [s].
     columns : mapping of str to Column
-        By their names.
+        The other columns by name.
     """
 
     where: str
@@ -78,7 +78,7 @@ class Table:
     columns: Mapping[str, Column]
 
     def column(self, name: str) -> Column:
-        """Find a column, by its name with or without the unit.
+        """Return a column by its name with or without the unit.
 
         Raises
         ------
@@ -92,12 +92,12 @@ class Table:
         raise ParameterError(f"{self.where} has no column '{name}'{nearest(name, self.columns)}")
 
     def unit(self, column: Column, wanted: str = "", given: str | None = None) -> Unit | None:
-        """Read the unit of a column, and compare it with the one of what was measured.
+        """Parse the unit of a column and check it against that of the measured quantity.
 
         Raises
         ------
         UnitError
-            If it is no unit, or one of another dimension.
+            If it is not a unit, or has another dimension.
         """
         what = f"column '{column.name}' of {self.where}"
         unit = check_unit(column.unit if given is None else given, f"the unit of {what}")
@@ -112,34 +112,34 @@ def read_table(data: Any, where: str, time: str | None = None) -> Table:
     Parameters
     ----------
     data : path, DataFrame, or mapping of str to array_like
-        Columns of one length, one of them of times.
+        Columns of equal length, including one of times.
     where : str
-        Where they are from, for messages; of files, this is their name.
+        Origin of the data, for messages; for files, their name is used.
     time : str, optional
-        The column of times; ``t`` or ``time`` where absent, in small or capital letters.
+        The time column; by default ``t`` or ``time``, in lower or upper case.
 
     Raises
     ------
     ParameterError, UnitError, SceneError
-        If they cannot be read.
+        If the data cannot be read.
     """
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name
         columns, rows = _read_csv(Path(data), where)
     else:
         columns, rows = _read_mapping(data, where)
-    own = _time_column(columns, where, time)
-    times = columns.pop(own)
-    unit = check_unit(times.unit, f"the unit of column '{own}' of {where}")
+    name = _time_column(columns, where, time)
+    times = columns.pop(name)
+    unit = check_unit(times.unit, f"the unit of column '{name}' of {where}")
     if unit is not None:
-        check_fits(unit, "s", f"column '{own}' of {where}")
+        check_fits(unit, "s", f"column '{name}' of {where}")
     t = in_si(times.values, unit)
-    # Lines that are empty but for their commas stand at the end of some tables.
+    # Spreadsheets may append lines that contain nothing but separators.
     others = [column.values for column in columns.values()]
     kept = ~np.isnan(t)
     for i in np.flatnonzero(~kept):
         if any(not np.isnan(values[i]) for values in others):
-            raise ParameterError(f"{where}, {rows[i]}: there is no time in column '{own}'")
+            raise ParameterError(f"{where}, {rows[i]}: there is no time in column '{name}'")
     names = [rows[i] for i in np.flatnonzero(kept)]
     _check_times(t[kept], names, where)
     found = {n: Column(c.name, c.unit, c.values[kept]) for n, c in columns.items()}
@@ -188,7 +188,7 @@ def _read_csv(path: Path, where: str) -> tuple[dict[str, Column], list[str]]:
         )
     if not fields:
         raise ParameterError(f"{where} has no numbers below its first line")
-    # Where commas separate no columns, they may be decimal points.
+    # If another separator is used, commas may be decimal points.
     if separator != ",":
         fields = [[item.replace(",", ".") for item in row] for row in fields]
     named = zip(header, zip(*fields, strict=True), strict=True)
@@ -200,7 +200,7 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
     index = getattr(data, "index", None)
     if hasattr(data, "columns") and index is not None:
         items = [(name, data[name]) for name in data.columns]
-        # A column of times that was made the index is one still.
+        # The time column may be the index.
         if index.name is not None:
             items.insert(0, (index.name, index))
     elif isinstance(data, Mapping):
@@ -213,7 +213,9 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
     lengths = {}
     for name, values in items:
         if not isinstance(name, str):
-            raise ParameterError(f"{where} has the column {brief(repr(name))}: names are texts")
+            raise ParameterError(
+                f"{where} has the column {brief(repr(name))}: names must be strings"
+            )
         if np.ndim(values) != 1:
             raise ParameterError(
                 f"column '{name}' of {where} has shape {np.shape(values)}: give one value for each "
@@ -235,19 +237,19 @@ def _read_mapping(data: Any, where: str) -> tuple[dict[str, Column], list[str]]:
 def _columns(
     items: Iterable[tuple[str, Any]], rows: Sequence[str], where: str
 ) -> dict[str, Column]:
-    """Turn named sequences into columns."""
+    """Convert named sequences to columns."""
     found: dict[str, Column] = {}
     for header, values in items:
         name, unit = split_unit(header)
         if name in found:
             raise ParameterError(f"{where} has two columns '{name}': rename one of them")
-        if name:  # a separator at the end of each line makes a column without a name
+        if name:  # a separator at the end of each line creates a column without a name
             found[name] = Column(name, unit, _numbers(values, rows, f"{where}, ", name))
     return found
 
 
 def _numbers(values: Any, rows: Sequence[str], where: str, name: str) -> Array:
-    """Turn values into numbers, of which missing ones are nan."""
+    """Convert values to numbers; missing ones become nan."""
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
     array = np.asarray(values)
@@ -275,7 +277,7 @@ def _number(value: Any, where: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        # pandas has a missing value of its own.
+        # The missing value of pandas; the package need not be installed.
         if type(value).__name__ == "NAType":
             return np.nan
         raise ParameterError(f"{where}: '{brief(str(value))}' is not a number") from None
@@ -300,12 +302,12 @@ def _time_column(columns: Mapping[str, Column], where: str, time: str | None) ->
             return name
     listed = ", ".join(f"'{brief(name)}'" for name in list(columns)[:8])
     raise ParameterError(
-        f"{where} has no column 't' or 'time', only {listed}: name that of times, time=..."
+        f"{where} has no column 't' or 'time', only {listed}: name the time column, time=..."
     )
 
 
 def _check_times(t: Array, rows: Sequence[str], where: str) -> None:
-    """Refuse times that do not increase."""
+    """Refuse times that are not strictly increasing."""
     if not t.size:
         raise ParameterError(f"{where} holds no times, only missing values")
     wrong = np.flatnonzero(np.diff(t) <= 0.0)
@@ -314,8 +316,8 @@ def _check_times(t: Array, rows: Sequence[str], where: str) -> None:
     i = int(wrong[0])
     if t[i + 1] == t[i]:
         raise ParameterError(
-            f"{where}: the time {t[i]:g} s stands in {rows[i]} and in {rows[i + 1]}: repeated "
-            "measurements need an Experiment each, or their mean"
+            f"{where}: the time {t[i]:g} s occurs in {rows[i]} and in {rows[i + 1]}: give repeated "
+            "measurements as separate Experiments, or average them"
         )
     raise ParameterError(
         f"{where}, {rows[i + 1]}: the time {t[i + 1]:g} s is before {t[i]:g} s of {rows[i]}: sort "

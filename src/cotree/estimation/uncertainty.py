@@ -1,15 +1,15 @@
 """Uncertainty of estimates: covariance, standard errors, intervals and correlations.
 
-In: rows of information, whose squares are the Fisher information, at the estimates. The covariance
-is the inverse of that information (Cramer and Rao), by singular values of rows that are scaled to
-the estimates. Parameters that take part in a direction that is not determined have infinite errors,
-others have theirs.
+In: a matrix J at the estimates with the Fisher information J^T J. The covariance is the inverse of
+the information (the Cramer-Rao bound), from a singular value decomposition of J in relative units.
+Parameters that are involved in an undetermined direction have infinite standard errors; the others
+are not affected.
 
-Where standard deviations of the noise are estimated with the other parameters, maximum likelihood
-takes them too small by the degrees of freedom that these use up: variances of the parameters are
-multiplied by n/(n - p), with n values of unknown noise and p parameters that act on values, and
-quantiles are those of Student's t with n - p degrees of freedom, as in linear regression, where
-both are exact. Where the noise is given, quantiles are normal.
+If standard deviations of the noise are estimated along with the parameters, maximum likelihood
+underestimates them. Variances are therefore multiplied by n/(n - p), with n values of unknown noise
+and p parameters that influence predictions, and quantiles are those of Student's t with n - p
+degrees of freedom. Both are exact for linear regression. If the noise is given, quantiles are
+normal.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The uncertainty of estimates; parameters are on their scales.
+    """The uncertainty of estimates, with parameters on their scales.
 
     Attributes
     ----------
     fisher : ndarray, shape (n, n)
-        Fisher information, that of priors added.
+        Fisher information, including that of priors.
     covariance, correlation : ndarray, shape (n, n)
-        Infinite variances, and nan, where something is not determined.
+        Undetermined parameters have infinite variances, and nan elsewhere.
     errors : ndarray, shape (n,)
         Standard errors.
     root : ndarray, shape (n, n_determined)
-        Its square is the covariance along what is determined.
+        R such that R R^T is the covariance in the determined subspace.
     freedom : float
-        Degrees of freedom of Student's t; infinite where the noise is given.
+        Degrees of freedom of Student's t; infinite if the noise is given.
     spread : float
-        By which variances are multiplied, for noise that is estimated and for other losses.
+        Correction factor of variances, for estimated noise and for robust losses.
     split : Split
-        Directions that are not determined.
+        Determined and undetermined directions.
     """
 
     fisher: Array
@@ -65,7 +65,7 @@ class Uncertainty:
     split: Split
 
     def quantile(self, level: float) -> float:
-        """Give the number of standard errors on either side of an interval."""
+        """Return half the width of a confidence interval in standard errors."""
         from scipy import stats
 
         inside = 0.5 * (1.0 + check_level(level))
@@ -73,11 +73,11 @@ class Uncertainty:
         return float(law.ppf(inside))
 
     def rise(self, level: float) -> float:
-        """Give the rise of twice the objective at the ends of a profile's interval.
+        """Return the rise of twice the objective at the ends of a profile-likelihood interval.
 
-        With given noise that is the quantile of chi-squared with one degree of freedom. Where n
-        values tell their noise, n log(1 + t^2 / freedom) with Student's quantile t, by which
-        profiles of linear models have the same intervals as linear regression.
+        For a given noise this is the quantile of chi-squared with one degree of freedom. If the
+        noise is estimated from n values, it is n log(1 + t^2 / freedom) with the quantile t of
+        Student's t, which reproduces the intervals of linear regression for linear models.
         """
         squared = self.quantile(level) ** 2
         if math.isinf(self.freedom):
@@ -85,25 +85,25 @@ class Uncertainty:
         return self.freedom * self.spread * math.log1p(squared / self.freedom)
 
     def error_along(self, slopes: Array) -> Array:
-        """Give standard errors of quantities by their derivatives, shape (n_quantities, n).
+        """Return standard errors of quantities from their derivatives, shape (n_quantities, n).
 
-        Infinite where a quantity changes along a direction that is not determined.
+        They are infinite for quantities that change along an undetermined direction.
         """
         errors = np.linalg.norm(slopes @ self.root, axis=1)
         if not self.split.open.size:
             return np.asarray(errors)
         scaled = slopes * self.split.sizes
         length = np.linalg.norm(scaled, axis=1)
-        # Sensitivities have some five digits.
+        # Sensitivities have about five correct digits, so smaller components count as zero.
         is_open = np.linalg.norm(scaled @ self.split.open, axis=1) > 1e-4 * length
         return np.where(is_open, np.inf, errors)
 
 
 def check_level(level: float) -> float:
-    """Accept a level of confidence between 0 and 1."""
+    """Check that a confidence level is between 0 and 1."""
     found = check_number(level, "level")
     if not 0.0 < found < 1.0:
-        raise ParameterError(f"level is {found:g}: give a level of confidence between 0 and 1")
+        raise ParameterError(f"level is {found:g}: give a confidence level between 0 and 1")
     return found
 
 
@@ -114,7 +114,7 @@ def uncertainty_of(
     more_rows: Array | None = None,
     factor: float = 1.0,
 ) -> Uncertainty:
-    """Find the uncertainty of estimates.
+    """Compute the uncertainty of estimates.
 
     Parameters
     ----------
@@ -123,21 +123,21 @@ def uncertainty_of(
     theta : ndarray, shape (n,)
         Estimates on their scales.
     found : Predictions
-        What was computed there.
+        Predictions there.
     more_rows : ndarray, shape (n_more, n), optional
-        Rows of information from elsewhere: of priors.
+        Further rows of J, from priors.
     factor : float
-        By which variances are multiplied, for losses that are not linear.
+        Correction factor of variances for robust losses.
     """
     rows = problem.likelihood.fisher_rows(found)
     if more_rows is not None:
         rows = np.vstack([rows, more_rows])
-    own = split(problem, theta, found, rows)
+    parts = split(problem, theta, found, rows)
     freedom, spread = _freedom(problem, found)
     spread *= factor
-    root = _root(rows, own) * math.sqrt(spread)
+    root = _root(rows, parts) * math.sqrt(spread)
     covariance = root @ root.T
-    is_open = own.is_open
+    is_open = parts.is_open
     errors = np.where(is_open, np.inf, np.sqrt(np.diag(covariance)))
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     covariance[is_open, is_open] = np.inf
@@ -145,22 +145,22 @@ def uncertainty_of(
         correlation = covariance / np.outer(errors, errors)
     np.fill_diagonal(correlation, np.where(is_open, np.nan, 1.0))
     fisher = rows.T @ rows
-    return Uncertainty(fisher, covariance, correlation, errors, root, freedom, spread, own)
+    return Uncertainty(fisher, covariance, correlation, errors, root, freedom, spread, parts)
 
 
-def _root(rows: Array, own: Split) -> Array:
-    """Give a square root of the inverse information, along what is determined."""
+def _root(rows: Array, parts: Split) -> Array:
+    """Return a square root of the inverse information in the determined subspace."""
     n = rows.shape[1]
-    basis = np.linalg.qr(np.hstack([own.open, np.eye(n)]))[0][:, own.open.shape[1] :]
-    scaled = rows * own.sizes @ basis
+    basis = np.linalg.qr(np.hstack([parts.open, np.eye(n)]))[0][:, parts.open.shape[1] :]
+    scaled = rows * parts.sizes @ basis
     norms = np.linalg.norm(scaled, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)
     _, s, vh = np.linalg.svd(scaled / norms, full_matrices=False)
-    return np.asarray(own.sizes[:, None] * (basis @ ((vh.T / norms[:, None]) / s)))
+    return np.asarray(parts.sizes[:, None] * (basis @ ((vh.T / norms[:, None]) / s)))
 
 
 def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
-    """Give degrees of freedom and the factor of variances, by which noise is estimated."""
+    """Return degrees of freedom and the correction factor of variances for estimated noise."""
     acts_on_noise = np.any(found.sigma_slopes != 0.0, axis=0)
     acts_on_values = np.any(found.slopes != 0.0, axis=0)
     if not acts_on_noise.any():
@@ -168,15 +168,15 @@ def _freedom(problem: Problem, found: Predictions) -> tuple[float, float]:
     n = int(np.sum(np.any(found.sigma_slopes != 0.0, axis=1)))
     freedom = n - int(np.sum(acts_on_values))
     if freedom < 1:
-        # As many parameters as values leave nothing to tell the noise from.
+        # No degrees of freedom are left from which the noise could be estimated.
         return 1.0, float(n)
     return float(freedom), n / freedom
 
 
 def robust_factor(residuals: Array, loss: str, f_scale: float, n_estimated: int) -> float:
-    """Give the factor of variances under a loss that lets outliers count less (Huber 1981).
+    """Return the factor of the asymptotic variance of an M-estimator (Huber 1981).
 
-    It is the mean square of the slopes of the loss over the square of their mean slope.
+    It is the mean square of the influence function over the square of its mean derivative.
     """
     z = (residuals / f_scale) ** 2
     size = np.sqrt(np.maximum(z, 1e-300))

@@ -1,16 +1,17 @@
-"""Independent deviations from a motion that keep its constraints, and whether it is steady.
+"""Independent deviations from a motion that respect its constraints, and steadiness of the motion.
 
 Along a motion x(t) small deviations follow dx' = A dx. Those that satisfy the constraints to first
-order are N z, with as many z as the motion has freedoms; they go on doing so, C A N + C' N = 0 with
-the gradient C of the constraints along the motion. Hence
+order are N z, with as many z as there are degrees of freedom. They continue to satisfy them:
+C A N + C' N = 0 with the Jacobian C of the constraints along the motion. Hence
 
     z' = N^+ (A N - N') z + N^+ B u,
 
-where N' counts: constraints of a moving mechanism turn. Here N = T S. T writes changes of
-quaternions as rotation vectors, and those of angular velocities, along the axes of the frame that
-the quaternion turns against, so that a wheel that spins about a fixed axle changes nothing; its
-rate is known. S gives dependent deviations by independent ones, which are deviations of their own:
-their rows in S' vanish, and S' need not be known.
+where N' does not vanish, since the constraints of a moving mechanism change direction. Here
+N = T S. T expresses deviations of quaternions as rotation vectors, and those of angular velocities
+accordingly, in the frame relative to which the quaternion rotates. In this frame a wheel that spins
+about a fixed axle is a steady motion; T' is known. S expresses dependent deviations in terms of
+independent ones. The rows of S that belong to independent deviations are constant, so their rows in
+S' vanish, and S' is not needed.
 """
 
 from __future__ import annotations
@@ -31,32 +32,32 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: Entries of a row below this share of its largest are what is left of a cancellation.
+#: Entries below this fraction of the largest one in a row are residues of cancellation.
 _ROUNDING = 1e-10
-#: Rates below this, beside the largest or one, are zero to what a steady motion is known to.
+#: Rates below this, relative to the largest rate or one, count as zero.
 _STILL = 1e-6
-#: Derivatives of redundant constraints agree to this share.
+#: Relative tolerance for the consistency of derivatives of redundant constraints.
 _AGREE = 1e-7
-#: A change of the equations along the motion below this share is none.
+#: Relative changes of the linear system along the motion below this count as zero.
 _SAME = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A model linearised about a state, as its equations stand.
+    """A model linearised about a state, in all differential states.
 
     Attributes
     ----------
     y, rates : ndarray, shape (n_states,)
-        The state and its rates, of states that have rates.
+        The differential states and their rates.
     A, B, C, D : ndarray
-        Slopes of rates and outputs by states and inputs.
+        Jacobians of rates and outputs by states and inputs.
     held, held_rates : ndarray, shapes (n_values, n_states) and (n_constraints, n_states)
-        Slopes of what constraints hold, and of its rates; norms of quaternions do not count.
+        Jacobians of the constraints and of their rates, without norms of quaternions.
     n_coordinates, n_speeds : int
         Numbers of coordinates, which are the first states, and of speeds, which follow them.
     turns : mapping of int to int
-        The first of three angular velocities by the first of the four places of its quaternion.
+        Index of the first angular velocity by the index of the first entry of its quaternion.
     """
 
     y: Array
@@ -81,9 +82,9 @@ class Reduced:
     A, B, C, D : ndarray
         z' = A z + B u, y = C z + D u.
     basis : ndarray, shape (n_states, n_z)
-        The deviation of every state for a unit of each.
+        Deviations of all states for unit values of each z.
     rates : ndarray, shape (n_z,)
-        Rates of the motion itself along each.
+        Rates of the motion itself along each z.
     names : tuple of str
         The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     """
@@ -98,16 +99,16 @@ class Reduced:
 
 
 def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = None) -> Reduced:
-    """Take a linear system to independent deviations.
+    """Transform a linear system to independent deviations.
 
     Parameters
     ----------
     point : Slopes
         The system.
     names : sequence of str
-        Of its states.
+        Names of its states.
     chosen : sequence of str, optional
-        The independent deviations; those that determine the others best where absent.
+        The independent deviations; by default those that determine the others best.
     """
     if not point.turns and not len(point.held_rates):
         # Without constraints and quaternions all states are independent.
@@ -119,7 +120,8 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     if chosen is not None:
         free = np.array([own_names.index(name) for name in chosen], dtype=int)
     else:
-        # Positions first: a position that followed from speeds would do so badly at low ones.
+        # Positions are chosen before speeds: the relation between a position and speeds is
+        # ill-conditioned at low speeds.
         cut = point.n_coordinates - len(point.turns)
         end = cut + point.n_speeds
         free = np.array(
@@ -134,12 +136,12 @@ def reduce(point: Slopes, names: Sequence[str], chosen: Sequence[str] | None = N
     spread = np.zeros((n, len(free)))
     spread[free] = np.eye(len(free))
     if len(bound):
-        # S: dependent deviations from independent ones by held_bound z_bound = -held_free z_free.
+        # S solves held_bound z_bound = -held_free z_free for the dependent deviations.
         spread[bound] = -least_step(held[:, bound], held[:, free], held)
     basis = turn @ spread
     along = back[free]
     return Reduced(
-        # N^+ (A N - N') with N = T S and N' = T' S, in the independent rows.
+        # N^+ (A N - N') with N = T S; in the independent rows N' = T' S.
         A=along @ (point.A @ basis - turn_rate @ spread),
         B=along @ point.B,
         C=point.C @ basis,
@@ -158,11 +160,11 @@ def reduce_along(
     Parameters
     ----------
     point, change : Slopes
-        The full system, and the derivatives of its matrices and of what is held.
+        The full system, and the derivatives of its matrices and of its constraints.
     found : Reduced
-        What :func:`reduce` gives of it.
+        The result of :func:`reduce` for it.
     names : sequence of str
-        Of the states.
+        Names of the states.
 
     Returns
     -------
@@ -178,8 +180,8 @@ def reduce_along(
         return change.A, change.B, change.C
     if point.turns:
         raise SingularSystemError(
-            "derivatives of a system in independent deviations are not formed where rotations are "
-            "quaternions: turn by revolute or universal joints, or take those of the full system"
+            "derivatives of a reduced system are not supported for rotations by quaternions: use "
+            "revolute or universal joints, or differentiate the full system"
         )
     free = np.array([list(names).index(name) for name in found.names], dtype=int)
     bound = np.setdiff1d(np.arange(len(point.y)), free)
@@ -189,14 +191,14 @@ def reduce_along(
         rows = np.vstack([point.held, point.held_rates])
         size = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None]
         rows, changes = rows / size, np.vstack([change.held, change.held_rates]) / size
-        # held S = 0 in all rows, so that held_bound S_bound' = -held' S.
+        # Differentiate held S = 0: held_bound S_bound' = -held' S.
         target = changes @ spread
         moved[bound] = -least_step(rows[:, bound], target, rows)
         left = np.max(np.abs(target + rows @ moved), initial=0.0)
         if left > _AGREE * (1.0 + np.max(np.abs(target), initial=0.0)):
             raise SingularSystemError(
-                "redundant constraints do not agree along this change with the states held: ask "
-                "with total=True, by which states follow the constraints"
+                "redundant constraints are inconsistent along this change if the states are held "
+                "fixed: use total=True, with which the states follow the constraints"
             )
     return (
         change.A[free] @ spread + point.A[free] @ moved,
@@ -206,7 +208,7 @@ def reduce_along(
 
 
 def _sized(rows: Array) -> Array:
-    """Give rows the length one, and leave those out that are nothing but rounding."""
+    """Normalise rows, and drop those that contain only rounding errors."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > RANK * np.max(lengths, initial=0.0)
     found: Array = rows[kept] / lengths[kept, None]
@@ -214,7 +216,7 @@ def _sized(rows: Array) -> Array:
 
 
 def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Array, list[str]]:
-    """Write changes of quaternions as rotation vectors: T, T', a left inverse, their names."""
+    """Return T, T', a left inverse of T, and the names of the deviations."""
     n = len(point.y)
     columns: list[tuple[Array, Array, Array, str]] = []
     turned = {
@@ -237,17 +239,18 @@ def _deviations(point: Slopes, names: Sequence[str]) -> tuple[Array, Array, Arra
 
 
 def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Array, str]]:
-    """Change a quaternion by a rotation about each axis of the frame that it turns against."""
-    own = slice(at, at + 4)
-    q, rate = point.y[own], point.rates[own]
+    """Return deviations of a quaternion by small rotations about the axes of its base frame."""
+    entries = slice(at, at + 4)
+    q, rate = point.y[entries], point.rates[entries]
     found = []
     for k, axis in enumerate("xyz"):
         along, change, back = (np.zeros(len(point.y)) for _ in range(3))
-        # A small rotation vector e changes q by (0, e) q / 2, e being along axes that do not turn.
-        along[own], change[own] = 0.5 * _premultiplied(k, q), 0.5 * _premultiplied(k, rate)
-        # The three columns are orthogonal and have the length |q| / 2, which makes their transpose,
-        # scaled, a left inverse.
-        back[own] = 4.0 * along[own] / (q @ q)
+        # A small rotation vector e in the base frame changes q by (0, e) q / 2.
+        along[entries] = 0.5 * _premultiplied(k, q)
+        change[entries] = 0.5 * _premultiplied(k, rate)
+        # The three columns are orthogonal with length |q| / 2, so the scaled transpose is a left
+        # inverse.
+        back[entries] = 4.0 * along[entries] / (q @ q)
         found.append((along, change, back, f"{edge}.turn_{axis}"))
     return found
 
@@ -255,28 +258,29 @@ def _rotation(point: Slopes, at: int, edge: str) -> list[tuple[Array, Array, Arr
 def _rotation_rate(
     point: Slopes, at: int, speed: int, edge: str
 ) -> list[tuple[Array, Array, Array, str]]:
-    """Change angular velocities, which are along turned axes, along those that do not turn."""
-    own = slice(speed, speed + 3)
-    turned = _matrix(point.y[at : at + 4])
-    w = point.y[own]
+    """Return deviations of body-fixed angular velocities along the axes of the base frame."""
+    entries = slice(speed, speed + 3)
+    rotation = _matrix(point.y[at : at + 4])
+    w = point.y[entries]
     found = []
     for k, axis in enumerate("xyz"):
         along, change = np.zeros(len(point.y)), np.zeros(len(point.y))
-        along[own], change[own] = turned[k], np.cross(turned[k], w)  # a' = a x w in turned axes
+        along[entries] = rotation[k]
+        change[entries] = np.cross(rotation[k], w)  # a' = a x w in body-fixed axes
         found.append((along, change, along, f"{edge}.turn_{axis}_dot"))
     return found
 
 
 def _premultiplied(axis: int, q: Array) -> Array:
-    """Multiply a unit vector, as a quaternion, by another."""
+    """Multiply a unit vector, as a pure quaternion, by a quaternion."""
     unit, zero = np.eye(3)[axis], float(q[0])
     return np.array([-unit @ q[1:], *(zero * unit + np.cross(unit, q[1:]))])
 
 
 def _matrix(q: Array) -> Array:
-    """Give the axes of the turned frame, in columns, by those of the frame it turns against."""
+    """Return the rotation matrix: the axes of the rotated frame in columns, in the base frame."""
     q = q / np.linalg.norm(q)
-    # The formula of Euler and Rodrigues.
+    # The Euler-Rodrigues formula.
     a, v = q[0], q[1:]
     across = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     found: Array = (a * a - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * a * across
@@ -284,16 +288,16 @@ def _matrix(q: Array) -> Array:
 
 
 def core(system: Reduced) -> npt.NDArray[np.int_]:
-    """List the deviations that others depend on, those that nothing depends on left out in turn.
+    """List the deviations on which others depend; the rest are eliminated repeatedly.
 
-    The positions of a vehicle on a plane are left out, then its heading, and how far wheels have
-    turned: a motion along them changes no equation. What is left out adds eigenvalues of zero.
+    For a vehicle on a plane the positions are eliminated, then the heading and the angles of the
+    wheels: the equations do not depend on these. Each eliminated deviation adds a zero eigenvalue.
     """
     scale = np.maximum(
         _ROUNDING * np.max(np.abs(system.A), axis=1, initial=0.0),
         1e-3 * _ROUNDING * np.max(np.abs(system.A), initial=0.0),
     )
-    # Column j matters while a row that is still kept has an entry in it.
+    # Deviation j is kept while a remaining row has a significant entry in column j.
     matters = np.abs(system.A) > scale[:, None]
     kept = np.arange(len(system.A))
     while True:
@@ -304,7 +308,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Tell whether all deviations that others depend on are at rest."""
+    """Tell whether all deviations on which others depend are at rest."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -312,9 +316,9 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Tell whether two linear systems agree in all deviations that others depend on."""
-    # Deviations that nothing depends on, such as a heading, may differ.
-    own = np.ix_(core(first), core(first))
-    size = np.max(np.abs(first.A[own]), initial=0.0)
-    change = np.max(np.abs(first.A[own] - second.A[own]), initial=0.0)
+    """Tell whether two linear systems agree in all deviations on which others depend."""
+    # Deviations on which nothing depends, such as a heading, may differ.
+    block = np.ix_(core(first), core(first))
+    size = np.max(np.abs(first.A[block]), initial=0.0)
+    change = np.max(np.abs(first.A[block] - second.A[block]), initial=0.0)
     return bool(change <= _SAME * max(size, 1e-300))

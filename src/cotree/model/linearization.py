@@ -1,4 +1,4 @@
-"""Linear systems as users see them: matrices with names, eigenvalues, derivatives, exports."""
+"""Linear systems for users: matrices with names, eigenvalues, derivatives, exports."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class LinearSlopes:
     Attributes
     ----------
     A, B, C, D : ndarray
-        Of the shapes of the matrices, in their units per unit of the parameter.
+        With the shapes of the matrices, in their units per unit of the parameter.
     """
 
     A: Array
@@ -43,18 +43,19 @@ class Linearization:
         Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations;
         units follow from those of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes. Of the full form: the states that have rates. Of the reduced one:
-        those that are independent; rotations where a quaternion stands for them, ``EDGE.turn_x``
-        to ``turn_z`` along the axes of the edge's first node and their rates, ``turn_x_dot``.
+        Names along the axes. In the full form the states are the differential states; in the
+        reduced form, the independent ones. Quaternions are then replaced by small rotations
+        ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the rates
+        ``turn_x_dot``.
     basis : ndarray, shape (n_states, n)
-        The deviations of all states that have rates for a unit of each z: the unit matrix in the
+        Deviations of all differential states for unit values of each z: the identity matrix in the
         full form.
     is_steady : bool
-        Whether the motion through the point is steady: whatever the independent deviations depend
-        on stays as it is, so that the reduced A is constant and its eigenvalues tell stability.
-        About any other motion they do not: the system holds at this instant.
+        Whether the motion through the point is steady: everything on which the linear system
+        depends is constant, so the eigenvalues of the reduced A determine stability. About any
+        other motion the system is valid only at this instant, and they do not.
     slopes : mapping of str to LinearSlopes
-        Derivatives of the matrices, by the name that was asked for.
+        Derivatives of the matrices by the requested names.
     """
 
     A: Array
@@ -81,24 +82,24 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> npt.NDArray[np.complex128]:
-        """The eigenvalues of A, [1/s], shape (n,): the largest real part first.
+        """The eigenvalues of A, [1/s], shape (n,), by descending real part.
 
-        They tell stability as :attr:`is_steady` says.
+        They determine stability only if :attr:`is_steady`.
         """
         found = np.linalg.eigvals(self.A).astype(complex)
         return found[order_of(found)]
 
     def sensitivity(self, name: str) -> LinearSlopes:
-        """Return the derivatives of A, B, C and D by a parameter that was asked for.
+        """Return the derivatives of A, B, C and D by a requested parameter.
 
         Raises
         ------
         ParameterError
-            If it was not; :meth:`cotree.Model.linearize` takes ``sensitivities``.
+            If it was not requested by ``sensitivities`` of :meth:`cotree.Model.linearize`.
         """
         if name not in self.slopes:
             raise ParameterError(
-                f"derivatives by '{brief(name)}' were not asked for{nearest(name, self.slopes)}; "
+                f"derivatives by '{brief(name)}' were not requested{nearest(name, self.slopes)}; "
                 "name it in linearize(sensitivities=[...])"
             )
         return self.slopes[name]
@@ -106,7 +107,7 @@ class Linearization:
     def eigenvalue_sensitivity(self, name: str) -> npt.NDArray[np.complex128]:
         """Return the derivatives of :attr:`eigenvalues` by a parameter, in the same order.
 
-        Each is w A' v / (w v) with the left and the right eigenvector w and v.
+        Each is w A' v / (w v) with the left eigenvector w and the right eigenvector v.
 
         Returns
         -------
@@ -115,14 +116,14 @@ class Linearization:
         Raises
         ------
         ParameterError
-            If the derivatives by this parameter were not asked for.
+            If the derivatives by this parameter were not requested.
         SingularSystemError
-            If eigenvalues coincide: they have no derivative there.
+            If eigenvalues coincide, since these are not differentiable.
         """
         return eigenvalue_slopes(self.A, self.sensitivity(name).A)
 
     def to_scipy(self) -> Any:
-        """Return a ``scipy.signal.StateSpace``, which is continuous in time and has no names."""
+        """Return a continuous-time ``scipy.signal.StateSpace``, which has no names."""
         from scipy.signal import StateSpace
 
         return StateSpace(self.A, self.B, self.C, self.D)
@@ -130,7 +131,7 @@ class Linearization:
     def to_control(self) -> Any:
         """Return a ``control.StateSpace`` with the names of states, inputs and outputs.
 
-        That library keeps no dots in names: ``j.s`` is called ``j_s`` there.
+        That library does not allow dots in names, so ``j.s`` becomes ``j_s``.
 
         Raises
         ------
@@ -152,21 +153,21 @@ class Linearization:
         return StateSpace(self.A, self.B, self.C, self.D, **names, remove_useless_states=False)
 
     def summary(self) -> str:
-        """Say in a sentence what it is about, and what its eigenvalues tell."""
+        """Describe the system and the meaning of its eigenvalues in a sentence."""
         size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
         if not self.is_steady:
             return (
-                f"{size}, about no steady motion in these coordinates: A holds at this instant, "
-                "and unless it is the same along the whole motion its eigenvalues do not tell "
-                "stability"
+                f"{size}, about a motion that is not steady in these coordinates: A holds at this "
+                "instant, and unless it is constant along the motion its eigenvalues do not "
+                "determine stability"
             )
         if len(self.states) == len(self.basis):
             return f"{size}, about a steady motion"
-        return f"{size}, about a steady motion: the eigenvalues of A tell stability"
+        return f"{size}, about a steady motion: the eigenvalues of A determine stability"
 
 
 def _without_dots(names: Sequence[str]) -> list[str]:
-    """Write names without dots, no two alike."""
+    """Replace dots in names such that the names remain unique."""
     found: list[str] = []
     for name in names:
         plain = name.replace(".", "_")

@@ -1,7 +1,8 @@
-"""Linearisation of a model about a state, by the sensitivity graphs of its states and inputs.
+"""Linearisation of a model about a state, from the sensitivity graphs of its states and inputs.
 
-In: equations, their derivatives along inputs, and numbers. Out: x' = A x + B u, y = C x + D u for
-small deviations, of all states or of independent ones. Algebraic unknowns are eliminated.
+In: equations, their derivatives by states and inputs, and numbers. Out: x' = A x + B u,
+y = C x + D u for small deviations of all states or of independent ones. Algebraic unknowns are
+eliminated.
 """
 
 from __future__ import annotations
@@ -34,19 +35,19 @@ if TYPE_CHECKING:
     from cotree.model.moment import Moment
 
 
-#: How far to follow a motion, in the state that moves most, to see whether it stays the same.
+#: Change of the fastest state over which a motion is followed to see whether it is steady.
 _ASIDE = 0.1
 
 
 class Linearizer:
-    """The derivatives of equations along states and inputs, formed once.
+    """Derivatives of equations by states and inputs, formed once.
 
     Parameters
     ----------
     equations : Equations
-        The equations; they need no sensitivities.
+        The equations, with or without sensitivities.
     input_columns : sequence of Derivative
-        Along each input.
+        Derivatives by each input.
     """
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
@@ -57,57 +58,57 @@ class Linearizer:
         rows = equations.constraints
         valued = {i: value for i, value in enumerate(rows.values) if value is not None}
         with_value = list(valued)
-        # Column by column: slopes of the values of constraints, then of their rates.
+        # Column by column: Jacobian entries of the constraints, then of their rates.
         held = [
             node
             for column in equations.columns
             for node in (*(column.held[i] for i in with_value), *column.held_rates)
         ]
-        #: What is differentiated by parameters where they are to be solved for.
+        #: Constraints and their rates, differentiated if parameters are unknowns of a trim.
         self._values_held = [*valued.values(), *rows.rates]
         self._outputs = solved.put(equations.output_values)
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])
         solves = [node for node in found if node.op == "solve"]
-        # The last result of a `solve` tells whether its matrix was regular.
+        # The last result of a `solve` node is a flag that tells whether its matrix was regular.
         self._accepted = [results(node, node.data.size + 2)[-1] for node in solves]
         self._symbols = symbols_in([*self._nodes, *self._others, *self._accepted])
-        #: Whether time itself stands in the equations, or in the scene's inputs.
+        #: Whether the equations, or the scene's inputs, depend explicitly on time.
         self.is_timed = equations.dag.symbol("t", 0) in found
         self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
 
     @formed_once
     def _variation(self) -> Variation:
-        """Derivatives of all that a linearisation is made of."""
+        """Directional derivatives of the matrices of a linearisation."""
         return Variation(self._equations.dag, [*self._nodes, *self._others])
 
     @formed_once
     def _first(self) -> Variation:
-        """Derivatives of rates, outputs and constraints."""
+        """Directional derivatives of rates, outputs and constraints."""
         n = len(self._equations.states)
         rows = [*self._others[:n], *self._outputs, *self._values_held]
         return Variation(self._equations.dag, rows)
 
     @formed_once
     def _inputs(self) -> Variation:
-        """Derivatives of the scene's own inputs."""
+        """Directional derivatives of the scene's inputs."""
         return Variation(self._equations.dag, self._equations.input_values)
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states that have rates."""
+        """Names of the differential states."""
         n = len(self._equations.states) - self._equations.n_algebraic
         return tuple(state.name for state in self._equations.states[:n])
 
     @property
     def modes(self) -> range:
-        """Places of the modes among the states, which change by events alone."""
+        """Indices of the modes among the states; modes change only at events."""
         first = self._equations.n_coordinates + self._equations.n_speeds
         return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
-        """Evaluate them.
+        """Evaluate the linearisation.
 
         Parameters
         ----------
@@ -127,18 +128,18 @@ class Linearizer:
     def whole(
         self, t: float, y: Sequence[float] | Array, p: Array, u: Array
     ) -> tuple[Array, Array, Array]:
-        """Evaluate rates and all slopes, algebraic unknowns being states as others are.
+        """Evaluate rates and the full Jacobian, in which algebraic unknowns count as states.
 
-        Parameters and errors as of :meth:`at`.
+        Parameters and errors are those of :meth:`at`.
 
         Returns
         -------
         rates : ndarray, shape (n_states,)
             Rates, and residuals of the algebraic equations.
         whole : ndarray, shape (n_states + n_outputs, n_states + n_inputs)
-            Slopes of these and of the outputs.
+            Jacobian of these and of the outputs.
         held : ndarray, shape (n_rows, n_states)
-            Slopes of what constraints hold, then of its rates.
+            Jacobian of the constraints, then of their rates.
         """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
@@ -150,11 +151,11 @@ class Linearizer:
         return self._arranged(numbers)
 
     def _arranged(self, numbers: Array) -> tuple[Array, Array, Array]:
-        """Split the values of all nodes into rates, slopes, and slopes of constraints."""
+        """Split the values of all nodes into rates, Jacobian, and Jacobian of constraints."""
         equations = self._equations
         n, m, k = len(equations.states), len(equations.inputs), len(equations.outputs)
         whole, others = np.split(numbers, [len(self._nodes)])
-        # The nodes go column by column, along each state and then each input: rates, then outputs.
+        # Nodes are stored column by column, states before inputs; rates before outputs in a column.
         whole = whole.reshape(n + m, n + k).T
         rates, held = np.split(others, [n])
         return rates, whole, held.reshape(n, -1).T if n else held.reshape(0, 0)
@@ -162,7 +163,7 @@ class Linearizer:
     def _slopes(
         self, y: Sequence[float] | Array, rates: Array, whole: Array, held: Array
     ) -> Slopes:
-        """Cut slopes of states that have rates, without those that do not."""
+        """Extract the blocks of differential states."""
         equations, n = self._equations, len(self.states)
         return Slopes(
             y=np.array(y[:n], dtype=float),
@@ -184,25 +185,25 @@ class Linearizer:
         Returns
         -------
         ndarray, shape (n_states + n_outputs + n_rows,)
-            Of rates and residuals, of outputs, of what constraints hold and of its rates.
+            Derivatives of rates and residuals, outputs, constraints, and rates of constraints.
         """
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
 
     def inputs_by_parameters(self, at: Moment, dp: Array) -> Array:
-        """Differentiate the scene's own inputs along a change of parameters, shape (n_inputs,)."""
+        """Differentiate the scene's inputs along a change of parameters, shape (n_inputs,)."""
         none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
         values = self._values(at.t, y, at.p, none, self._inputs.symbols)
         return self._inputs.along(values, Direction(y, none, dp))
 
     def _changed(self, at: Moment, y: Array, direction: Direction) -> Slopes:
-        """Differentiate the slopes at a point along a direction; algebraic unknowns follow."""
+        """Differentiate the linearisation along a direction, including algebraic unknowns."""
         n, whole = len(self.states), self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
             moved, dy = self._moved_behind(whole), direction.y.copy()
             dy[n:] = 0.0
             held = replace(direction, y=dy)
-            # From g(y, u, p) = 0: the unknowns make up for what else changes the residuals.
+            # The algebraic equations g(y, u, p) = 0 determine how the unknowns change.
             left = self.by_parameters(at, y, held)[n : len(dy)]
             dy[n:] = -np.linalg.solve(moved[-len(left) :, -len(left) :], left)
             direction = replace(direction, y=dy)
@@ -215,12 +216,12 @@ class Linearizer:
         return self._slopes(direction.y, rates, change, rows)
 
     def _moved_behind(self, whole: Array) -> Array:
-        """Move rows and columns of algebraic unknowns, which follow other states, to the end."""
+        """Move rows and columns of algebraic unknowns to the end."""
         cut = len(self.states)
-        own = range(cut, cut + self._equations.n_algebraic)
-        # Outputs follow the states, so the algebraic rows and columns are moved behind them.
-        order = [*(i for i in range(len(whole)) if i not in own), *own]
-        columns = [*(j for j in range(whole.shape[1]) if j not in own), *own]
+        algebraic = range(cut, cut + self._equations.n_algebraic)
+        # They are between the differential states and the outputs or inputs.
+        order = [*(i for i in range(len(whole)) if i not in algebraic), *algebraic]
+        columns = [*(j for j in range(whole.shape[1]) if j not in algebraic), *algebraic]
         return whole[np.ix_(order, columns)]
 
     def _without_algebraic(self, whole: Array) -> Array:
@@ -240,11 +241,11 @@ class Linearizer:
 
     @cached_property
     def _turns(self) -> dict[int, int]:
-        """Places of the angular velocities that go with each quaternion."""
+        """Indices of the angular velocities that belong to each quaternion."""
         equations, names = self._equations, list(self.states)
         symbols = [state.symbol for state in equations.states]
         return {
-            # The angular velocities of an edge are w1, w2 and w3, in this order.
+            # The angular velocities of an edge are w1, w2 and w3, consecutive in this order.
             symbols.index(symbols_of_edge[0]): names.index(f"{edge}.w1")
             for edge, symbols_of_edge in equations.constraints.quaternions
         }
@@ -262,13 +263,13 @@ class Linearizer:
         Parameters
         ----------
         at : Moment
-            The model at the point. The scene's inputs change with time, others stay.
+            The model at the point. The scene's inputs may vary with time; given ones are constant.
         y : ndarray, shape (n_states,)
             The states there.
         reduced : bool
             Whether to linearise in independent deviations.
         directions : mapping of str to Direction, optional
-            How the point changes with each parameter that derivatives are wanted by.
+            Derivative of the point by each requested parameter.
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
@@ -292,40 +293,40 @@ class Linearizer:
     def _slopes_along(
         self, at: Moment, y: Array, direction: Direction, point: Slopes, found: Reduced | None
     ) -> LinearSlopes:
-        """Differentiate the matrices along a direction, those of a reduced system where given."""
+        """Differentiate the matrices along a direction: those of ``found`` if it is given."""
         change = self._changed(at, y, direction)
         if found is None:
             return LinearSlopes(change.A, change.B, change.C, change.D)
         return LinearSlopes(*reduce_along(point, change, found, self.states), change.D)
 
     def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
-        """Tell whether the linear equations remain the same along the motion and in time."""
+        """Tell whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
-        # Nothing moves and nothing depends on time: an equilibrium.
+        # At rest and autonomous: an equilibrium.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):
             return True
-        # As far as the fastest state moves a tenth, and no longer than a tenth of a second.
+        # Until the fastest state has changed by a tenth, but at most a tenth of a second.
         step = _ASIDE / max(fastest, 1.0)
         later = replace(at, t=at.t + step)
         y = np.concatenate([self._moved(point, at, y, step), y[len(point.y) :]])
         try:
             y = solve_states(later, y)
             there = self.at(later.t, y, at.p, later.inputs)
-        # A motion that cannot be followed has not been shown to be steady.
+        # If the motion cannot be followed, it has not been shown to be steady.
         except (Error, ArithmeticError, ValueError):
             return False
         moved = reduce(there, self.states, here.names)
         return is_still(moved, there) and is_same(here, moved)
 
     def _moved(self, point: Slopes, at: Moment, y: Array, step: float) -> Array:
-        """Follow the motion for a moment, by the classical method of fourth order."""
+        """Follow the motion for one step of the classical Runge-Kutta method."""
         n, u = len(point.y), at.inputs
         slopes = [point.rates]
         for share in (0.5, 0.5, 1.0):
             aside = y.copy()
             aside[:n] += share * step * slopes[-1]
             values = self._values(at.t + share * step, aside, at.p, u)
-            # Inputs and algebraic unknowns are held; the latter are solved for at the end.
+            # Inputs and algebraic unknowns are held constant; the caller solves for the latter.
             rates = evaluate(self._others[: len(self._equations.states)], values)
             slopes.append(np.array([float(np.real(v)) for v in rates[:n]]))
         a, b, c, d = slopes
@@ -333,7 +334,7 @@ class Linearizer:
         return moved
 
     def _check_finite(self, numbers: Array) -> None:
-        """Refuse derivatives that are not finite, by name."""
+        """Refuse derivatives that are not finite; the message names them."""
         wrong = np.flatnonzero(~np.isfinite(numbers))
         if wrong.size:
             equations = self._equations
@@ -358,7 +359,7 @@ class Linearizer:
         states = zip(self._equations.states, y, strict=True)
         values = {state.symbol: float(value) for state, value in states}
         known: dict[str, Sequence[float] | Array] = {"t": [t], "p": p, "u": u}
-        # Those that there are: a symbol made now would be shared.
+        # Only existing symbols are used: creating one here would alter the shared graph.
         for symbol in self._symbols if symbols is None else symbols:
             kind, position = symbol.data
             if kind in known:
@@ -369,7 +370,7 @@ class Linearizer:
 def _columns(
     equations: Equations, solved: SolvedSystem, columns: Sequence[Derivative]
 ) -> list[Node]:
-    """Form the derivatives of the rates and of the outputs along each column."""
+    """Form the derivatives of rates and outputs, column by column."""
     zero, n, k = equations.dag.zero, len(equations.states), len(equations.outputs)
     return [
         node

@@ -1,4 +1,4 @@
-"""Points of a model that are looked at or looked for: linearisations and equilibria."""
+"""Methods of a model that concern a single point: linearisation and trimming."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class PointMethods(CompiledModel):
-    """States, rates and outputs of a model at one point."""
+    """Linearisation about a point, and search for equilibria and steady motions."""
 
     @property
     def _linearizer(self) -> Linearizer:
@@ -51,31 +51,31 @@ class PointMethods(CompiledModel):
         t : float
             Time, [s].
         y : array_like, shape (n_states,), optional
-            States, of which algebraic unknowns are guesses; the initial ones where absent.
+            States, with guesses for algebraic unknowns; by default the initial states.
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters, which may be a mapping of names to values, and inputs; the scene's where
-            absent.
+            Parameters, which may be a mapping of names to values, and inputs; by default those of
+            the scene.
         reduced : bool
-            Whether to linearise in independent deviations, as many as there are degrees of freedom
-            of position and of speed; a scene with constraints or quaternions needs them for its
-            eigenvalues. Otherwise all states are taken, which constraints make dependent.
+            Whether to linearise in independent deviations, whose number is that of the degrees of
+            freedom of position plus velocity. A scene with constraints or quaternions needs this
+            for its eigenvalues. Otherwise all states are used, which constraints make dependent.
         sensitivities : sequence of str
             Parameters, inputs or states to differentiate A, B, C and D by; see
             :meth:`~cotree.model.linearization.Linearization.sensitivity`. The model need not be
             compiled with these.
         total : bool
-            Whether initial states follow the parameters, as sensitivities of the start say, which
-            the model must then be compiled with; else states are held. Algebraic unknowns and the
-            scene's own inputs follow in either case. ``model.trim().linearize`` differentiates
-            along equilibria.
+            Whether derivatives include the dependence of the initial states on the parameters, for
+            which the model must be compiled with these sensitivities; otherwise states are held
+            fixed. The dependence of algebraic unknowns and of the scene's inputs is always
+            included. ``model.trim().linearize`` differentiates along equilibria.
 
         Returns
         -------
         Linearization
-            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations of the
-            states that satisfy the constraints to first order go on doing so along the motion: with
-            the constraints' gradient G and their basis N, G A N + G' N = 0, where G' is the rate
-            of G along the motion. The reduced A includes this through ``basis``.
+            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations that
+            satisfy the constraints to first order continue to do so along the motion:
+            G A N + G' N = 0 with the Jacobian G of the constraints, the basis N of its null space,
+            and the time derivative G' along the motion. The reduced A includes this term.
 
         Raises
         ------
@@ -85,7 +85,8 @@ class PointMethods(CompiledModel):
             If the mass matrix is singular there.
         """
         p = self.parameter_array(p)
-        # Deviations are evaluated as nodes, without the kernels whose guards look at parameters.
+        # Linearisations are evaluated from expression graphs, without the parameter checks of the
+        # compiled kernels.
         self.check_parameters(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         at = Moment(self, check_number(t, "t"), p, u)
@@ -93,12 +94,12 @@ class PointMethods(CompiledModel):
         moves = self._starts_along(at, names) if total and y is None else {}
         if total and y is not None:
             raise ParameterError(
-                "total=True differentiates along the model's own starts, and y was given: leave it "
-                "out, or use model.trim(...).linearize(...), which follows equilibria"
+                "total=True differentiates through the model's initial states, but y was given: "
+                "omit it, or use model.trim(...).linearize(...), which follows equilibria"
             )
         y = find_start(at, {}).y if y is None else as_array(y, (len(self.states),), "the states")
         directions = {name: self._direction(at, name, moves.get(name)) for name in names}
-        # Derivatives along the motion hold at solutions of the algebraic equations only.
+        # The implicit function theorem requires that the algebraic equations are satisfied.
         return self._linearizer.about(
             at, solve_states(at, y), reduced=reduced, directions=directions
         )
@@ -123,23 +124,23 @@ class PointMethods(CompiledModel):
         Parameters
         ----------
         solve : sequence of str
-            Inputs and parameters that are unknown in addition to the states, one for each state or
-            output that is prescribed.
+            Inputs and parameters that are unknown in addition to the states, one for each
+            prescribed state or output.
         fixed : mapping of str to float, optional
             Prescribed values of states, inputs and parameters, in SI. The rate of a coordinate
             whose speed is prescribed is that speed.
         rates : mapping of str to float or None, optional
-            Rates of states that are not zero, in SI; None leaves a rate free.
+            Nonzero rates of states, in SI; None leaves a rate free.
         outputs : mapping of str to float, optional
             Prescribed values of outputs, in SI.
         guess : mapping of str to float, optional
-            Initial guesses; by default those of the model's start and of the scene. If there are
-            several equilibria, one near the guess is found.
+            Initial guesses; by default the model's initial states and the scene's values. If there
+            are several equilibria, one near the guess is found.
         t : float
             Time, [s].
         p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
-            Parameters, which may be a mapping of names to values, and inputs; the scene's where
-            absent.
+            Parameters, which may be a mapping of names to values, and inputs; by default those of
+            the scene.
 
         Returns
         -------
@@ -166,32 +167,33 @@ class PointMethods(CompiledModel):
         >>> round(held["M"], 6)
         9.406329
         """
-        from cotree.model.trim import Wishes, find_trim
+        from cotree.model.trim import Conditions, find_trim
 
         p = self.parameter_array(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        wishes = Wishes(
+        conditions = Conditions(
             check_names(solve, "solve"),
             check_mapping(fixed, "fixed"),
             check_mapping(rates, "rates"),
             check_mapping(outputs, "outputs"),
             check_mapping(guess, "guess"),
         )
-        return find_trim(self, self._linearizer, Moment(self, check_number(t, "t"), p, u), wishes)
+        at = Moment(self, check_number(t, "t"), p, u)
+        return find_trim(self, self._linearizer, at, conditions)
 
     def _starts_along(self, at: Moment, names: Sequence[str]) -> dict[str, Array]:
-        """Give the sensitivities of the start by name."""
+        """Return the sensitivities of the initial states by name."""
         for name in names:
             if name not in self.sensitivities:
                 raise ParameterError(
-                    f"total=True needs the start's sensitivity to '{name}': compile the model with "
-                    f"sensitivities that name it{nearest(name, self.sensitivities)}"
+                    f"total=True needs sensitivities of the initial states to '{name}': compile "
+                    f"the model with sensitivities to it{nearest(name, self.sensitivities)}"
                 )
         s = find_start(at, {}).s
         return {name: s[:, self.sensitivities.index(name)] for name in names}
 
     def _direction(self, at: Moment, name: str, dy: Array | None) -> Direction:
-        """Give the direction of a parameter, an input or a state."""
+        """Return the direction of a parameter, an input or a state."""
         y, u, p = (np.zeros(len(row)) for row in (self.states, self.inputs, self.parameters))
         if name in self.parameters:
             p[self.parameters.index(name)] = 1.0

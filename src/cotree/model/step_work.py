@@ -1,6 +1,6 @@
-"""Counts of what the steps of implicit methods do with a model.
+"""Operation counts of a step of an implicit method.
 
-In: a program after its passes. Out: operations of its kernels, products of eliminations.
+In: a program after its passes. Out: operations of its kernels, and products of eliminations.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StepWork:
-    """Counts of what a step consists of.
+    """Operation counts of the parts of a step.
 
     Attributes
     ----------
     rates, augmented, jacobian : int
-        Operations of an evaluation of the rates, of those with sensitivities, and of the Jacobian.
+        Operations to evaluate the rates, the rates with sensitivities, and the Jacobian.
     n_factors, n_products : int
-        Factors of the planned elimination, and products that it takes to make them.
+        Entries of the factors of the planned sparse elimination, and products to compute them.
     is_unrolled : bool
-        Whether its C consists of straight lines.
+        Whether its C code is fully unrolled.
     n_banded, n_banded_products : int
-        The same of an elimination with row exchanges, in a band where that is narrower.
+        The same for an elimination with row exchanges, banded if the band is narrow.
     """
 
     rates: int
@@ -42,7 +42,7 @@ class StepWork:
 
 
 def count_step_work(program: Program) -> StepWork | None:
-    """Count; None where the pattern of the Jacobian makes the matrices of steps singular."""
+    """Count operations; None if the matrices of steps are structurally singular."""
     layout, plan = program.layout, program.elimination
     if plan is None:
         return None

@@ -1,9 +1,9 @@
 """Equilibria and steady motions: unknowns that satisfy prescribed rates and outputs.
 
 In: a model, the states, inputs and parameters that are unknown, and prescribed rates and outputs.
-Out: a ``TrimPoint``. The equations are those of the rates, the outputs, the constraints and the
-norms of quaternions. They may be redundant, so each Newton step is the least-squares solution of
-least norm. The iteration is that of :mod:`cotree.model.roots`.
+Out: a ``TrimPoint``. The equations prescribe rates and outputs and include the constraints and the
+norms of quaternions. They may be redundant, so each Newton step is the minimum-norm least-squares
+solution. The iteration is that of :mod:`cotree.model.roots`.
 """
 
 from __future__ import annotations
@@ -32,20 +32,21 @@ if TYPE_CHECKING:
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
 
-#: No step turns a coordinate by more than this, [rad]: it might leave its branch.
+#: Largest change of an angle in one step, [rad]; a larger one might lead to another branch.
 _LONGEST_TURN = 1.0
 
-#: Conditions are met by less than a thousandth of this share of the terms that they sum.
+#: A condition is satisfied if its residual is below a thousandth of this, relative to the sum of
+#: the magnitudes of its terms.
 _MET = 1e-6
 
-#: Modes may settle, each time with another point, in so many rounds.
+#: Limit of rounds in which the modes settle; each round solves for the point anew.
 _MOST_ROUNDS = 20
 
-#: Entries of a direction below this share of its largest are not involved.
+#: Unknowns with relative entries below this count as not involved in a direction.
 _INVOLVED = 0.1
 
 
-class Wishes(NamedTuple):
+class Conditions(NamedTuple):
     """The conditions on a point; see :meth:`cotree.Model.trim`."""
 
     solve: Sequence[str]
@@ -57,7 +58,7 @@ class Wishes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The unknowns and the conditions of one search.
+    """The unknowns and the equations of one search.
 
     Attributes
     ----------
@@ -66,11 +67,11 @@ class _Search:
     y : ndarray, shape (n_states,)
         States before the search.
     unknowns : tuple of (str, int)
-        Kind, ``y``, ``u`` or ``p``, and place of each unknown.
+        Kind (``y``, ``u`` or ``p``) and index of each unknown.
     rows : tuple of int
-        Places of the conditions among rates, outputs and constraints.
+        Indices of the equations among rates, outputs and constraints.
     targets : ndarray, shape (n_rows,)
-        What these are to be.
+        Prescribed values.
     """
 
     linearizer: Linearizer
@@ -95,22 +96,22 @@ class _Search:
         return np.array([known[kind][i] for kind, i in self.unknowns])
 
     def point(self, z: Array) -> tuple[Moment, Array]:
-        """Put unknowns in their places."""
+        """Insert the unknowns into time, parameters, inputs and states."""
         at, y, p = self.at, self.y.copy(), self.at.p.copy()
         for (kind, i), value in zip(self.unknowns, z, strict=True):
             if kind != "u":
                 (y if kind == "y" else p)[i] = value
-        own = Moment(at.model, at.t, p, at.u)
+        moment = Moment(at.model, at.t, p, at.u)
         if any(kind == "u" for kind, _ in self.unknowns):
-            u = own.inputs.copy()  # the scene's may depend on parameters that are solved for
+            u = moment.inputs.copy()  # the scene's inputs may depend on unknown parameters
             for (kind, i), value in zip(self.unknowns, z, strict=True):
                 if kind == "u":
                     u[i] = value
-            own = Moment(at.model, at.t, p, u)
-        return own, y
+            moment = Moment(at.model, at.t, p, u)
+        return moment, y
 
     def value(self, z: Array) -> Array:
-        """Evaluate what is left of the conditions; nan where the model has no value."""
+        """Evaluate the residuals; nan if the model cannot be evaluated."""
         try:
             at, y = self.point(z)
             found = all_values(at, y)[list(self.rows)]
@@ -119,7 +120,7 @@ class _Search:
         return np.asarray(found - self.targets)
 
     def slope(self, z: Array) -> Array:
-        """Give the derivatives of the conditions by the unknowns, shape (n_rows, n_unknowns)."""
+        """Return the Jacobian of the residuals, shape (n_rows, n_unknowns)."""
         at, y = self.point(z)
         try:
             by_states, by_inputs = all_slopes(self.linearizer, at, y)
@@ -137,7 +138,7 @@ class _Search:
 
 
 def all_values(at: Moment, y: Array) -> Array:
-    """Evaluate rates, then outputs, then residuals of constraints with norms of quaternions."""
+    """Evaluate rates, outputs, and residuals of constraints including norms of quaternions."""
     parts = [at.call("rhs", y)]
     if at.model.outputs:
         parts.append(at.call("outputs", y))
@@ -159,7 +160,7 @@ def all_slopes(linearizer: Linearizer, at: Moment, y: Array) -> tuple[Array, Arr
 
 
 def by_parameter(linearizer: Linearizer, at: Moment, y: Array, place: int) -> Array:
-    """Differentiate :func:`all_values` by one parameter, inputs of the scene following."""
+    """Differentiate :func:`all_values` by one parameter, also through the scene's inputs."""
     p = np.zeros(len(at.p))
     p[place] = 1.0
     u = np.zeros(len(at.model.inputs))
@@ -169,8 +170,8 @@ def by_parameter(linearizer: Linearizer, at: Moment, y: Array, place: int) -> Ar
     return np.concatenate([found, np.zeros(len(at.model.layout.quaternions))])
 
 
-class _Conditions(Equation):
-    """The conditions as the search for roots takes them; there may be more than unknowns."""
+class _TrimEquation(Equation):
+    """The conditions as an equation for the root finder; the system may be overdetermined."""
 
     def __init__(self, search: _Search) -> None:
         super().__init__(search.value, search.slope, np.zeros(0))
@@ -185,14 +186,15 @@ class _Conditions(Equation):
         self._targets = np.abs(search.targets)
 
     def linearised(self, z: Array) -> Linear:
-        """Give what solves for the least step in the sense of least squares."""
+        """Return the linear solver for the minimum-norm least-squares step."""
         slope = self.slope(z)
         if not np.all(np.isfinite(slope)):
             raise np.linalg.LinAlgError("not finite")
         inverse = pseudo_inverse(slope)[0]
         terms = np.abs(slope) @ np.abs(z) + self._targets
-        # Steps of least squares also vanish where conditions contradict each other: what is left of
-        # them then is no rounding. At zero all terms are rounding, so unknowns count at least one.
+        # Least-squares steps also vanish if the conditions contradict each other, so the residuals
+        # are compared with the size of their terms. At a solution of zero all terms are rounding
+        # errors, so unknowns count as one at least.
         sizes = _MET * (np.abs(slope) @ np.maximum(np.abs(z), 1.0) + self._targets)
         return Linear(inverse.dot, np.abs(z) + np.abs(inverse) @ terms, sizes)
 
@@ -203,16 +205,16 @@ class _Conditions(Equation):
 
 
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
-    """Invert a matrix of any rank, free of units.
+    """Invert a matrix of any rank, independently of units.
 
     Returns
     -------
     ndarray, shape (n, m), and ndarray, shape (n_free, n)
-        The inverse of least steps, and the directions that change nothing.
+        The pseudo-inverse, and a basis of the null space (of the scaled matrix) in its rows.
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
-        # Each round brings the largest entry of every column, then of every row, to one.
+        # Equilibration: scales the largest entry of every column, then of every row, to one.
         for axis, sizes in ((0, columns), (1, rows)):
             found = np.max(np.abs(scaled), axis=axis, initial=0.0)
             found = np.where(found > 0.0, found, 1.0)
@@ -225,32 +227,36 @@ def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
 
 
 def find_trim(
-    model: CompiledModel, linearizer: Linearizer, at: Moment, wishes: Wishes
+    model: CompiledModel, linearizer: Linearizer, at: Moment, conditions: Conditions
 ) -> TrimPoint:
     """Find a point; see :meth:`cotree.Model.trim`."""
-    search = _posed(model, linearizer, at, wishes)
+    search = _posed(model, linearizer, at, conditions)
     for _ in range(_MOST_ROUNDS):
-        root = find_near(_Conditions(search), search.guess)
+        root = find_near(_TrimEquation(search), search.guess)
         if not root.is_found:
             _refuse(search, root.z)
-        own, y = search.point(root.z)
-        settled = settle_jumps(own, y, np.zeros((len(y), len(model.sensitivities))))[0]
+        moment, y = search.point(root.z)
+        settled = settle_jumps(moment, y, np.zeros((len(y), len(model.sensitivities))))[0]
         if np.array_equal(settled, y):
             return _point(search, root.z)
-        # Jumps inside expressions took the other side there, so the point is sought again.
+        # A discontinuous expression switched branches at this point, so it is solved for again.
         search = _Search(
-            linearizer, own, settled, search.unknowns, search.rows, search.targets, search.names
+            linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )
-    raise SolveError("no point agrees with the sides of the jumps inside expressions there")
+    raise SolveError(
+        "no consistent point was found: discontinuous expressions switch branches each time"
+    )
 
 
-def _posed(model: CompiledModel, linearizer: Linearizer, at: Moment, wishes: Wishes) -> _Search:
-    """Sort what is given, and check it."""
+def _posed(
+    model: CompiledModel, linearizer: Linearizer, at: Moment, conditions: Conditions
+) -> _Search:
+    """Check the conditions and set up the search."""
     states, inputs, parameters = (list(x) for x in (model.states, model.inputs, model.parameters))
-    _check_names(model, wishes)
+    _check_names(model, conditions)
     values = {
         name: check_number(value, f"'{name}'")
-        for name, value in (*wishes.guess.items(), *wishes.fixed.items())
+        for name, value in (*conditions.guess.items(), *conditions.fixed.items())
     }
     p, u = at.p.copy(), at.u
     for name in values.keys() & parameters:
@@ -263,22 +269,26 @@ def _posed(model: CompiledModel, linearizer: Linearizer, at: Moment, wishes: Wis
     y = _first_guess(at)
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
-    # Modes change by events alone: they are no unknowns, and their rates are always zero.
+    # Modes change only at events: they are not unknowns, and their rates are always zero.
     modes = linearizer.modes
     unknowns = [
-        ("y", i) for i, name in enumerate(states) if name not in wishes.fixed and i not in modes
+        ("y", i) for i, name in enumerate(states) if name not in conditions.fixed and i not in modes
     ]
-    unknowns += [("u", inputs.index(n)) for n in dict.fromkeys(wishes.solve) if n in inputs]
-    unknowns += [("p", parameters.index(n)) for n in dict.fromkeys(wishes.solve) if n in parameters]
-    known = _known_rates(linearizer, at, y, {states.index(n) for n in wishes.fixed if n in states})
+    unknowns += [("u", inputs.index(n)) for n in dict.fromkeys(conditions.solve) if n in inputs]
+    unknowns += [
+        ("p", parameters.index(n)) for n in dict.fromkeys(conditions.solve) if n in parameters
+    ]
+    known = _known_rates(
+        linearizer, at, y, {states.index(n) for n in conditions.fixed if n in states}
+    )
     rows, targets = [], []
     for i, name in enumerate(states):
-        wanted = wishes.rates.get(name, 0.0)
-        if wanted is None or i in modes or (name not in wishes.rates and i in known):
+        wanted = conditions.rates.get(name, 0.0)
+        if wanted is None or i in modes or (name not in conditions.rates and i in known):
             continue
         rows.append(i)
         targets.append(check_number(wanted, f"the rate of '{name}'"))
-    for name, value in wishes.outputs.items():
+    for name, value in conditions.outputs.items():
         rows.append(len(states) + model.outputs.index(name))
         targets.append(check_number(value, f"output '{name}'"))
     first = len(states) + len(model.outputs)
@@ -293,7 +303,7 @@ def _posed(model: CompiledModel, linearizer: Linearizer, at: Moment, wishes: Wis
 
 
 def _first_guess(at: Moment) -> Array:
-    """Take the start; where there is none, the initial values as they are given."""
+    """Return the consistent start of the model, else the initial values as given."""
     try:
         return find_start(at, {}).y.copy()
     except Error:
@@ -301,7 +311,7 @@ def _first_guess(at: Moment) -> Array:
 
 
 def _known_rates(linearizer: Linearizer, at: Moment, y: Array, fixed: set[int]) -> set[int]:
-    """List coordinates whose rate is a speed that is held."""
+    """Return the coordinates whose rates are determined by prescribed speeds."""
     layout = at.model.layout
     if not any(layout.n_coordinates <= i < layout.n_coordinates + layout.n_speeds for i in fixed):
         return set()
@@ -314,15 +324,15 @@ def _known_rates(linearizer: Linearizer, at: Moment, y: Array, fixed: set[int]) 
     return found
 
 
-def _check_names(model: CompiledModel, wishes: Wishes) -> None:
+def _check_names(model: CompiledModel, conditions: Conditions) -> None:
     states, inputs, parameters = set(model.states), set(model.inputs), set(model.parameters)
     known = states | inputs | parameters
     for what, names, allowed in (
-        ("solve", wishes.solve, known),
-        ("fixed", wishes.fixed, known),
-        ("guess", wishes.guess, known),
-        ("rates", wishes.rates, states),
-        ("outputs", wishes.outputs, set(model.outputs)),
+        ("solve", conditions.solve, known),
+        ("fixed", conditions.fixed, known),
+        ("guess", conditions.guess, known),
+        ("rates", conditions.rates, states),
+        ("outputs", conditions.outputs, set(model.outputs)),
     ):
         for name in names:
             if name not in allowed:
@@ -333,34 +343,32 @@ def _check_names(model: CompiledModel, wishes: Wishes) -> None:
                     f"{what} names '{brief(name)}', which is no {kinds} of the model"
                     f"{nearest(name, allowed)}"
                 )
-    twice = sorted(set(wishes.solve) & set(wishes.fixed))
+    twice = sorted(set(conditions.solve) & set(conditions.fixed))
     if twice:
-        raise ParameterError(f"'{twice[0]}' is in solve and in fixed: it is either, not both")
+        raise ParameterError(f"'{twice[0]}' is in solve and in fixed: remove it from one of them")
 
 
 def _refuse(search: _Search, z: Array) -> NoReturn:
-    """Say what no point was found for."""
+    """Raise the error that names the violated conditions."""
     left = search.value(z)
     n, m = len(search.unknowns), len(search.rows)
     if not np.all(np.isfinite(left)):
-        raise SolveError(
-            "the equations have no finite values near the guess: give other values in guess"
-        )
+        raise SolveError("the equations have no finite values near the guess: give another guess")
     slope = search.slope(z)
     size = np.maximum(np.max(np.abs(slope), axis=1, initial=0.0), 1e-300)
-    # In units of the unknowns, so that rates of small and of large capacitors compare.
+    # Residuals are compared in units of the unknowns, since the rates may differ in magnitude.
     order = np.argsort(-np.abs(left) / size)
     worst = [i for i in order[:3] if abs(left[i]) > 1e-9 * max(1.0, float(np.max(np.abs(left))))]
-    told = listed(
-        f"{search.names[search.rows[i]]} stays {left[i] + search.targets[i]:.4g} where "
-        f"{search.targets[i]:.4g} is wanted"
+    violated = listed(
+        f"{search.names[search.rows[i]]} is {left[i] + search.targets[i]:.4g} instead of "
+        f"{search.targets[i]:.4g}"
         for i in worst
     )
     if not worst:
         away = int(np.argmax(np.abs(z) / np.maximum(np.abs(search.guess), 1.0)))
         raise SolveError(
-            f"no equilibrium or steady motion was found: the search ran away to {z[away]:.4g} in "
-            f"'{search.unknown_names[away]}'; give a guess nearer to a solution"
+            f"no equilibrium or steady motion was found: the search diverged to {z[away]:.4g} in "
+            f"'{search.unknown_names[away]}'; give a guess closer to a solution"
         )
     hint = (
         f"there are {m} conditions for {n} unknowns: name inputs or parameters in solve, or leave "
@@ -368,11 +376,11 @@ def _refuse(search: _Search, z: Array) -> NoReturn:
         if m > n and not search.at.model.constraints
         else "name inputs or parameters in solve, leave rates free, or give another guess"
     )
-    raise SolveError(f"no equilibrium or steady motion was found: {told}; {hint}")
+    raise SolveError(f"no equilibrium or steady motion was found: {violated}; {hint}")
 
 
 def _point(search: _Search, z: Array) -> TrimPoint:
-    """Describe a point that was found."""
+    """Make the result from a solution."""
     at, y = search.point(z)
     model = at.model
     inverse, free = pseudo_inverse(search.slope(z))

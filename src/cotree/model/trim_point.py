@@ -1,6 +1,6 @@
-"""An equilibrium or a steady motion that was found: its values, its derivatives, its linear system.
+"""The result of trimming: values, derivatives and linearisation of an equilibrium or steady motion.
 
-Derivatives follow from the conditions F(z, p) = 0 that the unknowns z obey: z' = -F_z^+ F_p.
+Derivatives follow from the conditions F(z, p) = 0 on the unknowns z: dz/dp = -F_z^+ F_p.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class TrimPoint:
     y : ndarray, shape (n_states,)
         States.
     unknowns : tuple of str
-        The names that were solved for.
+        Names of the unknowns.
     undetermined : tuple of tuple of str
-        For each direction in which the point may move and conditions go on holding, the unknowns
-        that it changes. They keep values near the guess.
+        For each direction in which the point can move without violating the conditions, the
+        unknowns involved. They stay close to the guess.
     residual : float
-        The largest residual of the conditions, in their own units.
+        The largest residual of the conditions, in their units.
     """
 
     model: CompiledModel
@@ -74,12 +74,12 @@ class TrimPoint:
 
     @property
     def is_unique(self) -> bool:
-        """Whether no other point near this one satisfies the conditions."""
+        """Whether the solution is locally unique."""
         return not self.undetermined
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of runs that begin here: ``model.simulate((0, 1), **point.settings)``."""
+        """Arguments of runs that start here: ``model.simulate((0, 1), **point.settings)``."""
         return {
             "initial": dict(zip(self.model.states, self.y.tolist(), strict=True)),
             "parameters": dict(zip(self.model.parameters, self.p.tolist(), strict=True)),
@@ -92,7 +92,7 @@ class TrimPoint:
         Raises
         ------
         ParameterError
-            If there is nothing of this name.
+            If the name is unknown.
         """
         model = self.model
         groups = ((model.states, self.y), (model.inputs, self.u), (model.parameters, self.p))
@@ -104,7 +104,7 @@ class TrimPoint:
             return float(found[model.outputs.index(name)])
         known = [*model.states, *model.inputs, *model.parameters, *model.outputs]
         raise ParameterError(
-            f"the model has nothing of the name '{brief(name)}'{nearest(name, known)}"
+            f"the model has no variable or parameter '{brief(name)}'{nearest(name, known)}"
         )
 
     def linearize(
@@ -112,15 +112,15 @@ class TrimPoint:
     ) -> Linearization:
         """Linearise about the point; see :meth:`cotree.Model.linearize`.
 
-        Derivatives by parameters are total ones: the unknowns follow the parameter, as the
-        conditions say.
+        Derivatives by parameters are total: the unknowns change with the parameter such that the
+        conditions remain satisfied.
 
         Parameters
         ----------
         reduced : bool
             Whether to linearise in independent deviations.
         sensitivities : sequence of str
-            Names that are no unknowns to differentiate A, B, C and D by.
+            Names, other than unknowns, to differentiate A, B, C and D by.
         """
         names = check_names(sensitivities, "sensitivities")
         directions = {name: self._direction(name) for name in names}
@@ -128,26 +128,28 @@ class TrimPoint:
         return self.linearizer.about(self.at, self.y, reduced=reduced, directions=directions)
 
     def sensitivity(self, name: str, to: str) -> float:
-        """Return the derivative of an unknown by what was held: a parameter, an input or a state.
+        """Return the derivative of an unknown by a given parameter, input or state.
 
         Raises
         ------
         ParameterError
-            If ``name`` is no unknown, or ``to`` is one.
+            If ``name`` is not an unknown, or ``to`` is one.
         """
         if name not in self.unknowns:
-            raise ParameterError(f"'{brief(name)}' is no unknown{nearest(name, self.unknowns)}")
+            raise ParameterError(f"'{brief(name)}' is not an unknown{nearest(name, self.unknowns)}")
         return float(self._moved(to)[0][self.unknowns.index(name)])
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
-        """Give how the unknowns follow a name, and the direction of that name alone."""
+        """Return the derivatives of the unknowns by a name, and its direction alone."""
         from cotree.model.trim import all_slopes, by_parameter
 
         model, at = self.model, self.at
         assert self.linearizer is not None
         y, u, p = (np.zeros(len(x)) for x in (model.states, model.inputs, model.parameters))
         if name in self.unknowns:
-            raise ParameterError(f"'{name}' was solved for: take derivatives by what was held")
+            raise ParameterError(
+                f"'{name}' is an unknown: differentiate by a given quantity instead"
+            )
         if name in model.parameters:
             place = model.parameters.index(name)
             p[place] = 1.0
@@ -171,7 +173,7 @@ class TrimPoint:
         return -self.inverse @ changed[list(self.rows)], Direction(y, u, p)
 
     def _direction(self, name: str) -> Direction:
-        """Give the direction in which the whole point moves with a name."""
+        """Return the total derivative of the point by a name."""
         moved, found = self._moved(name)
         by_kind = {"y": found.y, "u": found.u, "p": found.p}
         for (kind, i), change in zip(self.places, moved, strict=True):
@@ -179,14 +181,14 @@ class TrimPoint:
         return found
 
     def summary(self) -> str:
-        """Say in a sentence whether the point is the only one nearby."""
+        """Describe whether the point is locally unique."""
         if self.is_unique:
-            return "the only one nearby"
+            return "locally unique"
         parts = [
             f"'{names[0]}' may have any value" if len(names) == 1 else _together(names)
             for names in self.undetermined
         ]
-        return f"not the only one nearby: {listed(parts)}"
+        return f"not locally unique: {listed(parts)}"
 
     def __repr__(self) -> str:
         values = [(name, f"{self[name]:.8g}") for name in self.unknowns]

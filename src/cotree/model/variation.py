@@ -1,8 +1,8 @@
 """Directional derivatives of a linearisation, which are second derivatives of the equations.
 
 In: the nodes of a :class:`~cotree.model.linearize.Linearizer`, which are functions of states,
-inputs and parameters. Out: how they change along any direction of these. The nodes are
-differentiated once, along a direction of symbols; numbers are put in for each parameter.
+inputs and parameters. Out: their derivatives along any direction. The nodes are differentiated once
+along a symbolic direction, which is evaluated for each parameter.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Direction:
     Attributes
     ----------
     y, u, p : ndarray, shapes (n_states,), (n_inputs,) and (n_parameters,)
-        Derivatives of each by what changes; those of algebraic unknowns follow and do not count.
+        Components of the direction; those of algebraic unknowns are recomputed and ignored.
     """
 
     y: Array
@@ -42,12 +42,12 @@ class Direction:
 
 
 class Variation:
-    """Derivatives of nodes along any direction, formed once.
+    """Directional derivatives of nodes, formed once for all directions.
 
     Parameters
     ----------
     dag : Dag
-        The arena.
+        The graph that owns the nodes.
     nodes : sequence of Node
         Functions of states, inputs, parameters and time.
     """
@@ -62,7 +62,7 @@ class Variation:
         found = symbols_in(self._nodes)
         changes = [symbol for symbol in found if symbol.data[0] in _CHANGES.values()]
         self._changes = {symbol: symbol.data for symbol in changes}
-        #: The other symbols that values are needed of.
+        #: Symbols other than the direction, whose values are needed for evaluation.
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
@@ -71,7 +71,7 @@ class Variation:
         Parameters
         ----------
         values : mapping of Node to float
-            Of the symbols of states, inputs, parameters and time.
+            Values of the symbols of states, inputs, parameters and time.
         direction : Direction
             The direction.
 
@@ -93,7 +93,7 @@ class Variation:
 
 
 def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
-    """Differentiate what :func:`cotree.model.algebraic.eliminated` gives.
+    """Differentiate the result of :func:`cotree.model.algebraic.eliminated`.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
     ndarray, shape (cut, m)
     """
     n = len(moved) - cut
-    # Of A - B D^-1 C: with X = D^-1 C its derivative is D^-1 (C' - D' X).
+    # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
     x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
     dx = np.linalg.solve(moved[cut:, -n:], change[cut:, :-n] - change[cut:, -n:] @ x)
     found: Array = change[:cut, :-n] - change[:cut, -n:] @ x - moved[:cut, -n:] @ dx
