@@ -2,6 +2,7 @@
 
 ``replace`` looks at every field and calls ``__init__``, which sets them one by one through
 ``object.__setattr__``: of a record of thirty fields that takes as long as a small integration.
+Values that few callers read can wait until somebody does; see :class:`Deferring`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 T = TypeVar("T")
+
+# The entry of a record's values that holds what makes those that are still to be made.
+_PENDING = "_pending"
 
 
 def changed(record: T, **values: Any) -> T:
@@ -28,7 +32,63 @@ def changed(record: T, **values: Any) -> T:
 
 
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Give a record of a frozen dataclass from the values of all its fields, by name."""
+    """Give a record of a frozen dataclass from the values of all its fields, by name.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    values : mapping of str to object
+        A dict of these values becomes the record's own: nobody else may change it.
+    """
     record = object.__new__(kind)
-    vars(record).update(values)
+    # Setting the dict takes no time per field, and frozen dataclasses refuse any other way.
+    object.__setattr__(record, "__dict__", values if type(values) is dict else dict(values))
     return record
+
+
+class Deferring:
+    """A base of frozen dataclasses, some of whose values are made when they are first asked for.
+
+    Records are made by :func:`filled` from the other values and :func:`deferred`. Copies and
+    pickles have all values.
+    """
+
+    # For type checkers a record has the fields of its dataclass and nothing else.
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Make a value that is not there yet, and those that are made along with it."""
+            own = vars(self)
+            pending = own.get(_PENDING, {})
+            make = pending.get(name)
+            if make is not None:
+                made = make()
+                for key, value in made.items():
+                    own.setdefault(key, value)  # of two threads that ask, the first one's stay
+                # A new dict, since records that were made of this one share the old one.
+                own[_PENDING] = {key: row for key, row in pending.items() if key not in made}
+            if name in own:  # or another thread has made it meanwhile
+                return own[name]
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Give all values: what makes them belongs to this process."""
+        own = vars(self)
+        for name in own.get(_PENDING, ()):
+            getattr(self, name)
+        return {name: value for name, value in own.items() if name != _PENDING}
+
+
+def deferred(
+    *groups: tuple[Iterable[str], Callable[[], Mapping[str, Any]]],
+) -> dict[str, Any]:
+    """Give the entry of a record's values by which others are made when they are asked for.
+
+    Parameters
+    ----------
+    *groups : tuple of (names, make)
+        Fields, and what makes all of them together. It is called once for each thread that asks
+        before the first one is done, and gives the same each time.
+    """
+    return {_PENDING: {name: make for names, make in groups for name in names}}

@@ -40,7 +40,7 @@ class Result(RunRecord):
     def __getstate__(self) -> dict[str, Any]:
         """Leave the model behind, which is a library in memory, and settings of it."""
         # Another process could not use its pointers, nor inputs that are functions.
-        return {**self.__dict__, "model": None, "settings": None}
+        return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:
         """Give the same run at as many times as make its curves smooth.

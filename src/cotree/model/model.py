@@ -133,6 +133,11 @@ class CompiledModel(PreparedKernels):
         """
         return self._program.corners(p.tolist(), (min(span), max(span)), given, others)
 
+    @property
+    def has_corners(self) -> bool:
+        """Whether the scene's own inputs and rates jump or have kinks; see :meth:`corners`."""
+        return bool(self._program.stops)
+
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)

@@ -6,7 +6,7 @@ with names, units and outputs.
 
 from __future__ import annotations
 
-from cotree.solvers.base import Drift, Occurrence, Statistics, Trajectory
+from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.methods import METHODS, Method
 from cotree.solvers.problem import Problem, check_problem
 from cotree.solvers.project import Projection
@@ -17,7 +17,6 @@ __all__ = [
     "METHODS",
     "Drift",
     "Method",
-    "Occurrence",
     "Problem",
     "Projection",
     "RunRecord",

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+
+def _no_events() -> FloatArray:
+    return np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
@@ -70,29 +74,6 @@ class Drift:
 
 
 @dataclass(frozen=True, eq=False)
-class Occurrence:
-    """One event that happened.
-
-    Attributes
-    ----------
-    event : int
-        Number of the event.
-    t : float
-        Time of the event, [s].
-    before, after : ndarray
-        States.
-    time_sensitivity : ndarray, shape (n_sensitivities,)
-        Derivatives of its time by the parameters.
-    """
-
-    event: int
-    t: float
-    before: FloatArray
-    after: FloatArray
-    time_sensitivity: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The outcome of an integration, complete or not.
 
@@ -111,8 +92,9 @@ class Trajectory:
         Work done.
     drift : Drift or None
         Residuals of the constraints along the run; None where there are no constraints.
-    events : tuple of Occurrence
-        The events that happened, in order.
+    events : ndarray, shape (n_events, 2 + n_sensitivities + 2 * n_states)
+        The events that happened, in order, a row each: time, [s], number of the event, derivatives
+        of the time by the parameters, states before, and states after.
     """
 
     t: FloatArray
@@ -121,4 +103,4 @@ class Trajectory:
     message: str
     statistics: Statistics
     drift: Drift | None = None
-    events: tuple[Occurrence, ...] = ()
+    events: FloatArray = field(default_factory=_no_events)

@@ -16,7 +16,6 @@ from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.dag.corners import Corner
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.augmented import augmented_tolerances
-from cotree.solvers.base import Occurrence
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
@@ -318,15 +317,10 @@ class Job:
         """Tell whether the budget of events is spent."""
         return bool(0 < self.job.most_events <= self.job.n_records)
 
-    def happened(self, problem: Problem) -> tuple[Occurrence, ...]:
-        """List the events that happened."""
-        n, m = problem.n_states, problem.n_sensitivities
-        if not self.job.n_records:
-            return ()
-        return tuple(
-            Occurrence(int(row[1]), float(row[0]), row[2 + m : 2 + m + n], row[-n:], row[2 : 2 + m])
-            for row in self.records[: self.job.n_records].copy()
-        )
+    @property
+    def happened(self) -> FloatArray:
+        """The events that happened; see :attr:`Trajectory.events`."""
+        return self.records[: self.job.n_records].copy()
 
     def _let_turn(self, problem: Problem, corners: Sequence[float]) -> None:
         """Say how the times of corners depend on the parameters, where any does."""

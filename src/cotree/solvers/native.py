@@ -322,7 +322,7 @@ def trajectory_of(
     notes = [row for row in (job.rows.thinning.note, note) if row]
     message = " ".join([*sentences, *notes])
     drift = _drift(job, problem, t, z)
-    return Trajectory(t, z, ended.status, message, statistics, drift, job.happened(problem))
+    return Trajectory(t, z, ended.status, message, statistics, drift, job.happened)
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:

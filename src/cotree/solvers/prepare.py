@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cotree.errors import ParameterError, nearest
-from cotree.model.arrays import derived_values
 from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
 from cotree.model.signals import read_signals
@@ -63,7 +62,6 @@ class Run(NamedTuple):
     problem: Problem
     p: FloatArray
     u: Inputs
-    values: dict[str, float]
     start: Start
     projection: Projection | None
 
@@ -114,7 +112,10 @@ class Preparation:
         _check_replaced(model, settings.inputs)
         # Norms of quaternions are among the constraints: a free body is projected, too.
         self._is_held = settings.project and bool(layout.constraints)
-        self._scales = given_scales(model, settings.scales)
+        self._size_of = parameter_sizes(model, settings.scales)
+        self._has_corners = model.has_corners or bool(settings.inputs)
+        self._max_step = _given_max_step(settings)
+        t_span = read_span(settings.t_span)
         n, m = len(model.states), len(model.sensitivities)
         # Functions and numbers of a run take the places of these.
         self._template = Problem(
@@ -123,13 +124,15 @@ class Preparation:
             n_states=n,
             n_sensitivities=m,
             z0=np.zeros(n * (1 + m)),
-            t_span=read_span(settings.t_span),
+            t_span=t_span,
             t_eval=read_times(settings.t_eval),
             rtol=check_number(settings.rtol, "rtol"),
             atol=check_number(settings.atol, "atol"),
             error_test_sensitivities=settings.error_test_sensitivities,
+            scale=max(map(abs, t_span)),
             names=model.states,
             parameters=model.sensitivities,
+            max_step=math.inf if self._max_step is None else self._max_step,
             max_steps=read_whole(settings.max_steps, "max_steps"),
             max_events=read_whole(settings.max_events, "max_events"),
             time_limit=read_bound(settings.time_limit, "time_limit"),
@@ -138,13 +141,13 @@ class Preparation:
             not_native="the model is evaluated in Python",
             places=places_of(model),
             n_observed=n_observed(model),
-            shared=Shared(is_repeatable=not self._asks_python),
+            shared=Shared(is_repeatable=not self.asks_python),
         )
         check_demands(self._template)
         self._has_sparse = _has_sparse_jacobian(model)
 
     @property
-    def _asks_python(self) -> bool:
+    def asks_python(self) -> bool:
         """Whether inputs are functions of Python, which may remember their calls."""
         return bool(self._signals.sampled) or any(
             place not in self._signals.tables for place in self._signals.by_position
@@ -168,8 +171,6 @@ class Preparation:
         check_mapping("initial", initial)
         model, t_span = self.model, self._template.t_span
         p = model.parameter_array(parameters)
-        values: dict[str, float] = dict(zip(model.parameters, p.tolist(), strict=True))
-        values |= derived_values(model.layout.derived, p)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
         model.take(p)
@@ -182,34 +183,42 @@ class Preparation:
             reach(t_span[0], start.z)
             at = Moment(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
-        projection = Projection(model, p, u) if self._is_held else None
+        z0, projection = start.z, Projection(model, p, u) if self._is_held else None
         problem = changed(
             self._template,
-            z0=start.z,
+            z0=z0,
             sizes=content_sizes(at, start.y),
-            scales=scales_of(model, values, self._scales),
+            scales=self._scales(p),
             reach=reach,
             **corners,
             **self._functions(p, u, projection),
             **_native(model, p, signals),
         )
         if problem.events is not None:
-            problem.events.check_start(t_span[0], start.z)
-        return Run(problem, p, u, values, start, projection)
+            problem.events.check_start(t_span[0], z0)
+        return Run(problem, p, u, start, projection)
+
+    def _scales(self, p: FloatArray) -> FloatArray:
+        """Give the sizes of the sensitivity parameters: as given, or their values."""
+        values = p.tolist()
+        sizes = [abs(values[of] or 1.0) if isinstance(of, int) else of for of in self._size_of]
+        return np.array(sizes)
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Give the times where rates jump or have kinks, and the longest step."""
-        model, t_span, inputs = self.model, self._template.t_span, self.settings.inputs
+        """Give what depends on parameters of the times where rates jump, and the longest step."""
+        model, inputs, found = self.model, self.settings.inputs, dict[str, Any]()
+        if self._max_step is None:
+            found["max_step"] = model.longest_step(p, inputs)
+        if not self._has_corners:
+            return found
+        t_span, scale = self._template.t_span, self._template.scale
         corners = model.corners(p, t_span, inputs, signals.breakpoints)
-        found: dict[str, Any] = {"scale": max(map(abs, t_span))}
-        if corners:
-            found = {
-                "scale": max(found["scale"], *(corner.scale for corner in corners)),
-                "breakpoints": tuple(corner.t for corner in corners),
-                # Sensitivities are continuous at corners that no parameter moves.
-                "shifts": {c.t: c for c in corners if any(c.slopes + c.spreads)},
-            }
-        return found | {"max_step": max_step_of(model, p, self.settings)}
+        return found | {
+            "scale": max([scale, *(corner.scale for corner in corners)]),
+            "breakpoints": tuple(corner.t for corner in corners),
+            # Sensitivities are continuous at corners that no parameter moves.
+            "shifts": {c.t: c for c in corners if any(c.slopes + c.spreads)},
+        }
 
     def _functions(self, p: FloatArray, u: Inputs, projection: Projection | None) -> dict[str, Any]:
         """Give the functions of a problem."""
@@ -249,9 +258,21 @@ def n_observed(model: CompiledModel) -> int:
     return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
 
 
-def given_scales(model: CompiledModel, given: Mapping[str, float]) -> list[float]:
-    """Return the sizes that are given to sensitivity parameters; zero for the others."""
-    found = [0.0] * len(model.sensitivities)
+def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
+    """Give the size of each sensitivity parameter: a number, or the place of a parameter as an int.
+
+    The value of that parameter is then the size, and one where that is zero. Initial values of
+    states have a size of one.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    given : mapping of str to float
+        Sizes that go before these.
+    """
+    places = {name: i for i, name in enumerate(model.parameters)}
+    found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]
     for name, value in given.items():
         if name not in model.sensitivities:
             raise ParameterError(
@@ -265,31 +286,11 @@ def given_scales(model: CompiledModel, given: Mapping[str, float]) -> list[float
     return found
 
 
-def scales_of(
-    model: CompiledModel, values: Mapping[str, float], given: Sequence[float]
-) -> FloatArray:
-    """Return the sizes of sensitivity parameters, shape (n_sensitivities,).
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    values : mapping of str to float
-        Values of the parameters, which are their sizes; one is that of zeros and of states.
-    given : sequence of float
-        What goes before them: see :func:`given_scales`.
-    """
-    named = zip(model.sensitivities, given, strict=True)
-    return np.array([size or abs(values.get(name, 1.0)) or 1.0 for name, size in named])
-
-
-def max_step_of(model: CompiledModel, p: FloatArray, settings: Settings) -> float:
-    """Return the longest step: the one that is asked for, or the one that the model needs."""
-    if settings.max_step is None:
-        return model.longest_step(p, settings.inputs)
-    return (
-        math.inf if settings.max_step == math.inf else check_number(settings.max_step, "max_step")
-    )
+def _given_max_step(settings: Settings) -> float | None:
+    """Return the longest step that is asked for; None leaves it to the model."""
+    if settings.max_step is None or settings.max_step == math.inf:
+        return settings.max_step
+    return check_number(settings.max_step, "max_step")
 
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:

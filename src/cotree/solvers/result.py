@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import Error, ModelError, nearest
 from cotree.files import written_whole
+from cotree.records import Deferring
 
 if TYPE_CHECKING:
     import os
@@ -49,8 +50,11 @@ class EventTimes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RunRecord:
+class RunRecord(Deferring):
     """The outcome of one simulation as numbers.
+
+    Outputs, inputs, events and values of parameters are evaluated when they are first read; an
+    output that is not determined somewhere then raises ``SingularSystemError``.
 
     Attributes
     ----------

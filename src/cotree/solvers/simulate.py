@@ -6,16 +6,15 @@ import time
 import warnings
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cotree.errors import SolveError
 from cotree.quiet import level_of_user
+from cotree.records import filled
 from cotree.solvers.growth import with_growth
+from cotree.solvers.observed import observed
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import check_values
-from cotree.solvers.result import EventTimes, RunRecord
+from cotree.solvers.result import RunRecord
 from cotree.solvers.select import run as integrate
-from cotree.solvers.sweep import sweep
 from cotree.solvers.timely import timely
 from cotree.solvers.trust import (
     held,
@@ -26,10 +25,10 @@ from cotree.solvers.trust import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import FloatArray, Occurrence, Trajectory
+    from cotree.solvers.base import Trajectory
     from cotree.solvers.prepare import Preparation
     from cotree.solvers.project import Projection
     from cotree.solvers.settings import Settings
@@ -60,7 +59,7 @@ def simulate(
         integration fails.
     """
     values = run_values(prepared(model, settings), settings.parameters, settings.initial)
-    return RunRecord(**{**values, "units": units})
+    return filled(RunRecord, {**values, "units": units})
 
 
 def run_values(
@@ -80,7 +79,8 @@ def run_values(
     Returns
     -------
     dict of str to object
-        The values of a ``RunRecord``, by field.
+        The values of a ``RunRecord``, by field; outputs, inputs, events and values of parameters
+        are made when they are first asked for.
 
     Raises
     ------
@@ -89,7 +89,8 @@ def run_values(
     """
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
-    problem, p, u, values, start, projection = preparation.run(parameters, initial)
+    run = preparation.run(parameters, initial)
+    problem, projection = run.problem, run.projection
     check_values(problem)
     warn_of_tolerances(problem)
     # A run may still be refused: by the rounding of t, then by its constraints.
@@ -106,14 +107,11 @@ def run_values(
         problem,
         trajectory,
         model.layout.followers,
-        lambda: is_balanced(model, t, start.y, p, u(t)),
+        lambda: is_balanced(model, t, run.start.y, run.p, run.u(t)),
     )
-    n, m = len(model.states), len(model.sensitivities)
     warn_of_redundancy(problem, trajectory, redundant)
-    native = None if problem.native is None else problem.native.model
-    outputs, output_s, inputs = sweep(model, p, u, trajectory.t, trajectory.z, native)
-    if redundant and model.sensitivities:
-        _leave_out(model, output_s)
+    left_out = _left_out(model) if redundant and model.sensitivities else []
+    n, m = len(model.states), len(model.sensitivities)
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
@@ -121,10 +119,7 @@ def run_values(
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
         "outputs": model.outputs,
-        "output_values": outputs,
-        "output_sensitivities": output_s,
         "inputs": model.inputs,
-        "input_values": inputs,
         "parameters_of_sensitivity": model.sensitivities,
         "units": preparation.units.copy(),
         "status": trajectory.status,
@@ -133,24 +128,8 @@ def run_values(
         "times": _times_of(trajectory, time.perf_counter() - begin),
         "drift": trajectory.drift,
         "redundant": redundant,
-        "events": _event_times(model, trajectory.events),
-        "parameter_values": values,
+        **observed(preparation, run, trajectory, left_out),
     }
-
-
-def _event_times(model: CompiledModel, happened: Sequence[Occurrence]) -> dict[str, EventTimes]:
-    """Group the occurrences by event."""
-    n, m, found = len(model.states), len(model.sensitivities), {}
-    for i, row in enumerate(model.layout.events):
-        # Shapes are given, since an event that never happened has no row to infer them from.
-        own = [item for item in happened if item.event == i]
-        found[row.name] = EventTimes(
-            np.array([item.t for item in own]),
-            np.array([item.before[:n] for item in own]).reshape(len(own), n).T,
-            np.array([item.after[:n] for item in own]).reshape(len(own), n).T,
-            np.array([item.time_sensitivity for item in own]).reshape(len(own), m).T,
-        )
-    return found
 
 
 def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
@@ -168,17 +147,16 @@ def redundancy(model: CompiledModel, projection: Projection | None, trajectory: 
     return max(projection.redundant(trajectory.t[j], trajectory.z[:, j]) for j in places)
 
 
-def _leave_out(model: CompiledModel, sensitivities: FloatArray) -> None:
-    """Set sensitivities of reactions to nan: with redundant constraints they are not unique."""
+def _left_out(model: CompiledModel) -> list[int]:
+    """List the outputs whose sensitivities are not unique with redundant constraints, and warn."""
     # Of multipliers that share a load the least are taken, and that choice is not differentiated.
-    taken = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
-    if not taken:
-        return
-    sensitivities[taken] = np.nan
-    names = ", ".join(f"'{model.outputs[i]}'" for i in taken[:6])
-    warnings.warn(
-        f"constraints are redundant, so reactions are not unique: of those that share a load the "
-        f"least are given, and the sensitivities of {names} are left out (nan)",
-        RuntimeWarning,
-        stacklevel=level_of_user(),
-    )
+    found = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
+    if found:
+        names = ", ".join(f"'{model.outputs[i]}'" for i in found[:6])
+        warnings.warn(
+            "constraints are redundant, so reactions are not unique: of those that share a load "
+            f"the least are given, and the sensitivities of {names} are left out (nan)",
+            RuntimeWarning,
+            stacklevel=level_of_user(),
+        )
+    return found

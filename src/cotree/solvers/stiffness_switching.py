@@ -213,7 +213,8 @@ def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajecto
         z=np.hstack([first.z, z]),
         statistics=_summed(first.statistics, second.statistics),
         drift=_joined_drift(first.drift, second.drift, skipped),
-        events=(*first.events, *second.events),
+        # Methods that take no events give no columns for them either.
+        events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 
 
