@@ -207,26 +207,26 @@ class RunnableModel(CompiledModel):
         >>> round(float(result["j1.s"][-1]), 6)
         0.526045
         """
-        settings = _settings(
-            self,
-            t_span=t_span,
-            t_eval=t_eval,
-            method=method,
-            rtol=rtol,
-            atol=atol,
-            parameters=parameters,
-            initial=initial,
-            inputs=inputs,
-            sensitivities=sensitivities,
-            error_test_sensitivities=error_test_sensitivities,
-            scales=scales,
-            max_step=max_step,
-            max_steps=max_steps,
-            max_events=max_events,
-            time_limit=time_limit,
-            throw=throw,
-            project=project,
-        )
+        given = {
+            "t_span": t_span,
+            "t_eval": t_eval,
+            "method": method,
+            "rtol": rtol,
+            "atol": atol,
+            "parameters": parameters,
+            "initial": initial,
+            "inputs": inputs,
+            "sensitivities": sensitivities,
+            "error_test_sensitivities": error_test_sensitivities,
+            "scales": scales,
+            "max_step": max_step,
+            "max_steps": max_steps,
+            "max_events": max_events,
+            "time_limit": time_limit,
+            "throw": throw,
+            "project": project,
+        }
+        settings = filled(Settings, _completed(self, given))
         return Runner(*self._variant(settings))()
 
     def runner(
@@ -265,12 +265,12 @@ class RunnableModel(CompiledModel):
         >>> [round(float(run({"L": length})["j1.s"][-1]), 6) for length in (1.0, 1.1)]
         [0.526045, 0.51608]
         """
-        given = _settings(self, t_span=t_span, t_eval=t_eval, **settings)
-        return Runner(*self._variant(given))
+        given = _completed(self, {"t_span": t_span, "t_eval": t_eval, **settings})
+        return Runner(*self._variant(Settings(**given)))
 
 
-def _settings(model: RunnableModel, **given: Any) -> Settings:
-    """Take from the scene what the caller leaves open."""
+def _completed(model: RunnableModel, given: dict[str, Any]) -> dict[str, Any]:
+    """Take from the scene, in place, what the caller leaves open."""
     defaults = model._recipe.defaults
     if given["t_span"] is None:
         given["t_span"] = (0.0, defaults.t_end)
@@ -279,4 +279,4 @@ def _settings(model: RunnableModel, **given: Any) -> Settings:
             given[name] = getattr(defaults, name)
     for name in ("initial", "inputs", "scales"):
         given[name] = given.get(name) or {}
-    return Settings(**given)
+    return given

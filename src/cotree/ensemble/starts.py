@@ -78,7 +78,7 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
     """Give the absolute tolerances of members, of what is integrated and of turns, if they differ.
 
     Those of sensitivities are divided by the sizes of the parameters; see
-    :func:`cotree.solvers.augmented.augmented_tolerances`.
+    :class:`cotree.solvers.augmented.Tolerances`.
     """
     problem, model, settings = pattern.problem, pattern.plan.model, pattern.plan.settings
     names = model.sensitivities[: problem.n_sensitivities]
@@ -94,6 +94,6 @@ def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, Floa
         size = np.abs(p[:, model.parameters.index(names[j])])
         scales[:, j] = np.where(size == 0.0, 1.0, size)
     own = replace(problem, scales=scales)
-    _, _, atols = tested(pattern.row, own, is_extended=bool(pattern.job.job.is_extended))
+    _, atols = tested(pattern.row, own, is_extended=bool(pattern.job.job.is_extended))
     # Where sensitivities are not tested, their sizes change nothing.
     return (atols if atols.ndim > 1 else None), turn_tolerances(own)

@@ -23,6 +23,7 @@ from cotree.model.newton import load_newton
 from cotree.model.step_work import count_step_work
 from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
+from cotree.records import changed
 from cotree.sharing import made_once
 from cotree.version import ABI_VERSION
 
@@ -184,13 +185,19 @@ class CKernels:
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
-        self._newton = made_once(lambda: load_newton(program))
-        self._work = made_once(lambda: count_step_work(program))
         self._model = model
         self._program, self._guards = program, program.guards
-        self._can_extend = program.can_extend
         self._own = _OwnBuffers(program, library, model)
-        self._address = int(library.ffi.cast("uintptr_t", model))
+        # What is the same for all parameters.
+        self._native = NativeModel(
+            int(library.ffi.cast("uintptr_t", model)),
+            np.zeros(0),
+            np.zeros(0),
+            library,
+            program.can_extend,
+            made_once(lambda: load_newton(program)),
+            made_once(lambda: count_step_work(program)),
+        )
 
     def prepare(self, p: Array) -> None:
         """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
@@ -226,9 +233,7 @@ class CKernels:
         """Give the model and the parameters that this thread last prepared."""
         # Copies, since a run outlives what this thread may prepare next.
         bound = self._own.bound
-        p, k = bound.p.copy(), bound.k.copy()
-        aid = self._newton, self._work
-        return NativeModel(self._address, p, k, self._library, self._can_extend, *aid)
+        return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
     def address(self, name: str) -> int:
         """Give the address of a kernel; see :class:`Kernels`."""

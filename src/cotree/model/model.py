@@ -138,6 +138,11 @@ class CompiledModel(PreparedKernels):
         """Whether the scene's own inputs and rates jump or have kinks; see :meth:`corners`."""
         return bool(self._program.stops)
 
+    @property
+    def has_longest_step(self) -> bool:
+        """Whether anything in the scene bounds the steps; see :meth:`longest_step`."""
+        return bool(self._program.longest_steps)
+
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.model.kernels import Kernels, NativeModel
-    from cotree.program import Layout, Program
+    from cotree.program import Program
 
 Array = npt.NDArray[np.float64]
 
@@ -47,6 +47,17 @@ class PreparedKernels:
         Names, patterns, and what the kernels compute.
     kernels : Kernels
         The kernels.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names, units and patterns.
+    states, parameters, inputs, outputs : tuple of str
+        Their names.
+    sensitivities : tuple of str
+        Parameters and states with respect to which sensitivities are taken.
+    structure : Structure
+        Patterns of its derivatives.
     """
 
     def __init__(self, program: Program, kernels: Kernels) -> None:
@@ -54,24 +65,15 @@ class PreparedKernels:
         self._kernels = kernels
         self._own = _Own()
         self._whole: dict[str, Call] = {}
-        layout = program.layout
+        layout = self.layout = program.layout
         self._defaults = np.array(layout.parameter_values, dtype=float)
         self.structure = Structure(layout)
         self.states = tuple(row.name for row in layout.states)
         self.parameters = tuple(row.name for row in layout.parameters)
         self.inputs = tuple(row.name for row in layout.inputs)
         self.outputs = tuple(row.name for row in layout.outputs)
+        self.sensitivities = layout.sensitivities
         self._place_of = {name: i for i, name in enumerate(self.parameters)}
-
-    @property
-    def layout(self) -> Layout:
-        """Names, units and patterns."""
-        return self._program.layout
-
-    @property
-    def sensitivities(self) -> tuple[str, ...]:
-        """Parameters and states with respect to which sensitivities are taken."""
-        return self.layout.sensitivities
 
     @property
     def default_parameters(self) -> Array:

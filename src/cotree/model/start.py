@@ -45,8 +45,10 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     """
     model = at.model
     initial, slopes = _apart(initial)
-    held = held_followers(model, initial)
     start = constrained_start(at, initial, slopes)
+    if not model.layout.has_start_equations:
+        return start
+    held = held_followers(model, initial)
     y, s = start.y, start.s
     if start.is_chosen and model.sensitivities:
         if slopes:
@@ -104,7 +106,7 @@ def is_slope(name: str) -> bool:
 
 def _apart(initial: Mapping[str, float]) -> tuple[Mapping[str, float], dict[str, float]]:
     """Separate initial values of states from those of sensitivities."""
-    slopes = {name: value for name, value in initial.items() if is_slope(name)}
+    slopes = {name: value for name, value in initial.items() if is_slope(name)} if initial else {}
     if not slopes:
         return initial, slopes
     return {name: value for name, value in initial.items() if name not in slopes}, slopes

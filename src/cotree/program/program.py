@@ -178,6 +178,12 @@ class Layout:
         return bool(self.constraints or self.start_rows)
 
     @cached_property
+    def has_start_equations(self) -> bool:
+        """Whether anything at all follows from initial values, or has to agree with them."""
+        is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
+        return bool(is_found) or any(row.is_jump for row in self.events)
+
+    @cached_property
     def value_rows(self) -> tuple[int, ...]:
         """Indices of the speed constraints that are rates of coordinate constraints."""
         names = [row.name for row in self.constraints]

@@ -19,6 +19,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy.typing as npt
+
     from cotree.solvers.base import FloatArray
     from cotree.solvers.problem import Problem
 
@@ -135,6 +137,20 @@ def difference_columns(
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     """Return the relative tolerance and the absolute tolerance of each number that is integrated.
 
+    Returns
+    -------
+    rtol : float
+        At least ``RTOL_FLOOR``.
+    atol : ndarray, shape (..., len(problem.integrated))
+        See :class:`Tolerances`.
+    """
+    tolerances = Tolerances(problem)
+    return tolerances.rtol_of(problem), tolerances.of(problem)
+
+
+class Tolerances:
+    """Absolute tolerances of entries of z, for problems that differ in values of parameters alone.
+
     Absolute tolerances of sensitivities are those of the states over the sizes of the parameters,
     as in CVODES (Hindmarsh et al. 2005): capacitances of 1e-12 F have sensitivities of 1e7 V/F, of
     which rounding alone exceeds what is small for a voltage.
@@ -148,34 +164,47 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
     Sizes of states and of parameters may have a row for each of several problems that differ in
     nothing else.
 
-    Returns
-    -------
-    rtol : float
-        At least ``RTOL_FLOOR``.
-    atol : ndarray, shape (..., len(problem.integrated))
+    Parameters
+    ----------
+    problem : Problem
+        One of the problems.
+    is_left : ndarray of bool, shape (len(problem.integrated),), optional
+        Entries that are wanted; all that are integrated where absent.
     """
-    state_atol = problem.state_atol
-    if problem.error_test_sensitivities:
-        n, m, scales = problem.n_states, problem.n_sensitivities, problem.scales
-        if not m and problem.places is None:
-            return tested_rtol(problem), np.minimum(state_atol, UNTESTED)
-        own = np.ones(m) if scales is None else np.asarray(scales)
-        lead = own.shape[:-1] if len(own.shape) > 1 else state_atol.shape[:-1]
-        atol = np.empty((*lead, 1 + m, n))
-        atol[..., 0, :] = state_atol
-        np.divide(state_atol[..., None, :], own[..., None], out=atol[..., 1:, :])
-        # A parameter of tiny size must not make a tolerance infinite; see UNTESTED.
-        atol = np.minimum(atol, UNTESTED).reshape(*lead, problem.size)
-        return tested_rtol(problem), atol if problem.places is None else atol[..., problem.places]
-    places, share = problem.integrated, _share(problem)
-    atol = np.full((*state_atol.shape[:-1], len(places)), UNTESTED)
-    # States come first in `places`, and none of them is left out.
-    atol[..., : problem.n_states] = state_atol / share
-    return tested_rtol(problem), atol
+
+    def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
+        places = problem.integrated if is_left is None else problem.integrated[is_left]
+        self._atol = np.asarray(problem.atol) if np.ndim(problem.atol) else float(problem.atol)
+        # Block 0 of z holds the states, and block k their sensitivities to parameter k - 1.
+        self._block, self._state = np.divmod(places, max(1, problem.n_states))
+        self._is_tested = problem.error_test_sensitivities
+        self._share = 1.0 if self._is_tested else _share(problem)
+
+    def rtol_of(self, problem: Problem) -> float:
+        """Give the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
+        return max(problem.rtol / self._share, RTOL_FLOOR)
+
+    def of(self, problem: Problem) -> FloatArray:
+        """Give the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
+        scales, atol = problem.scales, self._atol
+        if problem.sizes is not None:
+            atol = atol * problem.sizes
+        if not isinstance(atol, float):
+            atol = atol[..., self._state]
+        if not self._is_tested:
+            return np.where(self._block > 0, UNTESTED, atol / self._share)
+        if scales is None:
+            scales = np.ones(problem.n_sensitivities)
+        # The states themselves are divided by one. A parameter of tiny size must not make a
+        # tolerance infinite; see UNTESTED.
+        divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
+        divisors[..., 0], divisors[..., 1:] = 1.0, scales
+        found: FloatArray = atol / divisors.take(self._block, axis=-1)
+        return np.minimum(found, UNTESTED, out=found)
 
 
 def tested_rtol(problem: Problem) -> float:
-    """Return the relative tolerance of :func:`augmented_tolerances`."""
+    """Return the relative tolerance of the error test, at least ``RTOL_FLOOR``."""
     share = 1.0 if problem.error_test_sensitivities else _share(problem)
     return max(problem.rtol / share, RTOL_FLOOR)
 

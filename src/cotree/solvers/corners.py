@@ -41,7 +41,7 @@ def segments(problem: Problem) -> list[tuple[float, float]]:
 def turn_tolerances(problem: Problem) -> FloatArray:
     """Return the absolute tolerance of sensitivities to each parameter, shape (..., m).
 
-    Sizes may have rows; see :func:`cotree.solvers.augmented.augmented_tolerances`.
+    Sizes may have rows; see :class:`cotree.solvers.augmented.Tolerances`.
     """
     # The tolerance of the state divided by the size of the parameter, as the error test has it.
     least = np.min(problem.state_atol, axis=-1, keepdims=True, initial=np.inf)

@@ -7,7 +7,6 @@ reason of a failure.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +14,8 @@ import numpy as np
 from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.dag.corners import Corner
 from cotree.model.kernels import SINGULAR
-from cotree.solvers.augmented import augmented_tolerances
+from cotree.records import changed
+from cotree.solvers.augmented import Tolerances
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
@@ -45,8 +45,8 @@ _SENTENCES = {row.number: row.sentence for row in STATUSES}
 
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
-) -> tuple[npt.NDArray[np.intp], float, FloatArray]:
-    """Give the places in z of what C integrates, and their relative and absolute tolerances.
+) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Give the places in z of what C integrates, and their absolute tolerances.
 
     Parameters
     ----------
@@ -60,13 +60,12 @@ def tested(
     Returns
     -------
     places : ndarray of int, shape (n,)
-    rtol : float
     atols : ndarray, shape (..., n)
-        See :func:`augmented_tolerances`.
+        See :class:`Tolerances`.
     """
     is_left = _is_left(row, problem, is_extended=is_extended)
-    rtol, atols = _tolerances(row, problem)
-    return problem.integrated[is_left], rtol, atols[..., is_left]
+    known = _as_tested(row, problem)
+    return problem.integrated[is_left], Tolerances(known, is_left).of(known)
 
 
 def _is_left(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
@@ -83,12 +82,12 @@ def _is_left(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray
     return found
 
 
-def _tolerances(row: Method, problem: Problem) -> tuple[float, FloatArray]:
-    """Give the tolerances of the entries that do not vanish."""
-    if row.corrector:
-        # SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
-        problem = replace(problem, error_test_sensitivities=True)
-    return augmented_tolerances(problem)
+def _as_tested(row: Method, problem: Problem) -> Problem:
+    """Give the problem with the sensitivities in the error test where the method leaves them out.
+
+    SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
+    """
+    return changed(problem, error_test_sensitivities=True) if row.corrector else problem
 
 
 class Job:
@@ -140,12 +139,11 @@ class Job:
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
         self._kept: list[Any] = [engine, newton]
         self._arrays: dict[str, FloatArray] = {}
-        self._n_bytes = 0  # of all that were made
-        self._pointers: dict[str, Any] = {}
+        self._pointers: dict[str, Any] = {}  # each keeps its array alive
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue)
         self.kind = job_kind(engine, row, problem, is_extended=is_extended)
-        self._row, self._has_newton = row, newton is not None
+        self._has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
         # Zero would name the first entry.
         c.entry = c.row = c.column = -1
@@ -154,9 +152,10 @@ class Job:
         c.is_extended = int(is_extended)
         self._set_model(problem, problem.native)
         is_left = _is_left(row, problem, is_extended=is_extended)
-        self._is_left = None if is_left.all() else is_left
         self._places = problem.integrated[is_left]  # positions in z
-        c.n = len(self._places)
+        known = _as_tested(row, problem)
+        self._tolerances = Tolerances(known, is_left)
+        c.n, c.atol = len(self._places), problem.least_atol
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
         if newton is not None:
@@ -169,12 +168,20 @@ class Job:
         native = problem.native
         asks_python = bool(native.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
-        self.rows = Rows(self._ffi, c, problem.size)
         # A record holds time, event, sensitivities of the time, and states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
-        # The structure before anything of a run is in it, in which only zeros are to be found.
+        # The most records of one step: C returns where there is no room for as many.
+        self._at_once = 0
+        if problem.events is not None:
+            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
+        # The structure as each run begins with it: where things are, and nothing of a run.
         self._blank = self._ffi.new("cotree_job *", c[0])
+        self.rows = Rows(self._ffi, c, problem.size)
+        self._corners: list[float] = []
+        self._wanted: FloatArray | None = None
+        if self._at_once:
+            self._make_records(4 * self._at_once)
         self.begin(problem)
 
     def begin(self, problem: Problem) -> None:
@@ -183,7 +190,7 @@ class Job:
         Parameters
         ----------
         problem : Problem
-            It differs from the first one in values and in functions alone.
+            It differs from the first one in values, times and functions alone.
         """
         assert problem.native is not None  # of the same kind
         c, native = self.job, problem.native
@@ -195,17 +202,26 @@ class Job:
             c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
         self._put("p", native.model.p)
         self._put("k", native.model.k)
-        self._put("u", np.zeros(native.n_inputs))
-        self._set_values(problem)
+        if native.n_inputs:
+            self._put("u", np.zeros(native.n_inputs))
+        c.rtol = self._tolerances.rtol_of(problem)
+        self._put("atols", self._tolerances.of(problem))
+        self._put("z", problem.z0)
+        self.z = self._arrays["z"]
         self._set_times(problem)
+        self.rows.begin(problem)
+        self._looks_from: int | None = None
+        if self._at_once:
+            bound = most_rows(self._width)
+            c.most_events = min(problem.max_events or bound, bound)
         # Last, since the size follows from all that is filled in.
         self._clear_memory(int(self._lib.cotree_job_memory(c)))
-        self._make_all_room(problem)
 
     @property
     def n_bytes(self) -> int:
         """Counts the bytes that a job holds while it waits to begin again."""
-        return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
+        own = sum(array.nbytes for array in self._arrays.values())
+        return own + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem, native: Native) -> None:
         """Fill in the model, its inputs, and the functions by which C asks Python."""
@@ -220,39 +236,26 @@ class Job:
         if self.rescue.is_needed:
             c.helper = self._callbacks.helper(problem.n_states)
 
-    def _set_values(self, problem: Problem) -> None:
-        """Fill in the start and the tolerances."""
-        self.job.rtol, atols = _tolerances(self._row, problem)
-        self._put("atols", atols if self._is_left is None else atols[self._is_left])
-        self.job.atol = problem.least_atol
-        self._put("z", problem.z0)
-        self.z = self._arrays["z"]
-
     def _set_times(self, problem: Problem) -> None:
         """Fill in the span, breakpoints and wanted times."""
         c, corners = self.job, corner_times(problem)
         c.t, c.n_corners = corners[0], len(corners)
-        self._put("corners", np.array(corners))
+        if corners != self._corners:
+            self._corners = corners
+            self._put("corners", np.array(corners))
         c.scale = problem.scale
-        c.is_start_sharp = int(corners[0] in problem.breakpoints)
-        c.is_end_sharp = int(corners[-1] in problem.breakpoints)
+        if problem.breakpoints:
+            c.is_start_sharp = int(corners[0] in problem.breakpoints)
+            c.is_end_sharp = int(corners[-1] in problem.breakpoints)
         c.max_step = min(problem.max_step, sys.float_info.max)
         self._let_turn(problem, corners)
-        if problem.t_eval is not None:
-            c.n_wanted = len(problem.t_eval)
+        if problem.t_eval is None:
+            return
+        c.n_wanted = len(problem.t_eval)
+        # Nobody changes the times of a problem, so that the same array needs no look.
+        if problem.t_eval is not self._wanted:
+            self._wanted = problem.t_eval
             self._put("wanted", np.asarray(problem.t_eval, dtype=float))
-
-    def _make_all_room(self, problem: Problem) -> None:
-        """Make room for values and events to begin with."""
-        self.rows.begin(problem)
-        self._looks_from: int | None = None
-        self._at_once = 0
-        if problem.events is not None:
-            # The most records of one step: C returns where there is no room for as many.
-            self._at_once = len(problem.events.rows) + LIMITS.event_rounds
-            self._make_records(4 * self._at_once)
-            bound = most_rows(self._width)
-            self.job.most_events = min(problem.max_events or bound, bound)
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like.
@@ -324,14 +327,17 @@ class Job:
 
     def _let_turn(self, problem: Problem, corners: Sequence[float]) -> None:
         """Say how the times of corners depend on the parameters, where any does."""
-        if not problem.n_sensitivities or problem.shifts.keys().isdisjoint(corners[:-1]):
+        if not (problem.shifts and problem.n_sensitivities):
+            return
+        if problem.shifts.keys().isdisjoint(corners[:-1]):
             return
         # Corners that no parameter moves have slopes of zero.
         still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
         rows = [problem.shifts.get(t, still) for t in corners]
-        self._put("slopes", np.array([row.slopes for row in rows]))
-        self._put("spreads", np.array([row.spreads for row in rows]))
-        self._put("turn_tolerances", turn_tolerances(problem))
+        # These pointers are of this run only: where no corner moves, C finds none.
+        self.job.slopes = self._placed("slopes", np.array([row.slopes for row in rows]))
+        self.job.spreads = self._placed("spreads", np.array([row.spreads for row in rows]))
+        self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:
         """Say why an event ended the job."""
@@ -348,28 +354,39 @@ class Job:
         records = np.zeros((rows, self._width))
         records[:kept] = self.records[:kept]
         self.records = records
-        self.job.records = self._ffi.from_buffer("double[]", records)
-        self.job.most_records = rows
+        self._point("records", self._ffi.from_buffer("double[]", records))
+        self.job.most_records = self._blank.most_records = rows
 
     def _put(self, name: str, values: FloatArray) -> None:
-        """Let a pointer of the structure point to values, where it pointed before if they fit."""
+        """Let a pointer of the structure point to values, in this run and those that follow."""
+        known = self._pointers.get(name)
+        pointer = self._placed(name, values)
+        if pointer is not known:
+            self._point(name, pointer)
+
+    def _placed(self, name: str, values: FloatArray) -> Any:
+        """Give a pointer to values, the same as before where they fit."""
         array = self._arrays.get(name)
-        if array is None or array.size != values.size:
-            array = self._arrays[name] = np.array(values, dtype=np.float64)
-            self._n_bytes += array.nbytes
-            self._pointers[name] = self._doubles(array)
-        else:
+        if array is not None and array.size == values.size:
             array[...] = values
-        setattr(self.job, name, self._pointers[name])
+            return self._pointers[name]
+        array = self._arrays[name] = np.array(values, dtype=np.float64)
+        pointer = self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
+        self._pointers[name] = pointer
+        return pointer
+
+    def _point(self, name: str, pointer: Any) -> None:
+        """Set a pointer of the structure, and of what the next runs begin with."""
+        setattr(self.job, name, pointer)
+        setattr(self._blank, name, pointer)
 
     def _clear_memory(self, n_bytes: int) -> None:
         """Give C memory for what it remembers, all of it zero."""
         memory = self._arrays.get("memory")
         if memory is None or memory.nbytes < n_bytes:
             self._put("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
-            return
-        memory.fill(0.0)
-        self.job.memory = self._pointers["memory"]
+        else:
+            memory.fill(0.0)
 
     def _doubles(self, array: FloatArray) -> Any:
         """Return a pointer to an array, and keep the array alive."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cotree.errors import SolveError
-from cotree.records import changed
+from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.budgets import steps_spent, time_spent
 from cotree.solvers.engine import load_engine
@@ -309,20 +309,28 @@ def trajectory_of(
     """
     c = job.job
     t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
-    statistics = Statistics(
-        method=method,
-        nfev=int(c.n_evaluations),
-        njev=int(c.n_jacobians),
-        nlu=int(c.n_factorisations),
-        n_steps=int(c.n_steps),
-        seconds=ended.seconds,
-        compile_seconds=compile_seconds,
-    )
-    sentences = summary(problem, method, float(c.t), ended.reason)
-    notes = [row for row in (job.rows.thinning.note, note) if row]
-    message = " ".join([*sentences, *notes])
-    drift = _drift(job, problem, t, z)
-    return Trajectory(t, z, ended.status, message, statistics, drift, job.happened)
+    work = {
+        "method": method,
+        "nfev": c.n_evaluations,
+        "njev": c.n_jacobians,
+        "nlu": c.n_factorisations,
+        "n_steps": c.n_steps,
+        "seconds": ended.seconds,
+        "compile_seconds": compile_seconds,
+        "began_with": "",
+    }
+    sentences = summary(problem, method, c.t, ended.reason)
+    sentences += [row for row in (job.rows.thinning.note, note) if row]
+    values = {
+        "t": t,
+        "z": z,
+        "status": ended.status,
+        "message": " ".join(sentences),
+        "statistics": filled(Statistics, work),
+        "drift": _drift(job, problem, t, z),
+        "events": job.happened,
+    }
+    return filled(Trajectory, values)
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:

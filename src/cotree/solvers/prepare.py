@@ -18,7 +18,7 @@ from cotree.model.moment import Moment
 from cotree.model.signals import read_signals
 from cotree.model.start import find_start
 from cotree.model.states_only import states_only
-from cotree.records import changed
+from cotree.records import filled
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.functions import Functions
@@ -114,7 +114,8 @@ class Preparation:
         self._is_held = settings.project and bool(layout.constraints)
         self._size_of = parameter_sizes(model, settings.scales)
         self._has_corners = model.has_corners or bool(settings.inputs)
-        self._max_step = _given_max_step(settings)
+        max_step = _given_max_step(settings)
+        self._is_step_free = max_step is None and model.has_longest_step
         t_span = read_span(settings.t_span)
         n, m = len(model.states), len(model.sensitivities)
         # Functions and numbers of a run take the places of these.
@@ -132,7 +133,7 @@ class Preparation:
             scale=max(map(abs, t_span)),
             names=model.states,
             parameters=model.sensitivities,
-            max_step=math.inf if self._max_step is None else self._max_step,
+            max_step=math.inf if max_step is None else max_step,
             max_steps=read_whole(settings.max_steps, "max_steps"),
             max_events=read_whole(settings.max_events, "max_events"),
             time_limit=read_bound(settings.time_limit, "time_limit"),
@@ -184,16 +185,17 @@ class Preparation:
             at = Moment(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
         z0, projection = start.z, Projection(model, p, u) if self._is_held else None
-        problem = changed(
-            self._template,
-            z0=z0,
-            sizes=content_sizes(at, start.y),
-            scales=self._scales(p),
-            reach=reach,
+        values = {
+            **vars(self._template),
+            "z0": z0,
+            "sizes": content_sizes(at, start.y),
+            "scales": self._scales(p),
+            "reach": reach,
             **corners,
             **self._functions(p, u, projection),
             **_native(model, p, signals),
-        )
+        }
+        problem = filled(Problem, values)
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
         return Run(problem, p, u, start, projection)
@@ -207,7 +209,7 @@ class Preparation:
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
         """Give what depends on parameters of the times where rates jump, and the longest step."""
         model, inputs, found = self.model, self.settings.inputs, dict[str, Any]()
-        if self._max_step is None:
+        if self._is_step_free:
             found["max_step"] = model.longest_step(p, inputs)
         if not self._has_corners:
             return found
@@ -379,4 +381,10 @@ def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dic
         return {}
     # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
-    return {"native": Native(native, len(model.inputs), signals.tables, others)}
+    values = {
+        "model": native,
+        "n_inputs": len(model.inputs),
+        "replaced": signals.tables,
+        "functions": others,
+    }
+    return {"native": filled(Native, values)}

@@ -279,7 +279,8 @@ def check_values(problem: Problem) -> None:
     if not all(map(math.isfinite, problem.breakpoints)):
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     _check_max_step(problem)  # of the model, where none was asked for
-    if np.isfinite(problem.z0).all():
+    # A dot product finds nan and infinity in one pass; squares may overflow, too.
+    if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
         return
     index = int(np.flatnonzero(~np.isfinite(problem.z0))[0])
     raise SolveError(

@@ -41,7 +41,7 @@ class Rows:
     """
 
     def __init__(self, ffi: Any, job: Any, n_values: int) -> None:
-        self._ffi, self._job, self._n, self._room = ffi, job, n_values, 0
+        self._ffi, self._job, self._n, self._room = ffi, job, n_values, -1
         self.times, self.values = np.zeros(0), np.zeros((0, n_values))
         self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
 

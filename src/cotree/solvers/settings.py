@@ -91,12 +91,13 @@ def key_of(settings: Settings) -> Hashable | None:
     if not _PLAIN.issuperset(kinds):
         return None
     try:
-        rest = tuple(_token(value) for value in (settings.t_span, settings.inputs, settings.scales))
+        span, inputs, scales = map(_token, (settings.t_span, settings.inputs, settings.scales))
     except _UnknownError:
         return None
     # Equal numbers of different kinds, as 1 and True, are not accepted alike. Zeros of both signs
     # are refused among them.
-    return numbers, kinds, rest, None if times is None else (times.shape, times.tobytes())
+    wanted = None if times is None else (times.shape, times.tobytes())
+    return numbers, kinds, span, inputs, scales, wanted
 
 
 class _UnknownError(Exception):
@@ -105,13 +106,13 @@ class _UnknownError(Exception):
 
 def _token(value: object) -> Hashable:
     kind = type(value)
-    if kind in _PLAIN:
+    if kind is float or kind in _PLAIN:
         # 0.0 equals -0.0, and their reciprocals differ.
         return kind, value or str(value)
+    if kind is dict or isinstance(value, Mapping):
+        return tuple([(name, _token(own)) for name, own in value.items()]) if value else ()
     if isinstance(value, (tuple, list)):
-        return tuple(map(_token, value))
-    if isinstance(value, Mapping):
-        return tuple((name, _token(own)) for name, own in value.items())
+        return tuple([_token(own) for own in value])
     raise _UnknownError
 
 

@@ -6,6 +6,7 @@ In: a ``Problem``, and later its ``Trajectory``. Out: warnings, to the caller of
 
 from __future__ import annotations
 
+import sys
 import warnings
 from contextlib import suppress
 from dataclasses import replace
@@ -186,18 +187,27 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Report an absolute tolerance that is large compared with all states of the run."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.least_atol
+    # The start often tells already, without a look at all points.
+    at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
+    if problem.sizes is None and _is_seen(at_start, atol):
+        return ""
     if problem.sizes is not None:
         y = y / problem.sizes[:n, None]
     # The largest of all in size is the largest, or the smallest with the other sign.
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
     # States at rest hold only rounding errors, which no tolerance is meant to test.
-    if not np.finfo(np.float64).eps < largest < atol / LOOSE_RTOL:
+    if largest <= sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (
         f"no state was ever larger than {largest:.2g}, of which atol = {atol:.2g} tests little: "
         f"give an atol below {LOOSE_RTOL * largest:.1g}"
     )
+
+
+def _is_seen(largest: float, atol: float) -> bool:
+    """Tell whether a tolerance tests states that are as large as this."""
+    return not largest < atol / LOOSE_RTOL  # written so that nan counts as seen
 
 
 def _warn(message: str) -> None:
