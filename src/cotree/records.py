@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping
 
 T = TypeVar("T")
 
@@ -80,15 +80,13 @@ class Deferring:
         return {name: value for name, value in own.items() if name != _PENDING}
 
 
-def deferred(
-    *groups: tuple[Iterable[str], Callable[[], Mapping[str, Any]]],
-) -> dict[str, Any]:
+def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Give the entry of a record's values by which others are made when they are asked for.
 
     Parameters
     ----------
-    *groups : tuple of (names, make)
-        Fields, and what makes all of them together. It is called once for each thread that asks
-        before the first one is done, and gives the same each time.
+    **makes : callable
+        By field, what makes it and all that is made along with it, by name. It is called once for
+        each thread that asks before the first one is done, and gives the same each time.
     """
-    return {_PENDING: {name: make for names, make in groups for name in names}}
+    return {_PENDING: makes}

@@ -8,8 +8,10 @@ an arena numbers in order, so that only one thread at a time may do it.
 from __future__ import annotations
 
 import functools
+import itertools
 import threading
 from collections.abc import Hashable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
 if TYPE_CHECKING:
@@ -53,7 +55,10 @@ class Kept(Generic[_T]):
     """
 
     def __init__(self, most: int) -> None:
-        self._most, self._lock, self._kept = most, threading.Lock(), dict[Hashable, _T]()
+        self._most, self._lock = most, threading.Lock()
+        # Each thing, and the number of the call that asked for it last.
+        self._kept: dict[Hashable, _Kept[_T]] = {}
+        self._calls = itertools.count()
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Give what was made for a key, or make it.
@@ -61,17 +66,24 @@ class Kept(Generic[_T]):
         Threads that ask at the same time may each make one: it takes no lock, and one of them is
         kept.
         """
-        with self._lock:
-            found = self._kept.pop(key, None)
-            if found is not None:
-                self._kept[key] = found  # a mapping keeps its order: the last one asked for is last
-                return found
+        found = self._kept.get(key)  # looked up once: the key of a run is long
+        if found is not None:
+            found.asked = next(self._calls)
+            return found.value
         made = make()
         with self._lock:
-            self._kept[key] = made
+            self._kept[key] = _Kept(made, next(self._calls))
             while len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
+                del self._kept[min(self._kept, key=lambda known: self._kept[known].asked)]
         return made
+
+
+@dataclass
+class _Kept(Generic[_T]):
+    """One thing that was made, and when it was asked for last."""
+
+    value: _T
+    asked: int
 
 
 class formed_once(Generic[_T]):  # a decorator, as cached_property is

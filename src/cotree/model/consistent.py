@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -68,10 +69,12 @@ class Start:
     s: Array
     is_chosen: bool = False
 
-    @property
+    @cached_property
     def z(self) -> Array:
         """States and then sensitivities, parameter by parameter, as integrations hold them."""
-        return np.concatenate([self.y, self.s.T.ravel()])
+        found = np.concatenate([self.y, self.s.T.ravel()])
+        found.flags.writeable = False  # runs that begin alike share it
+        return found
 
 
 def consistent_start(

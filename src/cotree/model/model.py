@@ -85,6 +85,14 @@ class CompiledModel(PreparedKernels):
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
 
+    @formed_once
+    def begins_alike(self) -> bool:
+        """Whether runs begin in the same states at all times and values of parameters."""
+        kernels = self._program.kernels
+        given = [*kernels["initial"].results, *kernels["initial_sensitivity"].results]
+        is_found = self.begins_at_rest or self.layout.has_start_equations
+        return not (is_found or symbols_in(given))
+
     @property
     def begins_at_rest(self) -> bool:
         """Whether runs begin at the operating point."""

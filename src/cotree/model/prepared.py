@@ -6,6 +6,7 @@ for solvers without checks and copies. :mod:`cotree.model.model` builds what use
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -193,7 +194,8 @@ class PreparedKernels:
         own = self._own
         # Bits are compared: 0.0 equals -0.0, and 1 / p tells them apart.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
-            if not np.isfinite(p).all():
+            # A dot product finds nan and infinity in one pass; squares may overflow, too.
+            if not (math.isfinite(p.dot(p)) or np.isfinite(p).all()):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
             # Where a guard refuses the values, nothing counts as prepared any more.

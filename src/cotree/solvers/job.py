@@ -140,6 +140,7 @@ class Job:
         self._kept: list[Any] = [engine, newton]
         self._arrays: dict[str, FloatArray] = {}
         self._pointers: dict[str, Any] = {}  # each keeps its array alive
+        self._n_bytes = 0  # of all arrays
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue)
         self.kind = job_kind(engine, row, problem, is_extended=is_extended)
@@ -178,6 +179,8 @@ class Job:
         # The structure as each run begins with it: where things are, and nothing of a run.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem.size)
+        # What the tolerances and the times were put in place for.
+        self._sizes: list[bytes | None] = []
         self._corners: list[float] = []
         self._wanted: FloatArray | None = None
         if self._at_once:
@@ -205,7 +208,10 @@ class Job:
         if native.n_inputs:
             self._put("u", np.zeros(native.n_inputs))
         c.rtol = self._tolerances.rtol_of(problem)
-        self._put("atols", self._tolerances.of(problem))
+        sizes = [row if row is None else row.tobytes() for row in (problem.sizes, problem.scales)]
+        if sizes != self._sizes:
+            self._sizes = sizes
+            self._put("atols", self._tolerances.of(problem))
         self._put("z", problem.z0)
         self.z = self._arrays["z"]
         self._set_times(problem)
@@ -220,8 +226,7 @@ class Job:
     @property
     def n_bytes(self) -> int:
         """Counts the bytes that a job holds while it waits to begin again."""
-        own = sum(array.nbytes for array in self._arrays.values())
-        return own + self.rows.values.nbytes + self.records.nbytes
+        return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem, native: Native) -> None:
         """Fill in the model, its inputs, and the functions by which C asks Python."""
@@ -370,6 +375,7 @@ class Job:
         if array is not None and array.size == values.size:
             array[...] = values
             return self._pointers[name]
+        self._n_bytes += values.nbytes - (0 if array is None else array.nbytes)
         array = self._arrays[name] = np.array(values, dtype=np.float64)
         pointer = self._ffi.from_buffer("double[]", array) if array.size else self._ffi.NULL
         self._pointers[name] = pointer

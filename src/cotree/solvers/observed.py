@@ -50,21 +50,21 @@ def observed(
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native = None if run.problem.native is None else run.problem.native.model
+    later = {
+        "parameter_values": lambda: {"parameter_values": _parameter_values(model, run.p)},
+        "events": lambda: {"events": _event_times(model, trajectory.events)},
+    }
 
-    def swept(t: FloatArray, z: FloatArray) -> dict[str, FloatArray]:
+    def swept() -> dict[str, FloatArray]:
         values = sweep(model, run.p, run.u, t, z, native)
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
-    waiting = [
-        (("parameter_values",), lambda: {"parameter_values": _parameter_values(model, run.p)}),
-        (("events",), lambda: {"events": _event_times(model, trajectory.events)}),
-    ]
     # Functions of Python may remember their calls: they are asked in the order of the run.
     if preparation.asks_python or z.nbytes > _MOST_COPIED:
-        return {**swept(t, z), **deferred(*waiting)}
+        return {**swept(), **deferred(**later)}
     t, z = t.copy(), z.copy()
-    return deferred(*waiting, (_SWEPT, lambda: swept(t, z)))
+    return deferred(**later, **dict.fromkeys(_SWEPT, swept))
 
 
 def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:

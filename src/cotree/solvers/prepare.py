@@ -146,6 +146,8 @@ class Preparation:
         )
         check_demands(self._template)
         self._has_sparse = _has_sparse_jacobian(model)
+        # The start of runs that give no initial values, where no value of a parameter changes it.
+        self._start: Start | None = None
 
     @property
     def asks_python(self) -> bool:
@@ -177,7 +179,7 @@ class Preparation:
         model.take(p)
         corners = self._corners(p, signals)
         at = Moment(model, t_span[0], p, u(t_span[0]))
-        start, reach = find_start(at, initial), None
+        start, reach = self._found_start(at, initial), None
         if samples:
             # The first samples see a start at the scene's own inputs; then the start is theirs.
             reach = reaching(model, p, samples, u)
@@ -199,6 +201,15 @@ class Preparation:
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
         return Run(problem, p, u, start, projection)
+
+    def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
+        """Find the start of a run; once, where all runs begin in the same states."""
+        if initial or not self.model.begins_alike:
+            return find_start(at, initial)
+        found = self._start
+        if found is None:
+            found = self._start = find_start(at, initial)
+        return found
 
     def _scales(self, p: FloatArray) -> FloatArray:
         """Give the sizes of the sensitivity parameters: as given, or their values."""
