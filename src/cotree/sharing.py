@@ -8,7 +8,6 @@ an arena numbers in order, so that only one thread at a time may do it.
 from __future__ import annotations
 
 import functools
-import itertools
 import threading
 from collections.abc import Hashable
 from dataclasses import dataclass
@@ -51,14 +50,12 @@ class Kept(Generic[_T]):
     Parameters
     ----------
     most : int
-        How many are kept. The one that was not asked for the longest time makes room.
+        How many are kept. The oldest one that nobody has asked for again makes room.
     """
 
     def __init__(self, most: int) -> None:
         self._most, self._lock = most, threading.Lock()
-        # Each thing, and the number of the call that asked for it last.
-        self._kept: dict[Hashable, _Kept[_T]] = {}
-        self._calls = itertools.count()
+        self._kept: dict[Hashable, _Entry[_T]] = {}
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Give what was made for a key, or make it.
@@ -68,22 +65,26 @@ class Kept(Generic[_T]):
         """
         found = self._kept.get(key)  # looked up once: the key of a run is long
         if found is not None:
-            found.asked = next(self._calls)
+            found.is_asked_for = True
             return found.value
         made = make()
         with self._lock:
-            self._kept[key] = _Kept(made, next(self._calls))
-            while len(self._kept) > self._most:
-                del self._kept[min(self._kept, key=lambda known: self._kept[known].asked)]
+            while len(self._kept) >= self._most:
+                oldest = next(iter(self._kept))
+                entry = self._kept.pop(oldest)
+                if entry.is_asked_for:
+                    entry.is_asked_for = False
+                    self._kept[oldest] = entry  # behind the others, until its turn comes again
+            self._kept[key] = _Entry(made)
         return made
 
 
 @dataclass
-class _Kept(Generic[_T]):
-    """One thing that was made, and when it was asked for last."""
+class _Entry(Generic[_T]):
+    """One thing that was made, and whether anybody has asked for it since its turn to leave."""
 
     value: _T
-    asked: int
+    is_asked_for: bool = False
 
 
 class formed_once(Generic[_T]):  # a decorator, as cached_property is

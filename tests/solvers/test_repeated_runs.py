@@ -88,7 +88,7 @@ def made(monkeypatch):
 
     monkeypatch.setattr(Job, "__init__", counted("jobs", Job.__init__))
     monkeypatch.setattr(Preparation, "__init__", counted("preparations", Preparation.__init__))
-    monkeypatch.setattr(select, "_probe", counted("probes", select._probe))
+    monkeypatch.setattr(select.Probe, "rates", counted("probes", select.Probe.rates))
     return counts
 
 
@@ -97,12 +97,12 @@ def test_nothing_is_made_twice(slider, made):
     run = {"t_span": (0.0, 2.0), "t_eval": np.linspace(0.0, 2.0, 5)}
     for _ in range(3):
         slider.simulate(**run)
-    # A job for the probe, which stores its steps, and one for the run.
-    assert made == {"jobs": 2, "preparations": 1, "probes": 1}
+    # The steps by which the method is chosen are those of the run.
+    assert made == {"jobs": 1, "preparations": 1, "probes": 1}
     for length in (0.9, 1.1, 0.9):
         slider.simulate(**run, parameters={"L": length}, initial={"h2.theta": 0.1})
     # The choice of a method depends on the values, and is made once for each.
-    assert made == {"jobs": 2, "preparations": 1, "probes": 3}
+    assert made == {"jobs": 1, "preparations": 1, "probes": 3}
     slider.simulate(**run, rtol=1e-6)
     assert made["preparations"] == 2
 

@@ -202,8 +202,8 @@ def test_budgets_are_shared():
 def test_a_successor_that_fails(monkeypatch):
     solve = select._solve
 
-    def failing(problem, method, successor=None):
-        found = solve(problem, method, successor)
+    def failing(problem, method, *others):
+        found = solve(problem, method, *others)
         return replace(found, status=-1, message="It broke.") if method == "rodas5" else found
 
     monkeypatch.setattr(select, "_solve", failing)

@@ -8,6 +8,7 @@ budgets.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -92,10 +93,76 @@ def can_extend(row: Method, problem: Problem) -> bool:
     )
 
 
-def solve_in_c(
-    problem: Problem, method: str, successor: Succession | None = None
-) -> Trajectory | str:
-    """Integrate a checked problem in C, or say why C cannot.
+@dataclass(eq=False)
+class Attempt:
+    """An integration in C that has begun; it is mutable, and belongs to one run.
+
+    Attributes
+    ----------
+    problem : Problem
+        The problem.
+    row : Method
+        The method.
+    engine : Engine
+        Its engine.
+    job : Job
+        The job, which may have taken some steps.
+    is_extended : bool
+        Whether it integrates algebraic unknowns, too.
+    compiling : float
+        Seconds that the C of the method took.
+    ended : Ended or None
+        The outcome of the steps that were taken so far; None before any.
+    """
+
+    problem: Problem
+    row: Method
+    engine: Engine
+    job: Job
+    is_extended: bool
+    compiling: float
+    ended: Ended | None = None
+
+    def take_steps(self, n: int) -> None:
+        """Take the first steps, and stand where they end; see :attr:`Job.z`."""
+        self.ended = run_job(self.job, self.problem, self.row.name, until=n)
+        self.job.stand()
+
+    def give_up(self) -> None:
+        """Leave the job to other runs."""
+        self.job.end()
+        self._give_back()
+
+    def finish(self, successor: Succession | None = None) -> Trajectory:
+        """Integrate to the end of the span.
+
+        Parameters
+        ----------
+        successor : Succession or None
+            The method that may take over where an explicit method finds that the problem is stiff.
+        """
+        job, problem, method = self.job, self.problem, self.row.name
+        ended = _run(job, problem, method, successor, self.ended)
+        if isinstance(ended, Ended) and ended.status == FAILED and self.is_extended:
+            # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
+            problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
+            job = self.job = _begun(self.engine, self.row, problem)
+            ended = _run(job, problem, method, successor, Ended(0, "", ended.seconds, True))
+        # The successor has taken over: its trajectory is complete, message included.
+        if isinstance(ended, Trajectory):
+            return compiled_in(ended, ended.statistics.compile_seconds + self.compiling)
+        note = successor.note if successor is not None else stiffness_note(job.job)
+        trajectory = trajectory_of(job, problem, method, ended, note, self.compiling)
+        self._give_back()
+        return trajectory
+
+    def _give_back(self) -> None:
+        if self.problem.shared is not None:
+            self.problem.shared.give_back(self.job)
+
+
+def begin_in_c(problem: Problem, method: str) -> Attempt | str:
+    """Begin to integrate a checked problem in C, or say why C cannot.
 
     Parameters
     ----------
@@ -103,12 +170,10 @@ def solve_in_c(
         It has passed ``check_problem``.
     method : str
         A name in ``METHODS`` with a stepper.
-    successor : Succession or None
-        The method that may take over where an explicit method finds that the problem is stiff.
 
     Returns
     -------
-    Trajectory or str
+    Attempt or str
         A reason is a sentence without a capital and an end.
     """
     why = refusal(method, problem)
@@ -125,22 +190,7 @@ def solve_in_c(
     is_extended = can_extend(row, problem)
     job = _begun(engine, row, problem, newton, is_extended=is_extended)
     why = band_refusal(job, problem)
-    if why:
-        return why
-    ended = _run(job, problem, method, successor)
-    if isinstance(ended, Ended) and ended.status == FAILED and is_extended:
-        # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
-        problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
-        job = _begun(engine, row, problem)
-        ended = _run(job, problem, method, successor, ended.seconds)
-    # The successor has taken over: its trajectory is complete, message included.
-    if isinstance(ended, Trajectory):
-        return compiled_in(ended, ended.statistics.compile_seconds + compiling)
-    note = successor.note if successor is not None else stiffness_note(job.job)
-    trajectory = trajectory_of(job, problem, method, ended, note, compiling)
-    if problem.shared is not None:
-        problem.shared.give_back(job)
-    return trajectory
+    return why or Attempt(problem, row, engine, job, is_extended, compiling)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
@@ -190,14 +240,15 @@ def _begun(
 
 
 def _run(
-    job: Job, problem: Problem, method: str, successor: Succession | None, spent: float = 0.0
+    job: Job, problem: Problem, method: str, successor: Succession | None, ended: Ended | None
 ) -> Ended | Trajectory:
     """Advance a job to its end, or let its successor go on; free what the stepper holds."""
     try:
         if successor is not None:
             job.wait_where_stiff(0)
-        ended = run_job(job, problem, method, spent)
-        while successor is not None and ended.is_stiff:
+        if ended is None or ended.is_waiting:
+            ended = run_job(job, problem, method, 0.0 if ended is None else ended.seconds)
+        while successor is not None and ended.is_waiting:
             first = trajectory_of(job, problem, method, ended)
             trajectory = successor.take_over(problem, first, job)
             if trajectory is not None:
@@ -222,10 +273,12 @@ class Ended(NamedTuple):
     status: int
     reason: str
     seconds: float
-    is_stiff: bool = False
+    is_waiting: bool = False
 
 
-def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ended:
+def run_job(
+    job: Job, problem: Problem, method: str, spent: float = 0.0, *, until: int | None = None
+) -> Ended:
     """Advance a job to its end.
 
     Parameters
@@ -238,23 +291,31 @@ def run_job(job: Job, problem: Problem, method: str, spent: float = 0.0) -> Ende
         Name of the method, for a progress bar.
     spent : float
         Time already taken from the time limit, [s]; it counts as time in C, too.
+    until : int, optional
+        A number of steps after which the job waits.
     """
     with Progress(method, problem.t_span) as progress:
         begin = time.perf_counter() - spent
-        status, reason, is_stiff = _advance(job, problem, begin, progress)
+        status, reason, is_waiting = _advance(job, problem, begin, progress, until)
         if status == BUDGET_SPENT:
             job.stand()
-        return Ended(status, reason, time.perf_counter() - begin, is_stiff)
+        return Ended(status, reason, time.perf_counter() - begin, is_waiting)
 
 
-def _advance(job: Job, problem: Problem, begin: float, progress: Progress) -> tuple[int, str, bool]:
+def _advance(
+    job: Job, problem: Problem, begin: float, progress: Progress, until: int | None
+) -> tuple[int, str, bool]:
     """Give the status, the reason of a failure, and whether the job waits."""
     limit, others = problem.max_steps, problem.steps_taken
     assert problem.native is not None  # or there were no job
     steps = 1 if problem.native.functions else _FIRST_STEPS  # Python's functions may take long
     while True:
-        allowed = steps if limit is None else min(steps, limit - others - job.job.n_steps)
         before, taken = time.perf_counter(), job.job.n_steps
+        allowed = steps if limit is None else min(steps, limit - others - taken)
+        if until is not None:
+            if taken >= until:
+                return 0, "", True
+            allowed = min(allowed, until - taken)
         result = job.run(allowed)
         now = time.perf_counter()
         progress.reached(float(job.job.t))

@@ -14,20 +14,24 @@ import numpy as np
 
 from cotree.errors import SolveError
 from cotree.records import changed
+from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.methods import method_row, refusal
-from cotree.solvers.native import check_available, compiled_in, solve_in_c
+from cotree.solvers.native import begin_in_c, check_available, compiled_in
 from cotree.solvers.problem import check_problem
-from cotree.solvers.stiffness_probe import fastest_decay, fastest_growth
+from cotree.solvers.stiffness_probe import bound_of_decay, fastest_decay, fastest_growth
 from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method
 from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.methods import Method
+    from cotree.solvers.native import Attempt
     from cotree.solvers.problem import Problem
 
 # DOP853 is stable up to about |lambda| h = 6 with 12 evaluations a step. At this number of time
@@ -77,30 +81,39 @@ def run(problem: Problem, method: str) -> Trajectory:
     if not refusal("dop853", problem):
         load_engine("dop853")
     compiling = time.perf_counter() - before
-    chosen, reason = _choose(problem)
-    trajectory = _solve_watched(problem, chosen)
+    choice = _choose(problem)
+    trajectory = _solve_watched(problem, choice)
     trajectory = compiled_in(trajectory, trajectory.statistics.compile_seconds + compiling)
-    return changed(trajectory, message=f"{trajectory.message} {reason}")
+    return changed(trajectory, message=f"{trajectory.message} {choice.reason}")
 
 
-def _solve_watched(problem: Problem, method: str) -> Trajectory:
+def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:
     """Integrate, and let a method for stiff problems take over where one becomes stiff."""
-    row = method_row(method)
+    row = method_row(choice.method)
     # Only the explicit steppers of the engine watch the stability of their steps.
     if row.family != "cotree" or row.implicit:
-        return _solve(problem, method)
-    return _solve(problem, method, Succession(_solve))
+        return _solve(problem, choice.method)
+    return _solve(problem, choice.method, Succession(_solve), choice.begun)
 
 
-def _solve(problem: Problem, method: str, successor: Succession | None = None) -> Trajectory:
-    """Integrate a checked problem with a named method, or with the one that stands in for it."""
+def _solve(
+    problem: Problem,
+    method: str,
+    successor: Succession | None = None,
+    begun: Attempt | None = None,
+) -> Trajectory:
+    """Integrate a checked problem with a named method, or with the one that stands in for it.
+
+    ``begun`` is that integration where it has begun already.
+    """
     row = method_row(method)
     if not row.stepper:
         return solve_with_scipy(problem, method)
     check_available(method)
-    found = solve_in_c(problem, method, successor)
-    if isinstance(found, str):
-        return _stand_in(problem, row, found)
+    attempt = begun or begin_in_c(problem, method)
+    if isinstance(attempt, str):
+        return _stand_in(problem, row, attempt)
+    found = attempt.finish(successor)
     if found.status != FAILED or problem.singular is None or beyond_scipy(problem):
         return found
     # Around SciPy's methods Python crosses singular positions with a looser tolerance.
@@ -170,20 +183,41 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         If the problem cannot be accepted.
     """
     check_problem(problem)
-    return _choose(problem)
+    choice = _choose(problem)
+    if choice.begun is not None:
+        choice.begun.give_up()
+    return choice.method, choice.reason
 
 
-def _choose(problem: Problem) -> tuple[str, str]:
+class Choice(NamedTuple):
+    """A method, the reason why it was chosen, and its integration where that has begun."""
+
+    method: str
+    reason: str
+    begun: Attempt | None = None
+
+
+def _choose(problem: Problem) -> Choice:
     """Choose a method for a problem that was checked; see :func:`choose_method`."""
     # Any method does: only the algebraic unknowns are solved for at each stored time.
     if problem.n_states == problem.n_algebraic:
-        return "DOP853", "There are no states to integrate."
+        return Choice("DOP853", "There are no states to integrate.")
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
+    probe = Probe(problem, explicit)
+    method, reason = _chosen(problem, explicit, _rates(problem, probe))
+    if probe.begun is not None and method != explicit:
+        probe.begun.give_up()
+        probe.begun = None
+    return Choice(method, reason, probe.begun)
+
+
+def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
+    """Choose by the rates of modes; the explicit method, or one for stiff problems."""
     span = abs(problem.t_span[1] - problem.t_span[0])
-    rates = _rates(problem, explicit)
     # The number of time constants of the fastest damped mode in the span.
     count = span * rates.decay
-    length = f"the span is {float(f'{count:.2g}'):.6g} times the shortest decay"
+    most = "at most " if rates.is_bound else ""
+    length = f"the span is {most}{float(f'{count:.2g}'):.6g} times the shortest decay"
     if count <= _STIFF_TIME_CONSTANTS:
         reason = f"not stiff, {length}" if count >= 1.0 else "not stiff, nothing decays fast"
         return explicit, f"{explicit} was chosen: {reason}."
@@ -215,29 +249,101 @@ class Rates(NamedTuple):
     """Rates of the modes that a choice follows from, [1/s].
 
     The fastest decay at the start and after a few steps, the one at the start alone, and the
-    fastest growth there; the latter two are sought where the first makes the problem stiff.
+    fastest growth there; the latter two are sought where the first makes the problem stiff. Where a
+    bound of the first is enough to tell that it does not, it stands in its place.
     """
 
     decay: float
     first_decay: float = 0.0
     growth: float = 0.0
+    is_bound: bool = False
 
 
-def _rates(problem: Problem, explicit: str) -> Rates:
-    """Find the rates; once for the same numbers, where runs of a model share what they find."""
+def _rates(problem: Problem, probe: Probe) -> Rates:
+    """Find the rates; once for the same numbers, where runs of a model share what they find.
+
+    They follow from the settings, which such runs have in common, from the parameters, and from the
+    start. Where one of these differs in any bit they are found anew.
+    """
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
-        return _find_rates(problem, explicit)
-    return shared.finding(lambda: _find_rates(problem, explicit), native.model.p, problem.z0)
+        return probe.rates()
+    return shared.finding(probe.rates, native.model.p, problem.z0)
 
 
-def _find_rates(problem: Problem, explicit: str) -> Rates:
-    points = _probe(problem, explicit)
-    decay = fastest_decay(problem, points)
-    if abs(problem.t_span[1] - problem.t_span[0]) * decay <= _STIFF_TIME_CONSTANTS:
-        return Rates(decay)
-    first = fastest_decay(problem, points[:1])
-    return Rates(decay, first, fastest_growth(problem, *points[0]))
+class Probe:
+    """A look at the start of a problem and at a point a few steps later.
+
+    Where nothing speaks against it, the steps are the first ones of the run itself, and none of
+    them is taken twice.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    explicit : str
+        The explicit method that takes the steps.
+
+    Attributes
+    ----------
+    begun : Attempt or None
+        The run, after these steps.
+    """
+
+    def __init__(self, problem: Problem, explicit: str) -> None:
+        self._problem, self._explicit = problem, explicit
+        self.begun: Attempt | None = None
+
+    def rates(self) -> Rates:
+        """Find the rates of modes."""
+        problem, explicit = self._problem, self._explicit
+        # Algebraic unknowns, and the samples of a function, are those of one integration alone.
+        if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
+            return self._by_eigenvalues(_loose_steps(problem, explicit))
+        start, first = (float(problem.t_span[0]), problem.z0), None
+        bound = bound_of_decay(problem, *start)
+        if not self._is_mild(bound):
+            first = fastest_decay(problem, [start])
+            if not self._is_mild(first):  # which decides, and no step has to be taken
+                return self._by_eigenvalues([start], first)
+        later = self._begin()
+        bound = max([bound, *(bound_of_decay(problem, *point) for point in later)])
+        if self._is_mild(bound):
+            return Rates(bound, is_bound=True)
+        return self._by_eigenvalues([start, *later], first)
+
+    def _is_mild(self, decay: float) -> bool:
+        """Tell whether an explicit method may follow modes that decay at a rate."""
+        start, end = self._problem.t_span
+        return abs(end - start) * decay <= _STIFF_TIME_CONSTANTS
+
+    def _by_eigenvalues(
+        self, points: Sequence[tuple[float, FloatArray]], first: float | None = None
+    ) -> Rates:
+        """Find the rates at some points, of which that at the first one may be known."""
+        problem = self._problem
+        if first is None:
+            first = fastest_decay(problem, points[:1])
+        decay = max(first, fastest_decay(problem, points[1:]))
+        if self._is_mild(decay):
+            return Rates(decay)
+        return Rates(decay, first, fastest_growth(problem, *points[0]))
+
+    def _begin(self) -> list[tuple[float, FloatArray]]:
+        """Take the first steps of the run, and give the point where they end."""
+        attempt = begin_in_c(self._problem, self._explicit)
+        if isinstance(attempt, str):  # no compiler can build its engine
+            return []
+        self.begun = attempt
+        attempt.take_steps(probe_steps(self._problem.rtol))
+        return [(float(attempt.job.job.t), attempt.job.z.copy())]
+
+
+def probe_steps(rtol: float) -> int:
+    """Give how many steps take "dop853" as far as a few loose ones, at a relative tolerance."""
+    # Steps of a method of order 8 grow with the eighth root of the tolerance.
+    share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
+    return math.ceil(_PROBE_STEPS * share**0.125)
 
 
 def _smallest_tolerance(problem: Problem) -> float:
@@ -245,7 +351,7 @@ def _smallest_tolerance(problem: Problem) -> float:
     return max(min(problem.rtol, problem.least_atol), float(np.finfo(np.float64).eps))
 
 
-def _probe(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
+def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
     """Return the start and a point a few loose steps later, without algebraic unknowns."""
     span = problem.t_span
     if problem.reach is not None:
