@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

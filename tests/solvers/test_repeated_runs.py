@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -266,3 +268,72 @@ def test_members_without_sensitivities_need_no_room_for_their_time_slopes():
 def test_sensitivities_of_a_run_are_wanted_or_not(slider):
     with pytest.raises(ParameterError, match=r"sensitivities is \['L'\]: give True or False"):
         slider.simulate((0.0, 1.0), sensitivities=["L"])
+
+
+def test_what_is_read_later_is_of_the_run_itself(slider):
+    settings = {"t_span": (0.0, 1.0), "t_eval": [0.5, 1.0], "method": "dop853"}
+    kept = bits(slider.simulate(**settings))
+    result = slider.simulate(**settings)
+    result.y[:], result.t[:] = 0.0, 0.0  # nobody has read an output yet
+    slider.simulate(**settings, parameters={"L": 1.2})
+    names = ("output_values", "output_sensitivities")
+    assert tuple(getattr(result, name).tobytes() for name in names) == kept[3:5]
+    assert result.parameter_values["L"] == 1.0
+    assert result.output_values is result.output_values
+    with pytest.raises(AttributeError, match="has no attribute 'output_value'"):
+        _ = result.output_value
+
+
+def test_copies_and_pickles_have_what_nobody_has_read():
+    model = load("bouncing-ball").compile(["e"])
+    kept = model.simulate((0.0, 2.0), [1.0, 2.0])
+    for other in (pickle.loads(pickle.dumps(kept)), copy.copy(kept), replace(kept, message="")):
+        assert replace(other, message=kept.message).message == kept.message
+        np.testing.assert_array_equal(other.output_values, kept.output_values)
+        assert other.events.keys() == kept.events.keys()
+        np.testing.assert_array_equal(other.events["hit"].s, kept.events["hit"].s)
+    assert len(kept.events["hit"].t) > 0
+
+
+def test_functions_of_python_are_asked_before_the_result_is_there():
+    calls = []
+
+    def force(t):
+        calls.append(t)
+        return np.sin(t)
+
+    model = load("cart-pole").compile()
+    result = model.simulate((0.0, 1.0), [0.5, 1.0], "dop853", inputs={"push": force})
+    n_calls = len(calls)
+    np.testing.assert_array_equal(result.input_values[0], np.sin([0.5, 1.0]))
+    assert len(calls) == n_calls
+
+
+def test_a_chosen_explicit_method_gives_the_bits_of_its_name(slider):
+    run = {"t_span": (0.0, 10.0), "t_eval": np.linspace(0.0, 10.0, 21), "rtol": 1e-10}
+    named, chosen = (slider.simulate(**run, method=method) for method in ("dop853", "auto"))
+    assert "dop853 was chosen: not stiff, the span is at most" in chosen.message
+    assert bits(named)[:5] == bits(chosen)[:5]
+    # The steps by which it was chosen are among these, and counted once.
+    assert named.statistics.nfev == chosen.statistics.nfev
+
+
+def test_runs_of_states_alone_are_those_of_a_model_without_sensitivities():
+    """Algebraic unknowns are integrated in both, which needs a kernel of its own."""
+    scene = load("bridge-rectifier")
+    plain = scene.compile().simulate((0.0, 0.02), [0.02], "dop853")
+    alone = scene.compile(["Rs"]).simulate((0.0, 0.02), [0.02], "dop853", sensitivities=False)
+    assert alone.statistics.n_steps == plain.statistics.n_steps
+    # Two texts of the same equations may round differently.
+    np.testing.assert_allclose(alone.y, plain.y, rtol=1e-9)
+
+
+def test_the_oldest_thing_that_nobody_asked_for_makes_room():
+    kept, made = Kept(3), []
+
+    def ask(key):
+        return kept.of(key, lambda: made.append(key) or key)
+
+    for key in "abcadab":
+        assert ask(key) == key
+    assert "".join(made) == "abcdb"

@@ -11,6 +11,7 @@ from cotree.build.compile import BuiltLibrary, build_library
 from cotree.build.load import LoadedLibrary, load_library
 from cotree.build.obtain import obtain_library
 from cotree.build.options import BuildOptions, compiler_flags, loop_flags
+from cotree.build.process import abandon
 from cotree.build.toolchain import Toolchain, find_toolchain
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "BuiltLibrary",
     "LoadedLibrary",
     "Toolchain",
+    "abandon",
     "build_library",
     "cache_directory",
     "cache_key",

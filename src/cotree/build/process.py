@@ -6,8 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from cotree.errors import BuildError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +18,11 @@ if TYPE_CHECKING:
 
 # Ordinary models need a few hundred MiB; a compiler that wants more than this has run away.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
+
+
+# What each thread waits for, and threads whose work nobody wants any more, by their numbers.
+_running: dict[int, subprocess.Popen[bytes]] = {}
+_abandoned: set[int] = set()
 
 
 @dataclass(frozen=True)
@@ -58,8 +66,10 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
     ------
     OSError
         If the command cannot be started.
+    BuildError
+        If nobody wants it any more; see :func:`abandon`.
     """
-    folder = str(directory)
+    folder, thread = str(directory), threading.get_ident()
     process = subprocess.Popen(
         _with_memory_limit(command),
         cwd=folder,
@@ -72,7 +82,10 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
         start_new_session=True,
     )
     with process:
+        _running[thread] = process
         try:
+            if thread in _abandoned:
+                raise BuildError("nobody waits for the compiler any more")
             output, _ = process.communicate(timeout=time_limit)
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
@@ -84,7 +97,19 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
         except BaseException:
             _kill_group(process)
             raise
+        finally:
+            del _running[thread]
     return Outcome(status, output.decode("utf-8", "replace"))
+
+
+def abandon(thread: threading.Thread) -> None:
+    """End what a thread compiles, and let it compile nothing else: the program is about to end."""
+    if thread.ident is None:
+        return
+    _abandoned.add(thread.ident)
+    process = _running.get(thread.ident)
+    if process is not None:
+        _kill_group(process)
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from cotree.cli.ahead import begin_engine
+from cotree.cli.ahead import abandon_engine, begin_engine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,4 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Imported here, while a compiler may be at work.
     from cotree.cli.app import main as obey
 
-    return obey(arguments)
+    code = obey(arguments)
+    if code:
+        abandon_engine()
+    return code

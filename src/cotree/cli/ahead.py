@@ -6,6 +6,7 @@ At the first run on a machine the compiler works as long as Python imports and f
 from __future__ import annotations
 
 import contextlib
+import sys
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,6 +40,13 @@ def begin_engine(arguments: Sequence[str]) -> None:
         from cotree.solvers.engine import build_ahead
 
         build_ahead(method)
+
+
+def abandon_engine() -> None:
+    """End the compilation that was begun for a command that failed."""
+    engine = sys.modules.get("cotree.solvers.engine")
+    if engine is not None:  # else nothing was begun
+        engine.abandon_ahead()
 
 
 def _scene_file(argument: str) -> Path | None:

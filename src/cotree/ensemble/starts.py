@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from cotree.model.start import is_slope
 from cotree.solvers.corners import turn_tolerances
-from cotree.solvers.job import tested
+from cotree.solvers.tested import tested
 
 if TYPE_CHECKING:
     from cotree.ensemble.pattern import Pattern

@@ -15,7 +15,9 @@ import numpy as np
 from cotree.ensemble.one_by_one import settings_of
 from cotree.errors import Error, SolveError, brief
 from cotree.quiet import level_of_user, without_warnings
+from cotree.scene.expressions import check_number
 from cotree.solvers.methods import METHODS, method_row
+from cotree.solvers.select import probe_steps
 from cotree.solvers.settings import check_settings, read_span, read_times, read_whole
 from cotree.solvers.simulate import simulate
 
@@ -32,8 +34,8 @@ POINTS = 101
 # A bound on what a slip may ask for.
 _MOST_POINTS = 10_000_000
 
-# A trial goes on until all settings are read and a method is chosen, which takes 20 steps.
-_TRIAL_STEPS = 30
+# A trial goes on so many steps beyond those by which a method is chosen.
+_TRIAL_STEPS = 10
 
 # Where no values are found that run, each member tells why it does not.
 _OTHERWISE = "dop853"
@@ -98,7 +100,8 @@ def _runs(model: CompiledModel, settings: Settings, members: Members) -> list[Ru
 def _short(settings: Settings) -> Settings:
     """Bound the steps of a trial."""
     asked = read_whole(settings.max_steps, "max_steps")
-    return replace(settings, max_steps=_TRIAL_STEPS if asked is None else min(asked, _TRIAL_STEPS))
+    most = probe_steps(check_number(settings.rtol, "rtol")) + _TRIAL_STEPS
+    return replace(settings, max_steps=most if asked is None else min(asked, most))
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:

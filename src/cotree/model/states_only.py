@@ -64,5 +64,5 @@ class StatesOnly(CompiledModel):
     def native(self, p: Array) -> NativeModel | None:
         """Give the model as C sees it; see :meth:`PreparedKernels.native`."""
         native = super().native(p)
-        # Rates of algebraic unknowns were formed together with their sensitivities.
+        # The kernel of the states alone may be there where the one with sensitivities is too long.
         return native and changed(native, can_extend=self._program.can_extend)

@@ -198,6 +198,9 @@ def heat_map(
         # Their sign says which way to go: both sides of zero have colours of their own.
         most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    if figure.get_layout_engine() is None:
+        # The title of a colour bar would lie on the labels of the axes beside it.
+        figure.set_layout_engine("constrained")
     where.set_facecolor("0.85")
     where.grid(False)  # whatever the reader's own style says
     mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)

@@ -282,7 +282,6 @@ class Program:
     @property
     def can_extend(self) -> bool:
         """Whether there are rates of algebraic unknowns, and sensitivities beside them."""
-        # With sensitivities the kernel of the rates alone is never used, so it is not formed.
         name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
         return bool(self.kernels[name].results)
 

@@ -97,8 +97,10 @@ def reduced_kernels(
             along_rates, along_unknowns = _sensitivities(
                 equations, factors, columns[cut:], along, reached
             )
-            name = "extended_augmented_rhs" if along else "extended_rhs"
-            found[name] = [*extended, *along_rates]
+            # Runs without the sensitivities that a model was compiled with take the states alone.
+            found["extended_rhs"] = extended
+            if along:
+                found["extended_augmented_rhs"] = [*extended, *along_rates]
             found["algebraic_sensitivity"] = along_unknowns
     return {
         # A kernel that is too long is dropped, and the engine solves dense systems instead.

@@ -11,6 +11,7 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from cotree.build import abandon
 from cotree.codegen.integrators import engine_declarations, engine_files
 from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
 from cotree.errors import Error
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.build import LoadedLibrary
+
+
+# Threads that build ahead of runs.
+_ahead: list[threading.Thread] = []
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +70,15 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
         # The text is rendered here and not in the thread: two threads that run Python share the
         # interpreter, and the compiler would start later.
         _text_of(steppers[0])
-        threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine").start()
+        thread = threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine")
+        _ahead.append(thread)
+        thread.start()
+
+
+def abandon_ahead() -> None:
+    """End what was begun ahead of a run that will not take place: the program need not wait."""
+    for thread in _ahead:
+        abandon(thread)
 
 
 def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.dag.corners import Corner
 from cotree.model.kernels import SINGULAR
-from cotree.records import changed
 from cotree.solvers.augmented import Tolerances
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
@@ -26,12 +25,11 @@ from cotree.solvers.rescue import Rescue
 from cotree.solvers.rows import Rows
 from cotree.solvers.shared import job_kind
 from cotree.solvers.sundials_aid import SundialsAid
+from cotree.solvers.tested import as_tested, is_integrated
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    import numpy.typing as npt
 
     from cotree.model.newton import Newton
     from cotree.solvers.base import FloatArray
@@ -41,53 +39,6 @@ if TYPE_CHECKING:
 
 # Sentences by status.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
-
-
-def tested(
-    row: Method, problem: Problem, *, is_extended: bool
-) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Give the places in z of what C integrates, and their absolute tolerances.
-
-    Parameters
-    ----------
-    row : Method
-        The method.
-    problem : Problem
-        The problem.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too, by an explicit method.
-
-    Returns
-    -------
-    places : ndarray of int, shape (n,)
-    atols : ndarray, shape (..., n)
-        See :class:`Tolerances`.
-    """
-    is_left = _is_left(row, problem, is_extended=is_extended)
-    known = _as_tested(row, problem)
-    return problem.integrated[is_left], Tolerances(known, is_left).of(known)
-
-
-def _is_left(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
-    """Tell which of the entries that do not vanish C integrates."""
-    places = problem.integrated
-    cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
-    # Sensitivities of algebraic unknowns are solved for even where these are integrated.
-    lead = problem.n_states if is_extended else cut
-    # Those of states that are integrated: of the states themselves up to `lead`, of their
-    # sensitivities up to `cut` in each block.
-    found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
-        places < problem.n_states, lead, cut
-    )
-    return found
-
-
-def _as_tested(row: Method, problem: Problem) -> Problem:
-    """Give the problem with the sensitivities in the error test where the method leaves them out.
-
-    SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
-    """
-    return changed(problem, error_test_sensitivities=True) if row.corrector else problem
 
 
 class Job:
@@ -152,9 +103,9 @@ class Job:
         c.is_held = int(problem.project is not None)
         c.is_extended = int(is_extended)
         self._set_model(problem, problem.native)
-        is_left = _is_left(row, problem, is_extended=is_extended)
+        is_left = is_integrated(row, problem, is_extended=is_extended)
         self._places = problem.integrated[is_left]  # positions in z
-        known = _as_tested(row, problem)
+        known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self._places), problem.least_atol
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()

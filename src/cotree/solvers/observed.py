@@ -17,7 +17,7 @@ from cotree.solvers.result import EventTimes
 from cotree.solvers.sweep import sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray, Trajectory
@@ -50,7 +50,7 @@ def observed(
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     native = None if run.problem.native is None else run.problem.native.model
-    later = {
+    later: dict[str, Callable[[], Mapping[str, Any]]] = {
         "parameter_values": lambda: {"parameter_values": _parameter_values(model, run.p)},
         "events": lambda: {"events": _event_times(model, trajectory.events)},
     }

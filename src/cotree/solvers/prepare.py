@@ -38,7 +38,7 @@ from cotree.solvers.settings import (
 from cotree.solvers.shared import Shared
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     import numpy.typing as npt
 
@@ -392,10 +392,5 @@ def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dic
         return {}
     # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
-    values = {
-        "model": native,
-        "n_inputs": len(model.inputs),
-        "replaced": signals.tables,
-        "functions": others,
-    }
-    return {"native": filled(Native, values)}
+    known = {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}
+    return {"native": filled(Native, {"model": native, **known})}

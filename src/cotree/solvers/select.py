@@ -20,7 +20,8 @@ from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.methods import method_row, refusal
-from cotree.solvers.native import begin_in_c, check_available, compiled_in
+from cotree.solvers.native import begin_in_c, check_available
+from cotree.solvers.outcome import compiled_in
 from cotree.solvers.problem import check_problem
 from cotree.solvers.stiffness_probe import bound_of_decay, fastest_decay, fastest_growth
 from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method
@@ -343,7 +344,7 @@ def probe_steps(rtol: float) -> int:
     """Give how many steps take "dop853" as far as a few loose ones, at a relative tolerance."""
     # Steps of a method of order 8 grow with the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
-    return math.ceil(_PROBE_STEPS * share**0.125)
+    return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
 
 
 def _smallest_tolerance(problem: Problem) -> float:

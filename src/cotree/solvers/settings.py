@@ -109,7 +109,7 @@ def _token(value: object) -> Hashable:
     if kind is float or kind in _PLAIN:
         # 0.0 equals -0.0, and their reciprocals differ.
         return kind, value or str(value)
-    if kind is dict or isinstance(value, Mapping):
+    if isinstance(value, (dict, Mapping)):  # a dict is known without a look at what mappings are
         return tuple([(name, _token(own)) for name, own in value.items()]) if value else ()
     if isinstance(value, (tuple, list)):
         return tuple([_token(own) for own in value])
