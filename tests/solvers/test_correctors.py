@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 
 import circuits
@@ -20,7 +19,7 @@ from cotree.build import find_toolchain
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
 from cotree.solvers import engine, integrate, job, sundials_library
-from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.augmented import Tolerances
 from cotree.solvers.engine import load_engine
 from cotree.solvers.methods import METHODS as ROWS
 from cotree.solvers.native import check_available, is_available
@@ -185,12 +184,13 @@ def test_agrees_with_a_tight_solution(slider, tested, method):
 def test_sensitivities_are_in_the_error_test_or_not(slider, method, monkeypatch):
     """Without states in the error test, that of the sensitivities controls the steps."""
 
-    def loose(problem):
-        rtol, atol = augmented_tolerances(dataclasses.replace(problem))
-        atol[: problem.n_states] = 1e3
-        return rtol, atol
+    class Loose(Tolerances):
+        def of(self, problem):
+            atol = super().of(problem)
+            atol[: problem.n_states] = 1e3
+            return atol
 
-    monkeypatch.setattr(job, "augmented_tolerances", loose)
+    monkeypatch.setattr(job, "Tolerances", Loose)
     settings = {"method": method, "rtol": 1e-9, "atol": 1e-9}
     with_test = slider.simulate((0.0, 10.0), [10.0], **settings)
     without = slider.simulate((0.0, 10.0), [10.0], error_test_sensitivities=False, **settings)

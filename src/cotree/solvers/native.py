@@ -243,7 +243,7 @@ def _run(
     """Advance a job to its end, or let its successor go on; free what the stepper holds."""
     try:
         if successor is not None:
-            job.wait_where_stiff(0)
+            job.wait_where_stiff(successor.first_step)
         if ended is None or ended.is_waiting:
             ended = run_job(job, problem, method, 0.0 if ended is None else ended.seconds)
         while successor is not None and ended.is_waiting:

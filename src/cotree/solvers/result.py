@@ -16,7 +16,7 @@ from cotree.records import Deferring
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from cotree.solvers.base import Drift, FloatArray, Statistics
 
@@ -135,7 +135,7 @@ class RunRecord(Deferring):
 
     def __contains__(self, name: object) -> bool:
         """Tell whether there is a state, output or input of a name, or "t"."""
-        return name == "t" or any(name in names for names, _ in self._groups())
+        return name == "t" or name in (*self.states, *self.outputs, *self.inputs)
 
     def __getitem__(self, name: str) -> FloatArray:
         """Return a state, output or input over time.
@@ -178,12 +178,9 @@ class RunRecord(Deferring):
         """
         column = self._column(parameter)
         # Inputs are left out: their sensitivities are not stored.
-        for names, values in (
-            (self.states, self.s),
-            (self.outputs, self.output_sensitivities),
-        ):
+        for names, field_name in ((self.states, "s"), (self.outputs, "output_sensitivities")):
             if name in names:
-                row: FloatArray = values[names.index(name), column]
+                row: FloatArray = getattr(self, field_name)[names.index(name), column]
                 return row
         raise UnknownNameError(
             f"There is no state or output '{name}'{_hint(name, [*self.states, *self.outputs])}"
@@ -315,12 +312,11 @@ class RunRecord(Deferring):
             lines.append(f"Time: {stages}.")
         return "\n".join(lines)
 
-    def _groups(self) -> tuple[tuple[tuple[str, ...], FloatArray], ...]:
-        return (
-            (self.states, self.y),
-            (self.outputs, self.output_values),
-            (self.inputs, self.input_values),
-        )
+    def _groups(self) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+        # One by one: who looks for a state does not wait for the outputs.
+        yield self.states, self.y
+        yield self.outputs, self.output_values
+        yield self.inputs, self.input_values
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

@@ -94,7 +94,8 @@ def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:
     # Only the explicit steppers of the engine watch the stability of their steps.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, choice.method)
-    return _solve(problem, choice.method, Succession(_solve), choice.begun)
+    successor = Succession(_solve, probe_steps(problem.rtol))
+    return _solve(problem, choice.method, successor, choice.begun)
 
 
 def _solve(

@@ -82,11 +82,15 @@ class Succession:
     ----------
     solve : callable
         ``solve(problem, method)`` integrates with a named method.
+    first_step : int
+        Steps before this one are taken without asking whether the problem is stiff: the method was
+        chosen by them, whether they are taken for this run or were for an equal one.
     note : str
         The outcome as a sentence; empty while no other method was asked for.
     """
 
     solve: Callable[[Problem, str], Trajectory]
+    first_step: int = 0
     note: str = ""
     _has_failed: bool = False
 
