@@ -237,3 +237,15 @@ def test_growth_that_an_explicit_method_cannot_follow_is_said():
     result = scene.compile().simulate((0.0, 30.0), [30.0], throw=True)
     assert result.statistics.method == "rodas5"
     assert "But at the start a mode grows e-fold every 1 s: what is below" in result.message
+
+
+def test_equal_runs_change_over_at_the_same_step():
+    """The first one takes the steps by which its method is chosen; those that follow know it."""
+    # On its way from 0.5 to 2, where modes decay, it is stiff before these steps are over.
+    model = van_der_pol(0.5).compile()
+    run = {"t_span": (0.0, 400.0), "t_eval": [0.01, 400.0], "rtol": 1e-11, "atol": 1e-11}
+    first, second = (model.simulate(**run) for _ in range(2))
+    assert first.statistics.began_with == "dop853"
+    assert first.message == second.message
+    assert first.statistics.n_steps == second.statistics.n_steps
+    assert first.y.tobytes() == second.y.tobytes()
