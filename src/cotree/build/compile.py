@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import shutil
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -263,6 +264,7 @@ def _is_full(directory: Path, outcome: Outcome) -> bool:
 def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_Step, Outcome]:
     """Run all steps but the last in parallel, then the last; give a failure, or the last."""
     *first, last = steps
+    owner = threading.current_thread()  # of all steps, whichever thread waits for them
 
     def run(step: _Step) -> Outcome:
         made = directory / f"{step.source}.o"
@@ -272,7 +274,7 @@ def _run(steps: Sequence[_Step], directory: Path, time_limit: float) -> tuple[_S
             if found is not None:
                 shutil.copyfile(found, made)
                 return Outcome(0, "")
-        outcome = run_limited(step.command, directory, time_limit)
+        outcome = run_limited(step.command, directory, time_limit, owner)
         if step.key and outcome.status == 0:
             # The library is linked from the one, the other moves to the cache.
             copy = shutil.copyfile(made, directory / f"{step.source}.kept.o")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
+import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,9 +22,10 @@ if TYPE_CHECKING:
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
 
-# What each thread waits for, and threads whose work nobody wants any more, by their numbers.
-_running: dict[int, subprocess.Popen[bytes]] = {}
-_abandoned: set[int] = set()
+# Commands that run, with the thread that each is for, and threads whose work nobody wants any more.
+# Threads are told apart by themselves: systems give the number of one that ended to another.
+_running: dict[subprocess.Popen[bytes], threading.Thread] = {}
+_abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,12 @@ class Outcome:
     output: str
 
 
-def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> Outcome:
+def run_limited(
+    command: Sequence[str],
+    directory: Path,
+    time_limit: float,
+    owner: threading.Thread | None = None,
+) -> Outcome:
     """Run a command and wait for it, at most ``time_limit`` seconds.
 
     The command's temporary files go to ``directory``, which is also its current directory, so that
@@ -56,6 +64,8 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
         Its current directory.
     time_limit : float
         Seconds after which it is killed.
+    owner : threading.Thread, optional
+        The thread that the command is for; the one that calls where absent.
 
     Returns
     -------
@@ -69,7 +79,7 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
     BuildError
         If nobody wants it any more; see :func:`abandon`.
     """
-    folder, thread = str(directory), threading.get_ident()
+    folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
         _with_memory_limit(command),
         cwd=folder,
@@ -82,11 +92,11 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
         start_new_session=True,
     )
     with process:
-        _running[thread] = process
+        _running[process] = owner
         try:
-            if thread in _abandoned:
-                raise BuildError("nobody waits for the compiler any more")
+            _check_wanted(owner)
             output, _ = process.communicate(timeout=time_limit)
+            _check_wanted(owner)  # one that was killed for that has not failed
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
@@ -98,18 +108,22 @@ def run_limited(command: Sequence[str], directory: Path, time_limit: float) -> O
             _kill_group(process)
             raise
         finally:
-            del _running[thread]
+            del _running[process]
     return Outcome(status, output.decode("utf-8", "replace"))
 
 
 def abandon(thread: threading.Thread) -> None:
     """End what a thread compiles, and let it compile nothing else: the program is about to end."""
-    if thread.ident is None:
-        return
-    _abandoned.add(thread.ident)
-    process = _running.get(thread.ident)
-    if process is not None:
-        _kill_group(process)
+    _abandoned.add(thread)
+    for process, owner in list(_running.items()):
+        if owner is thread:
+            with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
+                _kill_group(process)
+
+
+def _check_wanted(thread: threading.Thread) -> None:
+    if thread in _abandoned:
+        raise BuildError("nobody waits for the compiler any more")
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:

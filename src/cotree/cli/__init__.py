@@ -31,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from cotree.cli.app import main as obey
 
     code = obey(arguments)
-    if code:
+    # A program of Python that calls with arguments of its own goes on, and may need the engine.
+    if code and arguments is None:
         abandon_engine()
     return code
