@@ -284,6 +284,14 @@ def test_what_is_read_later_is_of_the_run_itself(slider):
         _ = result.output_value
 
 
+def test_who_reads_states_by_name_does_not_wait_for_outputs(slider):
+    result = slider.simulate((0.0, 1.0), [0.5, 1.0], "dop853")
+    assert slider.outputs[0] in result
+    result["j1.s"], result.sensitivity("j1.s", "L")
+    assert "output_values" not in vars(result)
+    assert len(result[slider.outputs[0]]) == 2
+
+
 def test_copies_and_pickles_have_what_nobody_has_read():
     model = load("bouncing-ball").compile(["e"])
     kept = model.simulate((0.0, 2.0), [1.0, 2.0])
