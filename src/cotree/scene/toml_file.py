@@ -191,8 +191,9 @@ class _Reading:
         """Read the file that a part names."""
         if not self.folder:
             raise SceneError(
-                f"scene '{brief(name)}' is a file, but what names it is none: name a shipped part, "
-                "or a scene of the same text, [scenes.name]"
+                f"scene '{brief(name)}' is a file, but the scene that names it was not read from "
+                "a file, so its folder is unknown: name a shipped part, or a scene of the same "
+                "text, [scenes.name]"
             )
         if os.path.isabs(name) or PureWindowsPath(name).drive or "\\" in name:
             raise SceneError(
