@@ -1,0 +1,200 @@
+"""FMUs of scenes with dry friction: modes are chosen at the start, at events, and between steps."""
+
+from __future__ import annotations
+
+import warnings
+from math import sqrt
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
+from fmu_importer import Unit
+
+from cotree import Scene
+
+
+def _oscillator():
+    scene = Scene("oscillator")
+    for name, value in {"m": 1.0, "k": 40.0, "F": 2.0, "x0": 0.47}.items():
+        scene.parameter(name, value)
+    scene.edge("M", "translational_mass", "ground", "A", mass="m")
+    scene.edge("K", "translational_spring", "ground", "A", stiffness="k", initial={"s": "x0"})
+    scene.edge("R", "translational_dry_friction", "ground", "A", force="F")
+    scene.output("force", "R.f")
+    return scene
+
+
+def _clutches():
+    """Make two shafts with a clutch that engages, and a brake on one of them that slips again."""
+    scene = Scene("clutches")
+    scene.parameter("N", 4.0)
+    scene.input("pressed", 1.0)
+    turning = {"w": 10.0}
+    scene.edge("J1", "rotational_inertia", "ground", "a", inertia=1.0, initial=turning)
+    scene.edge("J2", "rotational_inertia", "ground", "b", inertia=2.0)
+    pressed = {"friction": 0.5, "radius": 1.0, "peak": 1.2}
+    scene.edge("C", "clutch", "a", "b", normal_force="N*(t - 1)", **pressed)
+    scene.edge("B", "brake", "ground", "b", normal_force="pressed", **pressed)
+    scene.edge("T", "torque_source", "ground", "a", torque="3*sin(0.5*t)")
+    scene.output("passed", "C.tau")
+    return scene
+
+
+def _pendulum():
+    """Make a double pendulum with friction in both hinges."""
+    scene = Scene("pendulum", gravity=[0, -9.81, 0])
+    hinge = {"axis": [0, 0, 1]}
+    scene.parameter("T1", 2.0)
+    scene.edge("h1", "revolute", "ground", "A", initial={"theta": 1.0}, **hinge)
+    scene.edge("a1", "arm", "A", "B", vector=[0, -1, 0])
+    scene.edge("b1", "rigid_body", "ground", "B", mass=1.0)
+    scene.edge("h2", "revolute", "B", "C", initial={"theta": 0.5}, **hinge)
+    scene.edge("a2", "arm", "C", "D", vector=[0, -1, 0])
+    scene.edge("b2", "rigid_body", "ground", "D", mass=1.0)
+    scene.edge("R1", "rotational_dry_friction", joint="h1", torque="T1")
+    scene.edge("R2", "rotational_dry_friction", joint="h2", torque=0.7, breakaway=0.9)
+    return scene
+
+
+SCENES = {
+    "oscillator": (_oscillator, 4.0),
+    "clutches": (_clutches, 9.0),
+    "pendulum": (_pendulum, 8.0),
+}
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    made = {}
+
+    def make(name, version=3):
+        if name not in made:
+            made[name] = SCENES[name][0]().compile()
+        path = tmp_path_factory.getbasetemp() / f"{name}-{version}.fmu"
+        if not path.exists():
+            made[name].export_fmu(path, version)
+        return made[name], path
+
+    return make
+
+
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("oscillator", 3),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("oscillator", 2), ("clutches", 3), ("clutches", 2), ("pendulum", 3))
+        ),
+    ],
+)
+def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
+    model, path = exported(name, version)
+    assert validate_fmu(str(path)) == []
+    t_end, names = SCENES[name][1], [*model.states, *model.outputs]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
+        found = simulate_fmu(
+            str(path),
+            fmi_type=kind,
+            stop_time=t_end,
+            output_interval=t_end / 100,
+            step_size=t_end / 100 if kind == "CoSimulation" else None,
+            relative_tolerance=1e-10,
+            output=names,
+            record_events=False,
+        )
+    times = np.linspace(0.0, t_end, 101)
+    wanted = model.simulate((0.0, t_end), times, rtol=1e-11, atol=1e-13)
+    places = np.searchsorted(times, np.asarray(found["time"]) - 1e-9 * t_end)
+    for one in names:
+        values = np.asarray(wanted[one])[places]
+        # CVode errs by thousands of its tolerance over many steps.
+        scale = max(1.0, float(np.max(np.abs(values))))
+        assert np.max(np.abs(np.asarray(found[one]) - values)) <= 1e-6 * scale, one
+
+
+def test_modes_are_chosen_while_the_start_is_found(exported):
+    _, path = exported("oscillator")
+    with Unit(path) as unit:
+        unit.begin()
+        # The spring pulls with 18.8 N, friction holds 2 N.
+        assert unit.get("R.mode", "force", "der(M.v)").tolist() == pytest.approx(
+            [-1.0, -2.0, -16.8]
+        )
+    with Unit(path) as unit:
+        unit.begin(values={"K.s": 0.04})
+        assert unit.get("R.mode", "force").tolist() == pytest.approx([0.0, -1.6])
+    with Unit(path) as unit:
+        unit.begin(values={"M.v": 0.3})
+        assert unit.get("R.mode")[0] == 1.0
+
+
+def test_steps_of_any_size_go_through_stops(exported):
+    model, path = exported("oscillator")
+    wanted = model.simulate((0.0, 2.0), rtol=1e-11, atol=1e-13).y[:, -1]
+    with Unit(path, "CoSimulation") as unit:
+        for n in (7, 400, 400):
+            unit.initialize(1e-10, stop=2.0)
+            for k in range(n):
+                unit.step(2.0 * k / n, 2.0 / n)
+            # Each step begins anew, so that there are some hundred integrations.
+            np.testing.assert_allclose(unit.get(*model.states), wanted, atol=1e-8)
+            unit.fmu.reset()
+
+
+def test_an_importer_that_goes_a_little_too_far_finds_friction_sticking(exported):
+    _, path = exported("oscillator")
+    with Unit(path) as unit:
+        unit.initialize(values={"K.s": 0.04, "M.v": 0.1})
+        unit.update()
+        unit.fmu.enterContinuousTimeMode()
+        assert unit.get("R.mode")[0] == 1.0
+        # Behind where it stops: the spring pulls with 1.6 N there, less than friction holds.
+        states = {"R.mode": 1.0, "M.v": -1e-6, "K.s": 0.04}
+        unit.go(0.03, np.array([states[name] for name in unit.states]))
+        unit.fmu.enterEventMode()
+        unit.update()
+        assert unit.get("R.mode", "force", "der(M.v)").tolist() == pytest.approx([0.0, -1.6, 0.0])
+
+
+def test_an_input_that_lets_a_brake_go(exported):
+    model, path = exported("clutches")
+    with Unit(path, "CoSimulation") as unit:
+        unit.initialize(1e-10, stop=9.0, values={"N": 0.0, "pressed": 2.0})
+        unit.step(0.0, 1.0)
+        assert unit.get("B.mode", "C.mode").tolist() == [0.0, 2.0]
+        unit.set(pressed=-1.0)
+        unit.step(1.0, 1.0)
+        assert unit.get("B.mode", "C.mode").tolist() == [2.0, 2.0]
+    with Unit(path, "CoSimulation") as unit:
+        unit.initialize(1e-10, stop=9.0)
+        unit.step(0.0, 3.0)
+        wanted = model.simulate((0.0, 3.0), rtol=1e-10).y[:, -1]
+        np.testing.assert_allclose(unit.get(*model.states), wanted, atol=1e-8)
+
+
+def test_sensitivities_go_through_stops(tmp_path):
+    path = tmp_path / "x.fmu"
+    _oscillator().compile(["F", "x0"]).export_fmu(path, kinds=["CoSimulation"])
+    # Each half period takes 2 F/k from the amplitude, until F/k holds what is left.
+    left, n, sign = 0.47, 0, 1
+    while left > 2.0 / 40.0:
+        left, n, sign = left - 2 * 2.0 / 40.0, n + 1, -sign
+    with Unit(path, "CoSimulation") as unit:
+        unit.initialize(1e-11, stop=4.0)
+        for k in range(40):
+            unit.step(0.1 * k, 0.1)
+        assert unit.get("K.s")[0] == pytest.approx(sign * left, abs=1e-9)
+        found = unit.get("d(K.s)/d(F)", "d(K.s)/d(x0)")
+        np.testing.assert_allclose(found, [-sign * 2 * n / 40.0, sign], atol=1e-8)
+
+
+def test_the_time_of_the_first_stop_is_that_of_half_a_period(exported):
+    _, path = exported("oscillator")
+    with Unit(path, "CoSimulation", earlyReturnAllowed=True) as unit:
+        unit.initialize(1e-11, stop=4.0)
+        reached = unit.step(0.0, 1.0)[3]
+        assert reached == pytest.approx(np.pi / sqrt(40.0), abs=1e-9)
