@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
 from cotree.naming import c_identifier
 from cotree.operating import OperatingPoint, program_at_rest
+from cotree.quiet import level_of_user
 from cotree.runner import RunnableModel
 from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
@@ -340,9 +342,14 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         held = {name: u for name, u in zip(self.inputs, begin, strict=True) if name in wanted}
         try:
             result = self.simulate(
-                (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held
+                (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held, throw=True
             )
-        except SolveError:
-            return files  # the default experiment has no results
+        except SolveError as error:
+            warnings.warn(
+                f"the FMU holds no expected results, since the scene's default run fails: {error}",
+                RuntimeWarning,
+                stacklevel=level_of_user(),
+            )
+            return files
         columns = {name: result[name] for name in self.outputs}
         return files | reference_files(c_identifier(self.layout.name), result.t, columns)

@@ -12,7 +12,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
+from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from fmu_importer import SCENES, Unit
 
@@ -130,6 +130,34 @@ def test_expected_results_and_icon_are_inside(exported):
     assert float(rows[-1][1]) == pytest.approx(result["rod_x"][-1], abs=1e-6)
     assert archive.read(f"{folder}/fmi-ls-manifest.xml").startswith(b"<?xml")
     assert archive.read("terminalsAndIcons/icon.png").startswith(b"\x89PNG")
+
+
+def test_missing_expected_results_are_told(tmp_path):
+    scene = cotree.Scene("falling")
+    scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"v": 1.0})
+    scene.edge("F", "force_source", "ground", "A", force="sqrt(0.5 - t)")
+    scene.output("speed", "A.v")
+    with pytest.warns(RuntimeWarning, match="no expected results, since .* run fails: .*t = 0.5"):
+        scene.compile().export_fmu(tmp_path / "x.fmu", platforms=[])
+    names = zipfile.ZipFile(tmp_path / "x.fmu").namelist()
+    assert not [name for name in names if "ls-ref" in name]
+
+
+@pytest.mark.parametrize("version", [3, 2])
+def test_names_of_parts_are_structured(tmp_path, version):
+    part = cotree.Scene("rubbing")
+    part.edge("M", "translational_mass", "ground", "A", mass=1.0)
+    part.edge("R", "translational_dry_friction", "ground", "A", force=2.0)
+    scene = cotree.Scene("outer")
+    scene.add("block", part, A="B")
+    scene.add("other", part)
+    scene.edge("P", "force_source", "ground", "B", force="3*sin(t)")
+    path = tmp_path / "x.fmu"
+    scene.compile().export_fmu(path, version, platforms=[])
+    description = read_model_description(str(path), validate_variable_names=True)
+    assert description.variableNamingConvention == "structured"
+    names = [variable.name for variable in description.modelVariables]
+    assert {"block.M.v", "der(block.M.v)", "other.R.mode", "block.'R stops'.indicator"} <= {*names}
 
 
 def test_the_same_model_gives_the_same_bytes(exported, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 
 _TYPE = {2: "Real", 3: "Float64"}
+
+# Structured names of the standard, but for indices of arrays: words, or texts in quotes, with dots.
+_WORDS = r"(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+')(?:\.(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+'))*"
+_STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,8 @@ class Description:
                 "modelName": self.name,
                 ("instantiationToken" if is_new else "guid"): self.token,
                 "generationTool": f"cotree {VERSION}",
-                "variableNamingConvention": "flat",
+                # Importers show what parts declare as a tree.
+                "variableNamingConvention": "structured" if self._is_structured() else "flat",
             },
         )
         if not is_new:
@@ -96,6 +102,9 @@ class Description:
             self._add_variable(listed, variable)
         self._add_structure(root)
         return _text(root)
+
+    def _is_structured(self) -> bool:
+        return all(_STRUCTURED.match(variable.name) for variable in self.variables.all)
 
     def build_description(self) -> str:
         """Write ``buildDescription.xml`` of FMI 3."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from cotree.errors import CodegenError
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
 
     from cotree.export.fmu.kernels import FmuKernels
     from cotree.program import Layout
+
+
+_PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
 
 
 class _Names:
@@ -177,7 +181,7 @@ class _Listing:
         indicators = [
             self._calculated(
                 firsts[7] + i,
-                self.names.own(f"{row.name}.indicator"),
+                self.names.own(f"{_quoted(row.name)}.indicator"),
                 "",
                 f"what event {row.name} looks at",
                 "local",
@@ -302,6 +306,12 @@ class _Listing:
                 )
             )
         return found[0], found[1]
+
+
+def _quoted(name: str) -> str:
+    """Quote what is no word behind the parts in an event's name, as structured names have it."""
+    parts, own = _PARTS.match(name).groups()  # type: ignore[union-attr]  # it matches any text
+    return name if own.isidentifier() else f"{parts}'{own}'"
 
 
 def _over(unit: str, other: str) -> str:
