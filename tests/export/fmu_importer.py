@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
@@ -16,6 +17,19 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 SCENES = sorted(
     path.stem for path in (Path(__file__).parents[2] / "src" / "cotree" / "scenes").glob("*.toml")
 )
+
+
+def share(
+    cases: list[tuple[Any, ...]], slow: list[tuple[Any, ...]], quick: tuple[Any, ...]
+) -> list[Any]:
+    """Give cases as parameters: one to quick runs, some to slow ones, all to campaigns."""
+    marks = {case: [pytest.mark.slow, pytest.mark.campaign] for case in cases}
+    marks |= {case: [pytest.mark.slow] for case in slow} | {quick: []}
+    return [pytest.param(*case, marks=marks[case]) for case in cases]
+
+
+#: Scenes and versions. Every second one has all scenes, half of them in each version.
+UNITS = [(n, v) for i, n in enumerate(SCENES) for v in ((3, 2) if i % 2 else (2, 3))]
 
 
 class Unit:

@@ -14,20 +14,12 @@ import numpy as np
 import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from fmu_importer import SCENES, Unit
+from fmu_importer import UNITS, Unit, share
 
 import cotree
 from cotree.errors import BuildError, CodegenError, SceneError
 
 QUICK = ("slider-pendulum", 3)
-
-
-def _cases(names=SCENES):
-    return [
-        pytest.param(n, v, marks=[] if (n, v) == QUICK else pytest.mark.slow)
-        for n in names
-        for v in (3, 2)
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +37,13 @@ def exported(tmp_path_factory):
     return make
 
 
-@pytest.mark.parametrize(("name", "version"), _cases())
+@pytest.mark.parametrize(("name", "version"), share(UNITS, UNITS[::2], QUICK))
 def test_fmpy_finds_no_problems(exported, name, version):
     assert validate_fmu(str(exported(name, version)[1])) == []
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-@pytest.mark.parametrize(("name", "version"), _cases())
+@pytest.mark.parametrize(("name", "version"), share(UNITS, UNITS[::2], QUICK))
 def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
     model, path = exported(name, version)
     t_end = model._recipe.defaults.t_end
@@ -84,9 +76,14 @@ def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
 
 
-@pytest.mark.parametrize("level", ["-O2", pytest.param("-O0", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize(("name", "version"), _cases())
+HOW = [("gcc", "-O2"), ("clang", "-O0"), ("clang", "-O2"), ("gcc", "-O0")]
+BUILDS = [(*unit, *how) for unit in UNITS for how in HOW]
+SLOW_BUILDS = [(*unit, *HOW[i % len(HOW)]) for i, unit in enumerate(UNITS[::2])]
+
+
+@pytest.mark.parametrize(
+    ("name", "version", "compiler", "level"), share(BUILDS, SLOW_BUILDS, (*QUICK, "gcc", "-O2"))
+)
 def test_sources_compile_without_warnings(exported, tmp_path, name, version, compiler, level):
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")

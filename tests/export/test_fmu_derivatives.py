@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fmu_importer import SCENES, Unit
+from fmu_importer import UNITS, Unit, share
 
 import cotree
 
@@ -93,11 +93,7 @@ FEW = ["slider-pendulum", "bridge-rectifier", "heated-room"]
 
 @pytest.mark.parametrize(
     ("name", "version"),
-    [
-        pytest.param(n, v, marks=[] if (n, v) == ("slider-pendulum", 3) else pytest.mark.slow)
-        for n in SCENES
-        for v in (3, 2)
-    ],
+    share(UNITS, UNITS[::3], ("slider-pendulum", 3)),
 )
 def test_derivatives_in_event_continuous_time_and_step_modes(exported, name, version):
     model, path = exported(name, version)

@@ -86,7 +86,7 @@ def exported(tmp_path_factory):
         ("oscillator", 3),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("oscillator", 2), ("clutches", 3), ("clutches", 2), ("pendulum", 3))
+            for case in (("oscillator", 2), ("clutches", 3), ("pendulum", 3))
         ),
     ],
 )
