@@ -132,6 +132,23 @@ def test_modes_are_chosen_while_the_start_is_found(exported):
         assert unit.get("R.mode")[0] == 1.0
 
 
+@pytest.mark.slow
+def test_a_one_way_clutch_that_turns_the_wrong_way_is_refused(tmp_path, capfd):
+    scene = Scene("way")
+    scene.edge("a", "rotational_inertia", "ground", "A", inertia=1.0, initial={"w": 1.0})
+    scene.edge("b", "rotational_inertia", "ground", "B", inertia=1.0)
+    scene.edge("C", "one_way_clutch", "A", "B", normal_force=0, friction=0.1, radius=1.0)
+    with pytest.warns(RuntimeWarning, match="no expected results, since .*'C' turns at t = 0"):
+        scene.compile().export_fmu(tmp_path / "x.fmu")
+    with (
+        Unit(tmp_path / "x.fmu") as unit,
+        pytest.raises(Exception, match="failed with status 3"),
+    ):
+        unit.initialize()
+    said = "event 'C stops' stops the initialization at t = 0: a one-way clutch turns the way"
+    assert said in "".join(capfd.readouterr())
+
+
 def test_steps_of_any_size_go_through_stops(exported):
     model, path = exported("oscillator")
     wanted = model.simulate((0.0, 2.0), rtol=1e-11, atol=1e-13).y[:, -1]
