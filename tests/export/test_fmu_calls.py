@@ -1,7 +1,7 @@
 """Random sequences of legal and illegal FMI calls against the exported C, under sanitizers.
 
-``fmi_calls.c`` holds the rules of the standard and makes the calls. Here it is compiled with the sources
-of a unit and with what it has to know of it, which comes from the model description.
+``fmi_calls.c`` holds the rules of the standard and makes the calls. Here it is compiled with the
+sources of a unit and with what it has to know of it, which comes from the model description.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ FOLDER = Path(__file__).parent
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
-#: Scenes, with whether small changes of parameters may move the start off what the model can do, and
-#: how long steps of explicit Euler may be, as a share of what the driver takes by default.
+#: Scenes, with whether small changes of parameters may leave no start, or one without derivatives,
+#: and how long steps of explicit Euler may be, as a share of what the driver takes by default.
 SCENES = {
     "bouncing-ball": (False, 1.0),  # events
     "motor-linkage": (True, 0.1),  # constraints
@@ -124,7 +124,8 @@ def _driver(folder: Path, name: str, version: int, compiler: str) -> Path:
     command = [
         compiler, "-std=c11", "-O1", "-g", *SANITIZE, f"-DFMI={version}", f"-DFMI{version}_Export=",
         "-Wall", "-Wextra", f"-I{FOLDER}", f"-I{sources}", "-isystem", str(HEADERS),
-        str(FOLDER / "fmi_calls.c"), *map(str, sorted(sources.glob("*.c"))), "-o", str(program), "-lm",
+        str(FOLDER / "fmi_calls.c"), *map(str, sorted(sources.glob("*.c"))),
+        "-o", str(program), "-lm",
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr[-4000:]
