@@ -73,7 +73,8 @@ def test_names_are_collected():
 NASTY = [
     "__import__('os').system('true')",
     "__import__('os')",
-    "a.b.c.d",
+    "a.b.",
+    "a..b",
     "a.b()",
     "().__class__",
     "x[0]",

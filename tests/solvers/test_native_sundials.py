@@ -194,9 +194,12 @@ def test_bands_against_another_factorisation():
 
     from cotree.build import BuildOptions, build_library, find_toolchain
     from cotree.codegen.integrators import run_files
+    from cotree.codegen.render import abi_header
 
     export = "__declspec(dllexport)" if sys.platform == "win32" else ""
-    files = {name: text for name, text in run_files().items() if name.startswith("cotree_lu.")}
+    wanted = ("cotree_lu.h", "cotree_lu.c")
+    files = {name: text for name, text in run_files().items() if name in wanted}
+    files["cotree_abi.h"] = abi_header()
     built = build_library(
         {**files, "band.c": _BAND_TEST % export},
         abi_version=0,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.multistart import Search
     from cotree.estimation.problem import Problem
-    from cotree.estimation.result import StartRecord
+    from cotree.estimation.start_record import StartRecord
     from cotree.estimation.uncertainty import Uncertainty
 
     Array = npt.NDArray[np.float64]

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError
 from cotree.estimation.rendezvous import Rendezvous, Stopped
-from cotree.estimation.result import StartRecord
 from cotree.estimation.squares import SquareRows
+from cotree.estimation.start_record import StartRecord
 from cotree.solvers.progress import CountingBar
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from cotree.estimation.multistart import Search
     from cotree.estimation.petab_mapping import Mapped
     from cotree.estimation.petab_tables import Tables
-    from cotree.estimation.result import StartRecord
+    from cotree.estimation.start_record import StartRecord
 
 Array = npt.NDArray[np.float64]
 

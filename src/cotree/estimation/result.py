@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -24,35 +23,10 @@ if TYPE_CHECKING:
     from cotree.estimation.multistart import Search
     from cotree.estimation.problem import Problem
     from cotree.estimation.profiles import Profile
+    from cotree.estimation.start_record import StartRecord
     from cotree.estimation.uncertainty import Uncertainty
 
     Array = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class StartRecord:
-    """The outcome of one start of the optimiser.
-
-    Attributes
-    ----------
-    began, theta : ndarray, shape (n_estimated,)
-        First and best values of the estimated parameters on their scales.
-    objective : float
-        The objective at the best point; infinite if no run succeeded.
-    n_evaluations : int
-        Number of evaluations of the predictions.
-    is_converged : bool
-        Whether the optimiser met its tolerances.
-    message : str
-        Reason for termination.
-    """
-
-    began: Array
-    theta: Array
-    objective: float
-    n_evaluations: int
-    is_converged: bool
-    message: str
 
 
 class FitResult(ShownFit):

@@ -167,7 +167,8 @@ class PointMethods(CompiledModel):
         >>> round(held["M"], 6)
         9.406329
         """
-        from cotree.model.trim import Conditions, find_trim
+        from cotree.model.trim import find_trim
+        from cotree.model.trim_point import Conditions
 
         p = self.parameter_array(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")

@@ -9,7 +9,7 @@ solution. The iteration is that of :mod:`cotree.model.roots`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -19,15 +19,13 @@ from cotree.model.linear import Linear
 from cotree.model.moment import Moment
 from cotree.model.roots import find_near
 from cotree.model.start import find_start
-from cotree.model.trim_point import TrimPoint
+from cotree.model.trim_point import Conditions, TrimPoint
 from cotree.model.unknowns import settle_jumps
 from cotree.model.variation import Direction
 from cotree.scene.expressions import check_number
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from cotree.model.arrays import Array
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
@@ -44,16 +42,6 @@ _MOST_ROUNDS = 20
 
 #: Unknowns with relative entries below this count as not involved in a direction.
 _INVOLVED = 0.1
-
-
-class Conditions(NamedTuple):
-    """The conditions on a point; see :meth:`cotree.Model.trim`."""
-
-    solve: Sequence[str]
-    fixed: Mapping[str, float]
-    rates: Mapping[str, float | None]
-    outputs: Mapping[str, float]
-    guess: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ Derivatives follow from the conditions F(z, p) = 0 on the unknowns z: dz/dp = -F
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +16,23 @@ from cotree.model.variation import Direction
 from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.model.arrays import Array
     from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
     from cotree.model.moment import Moment
+
+
+class Conditions(NamedTuple):
+    """The conditions on a point; see :meth:`cotree.Model.trim`."""
+
+    solve: Sequence[str]
+    fixed: Mapping[str, float]
+    rates: Mapping[str, float | None]
+    outputs: Mapping[str, float]
+    guess: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
