@@ -34,7 +34,7 @@ SCENES = {
 
 
 class Facts:
-    """What the driver has to know, from a model description."""
+    """Extract the data of the driver from a model description."""
 
     def __init__(self, text: str, version: int) -> None:
         root = ET.fromstring(text)

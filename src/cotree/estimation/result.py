@@ -216,7 +216,7 @@ class FitResult(ShownFit):
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """What limits the use of the estimates, a sentence each; empty if nothing does."""
+        """Limits on the use of the estimates, a sentence each; empty if there are none."""
         from cotree.estimation.findings import of_agreement, of_bounds, of_optimiser, of_widths
 
         first = of_optimiser(self.starts)

@@ -76,7 +76,7 @@ class CProject:
 
 @dataclass(frozen=True)
 class Kit:
-    """What a C project is made of besides the model.
+    """Options of a C project besides the model.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the main program of a C project is told.
+"""Template data of the main program of a C project.
 
 In: a program, the methods that are compiled in, and the start. Out: the context of its template.
 Numbers that follow from parameters when the text is written (the start, the times of kinks) are

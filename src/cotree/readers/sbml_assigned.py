@@ -1,4 +1,4 @@
-"""What events of SBML set in the states of a scene, some of which are amounts."""
+"""Assignments of SBML events to the states of a scene, some of which are amounts."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Triggered:
 
 
 class Dependencies:
-    """What formulas of a model depend on, through rules, reaction rates and compartments.
+    """Dependencies of the formulas of a model, through rules, reaction rates and compartments.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Mode:
 
 
 class FrictionPart(IntEnum):
-    """What an event of dry friction looks at; the numbers are those of ``cotree_jumps.h``."""
+    """Roles of the events of dry friction, numbered as in ``cotree_jumps.h``."""
 
     NONE = 0  # it is no event of friction
     STOPS = 2  # the relative speed, with the sign of the mode

@@ -1,4 +1,4 @@
-"""Where the declarations of parts were stated: the file of the part and the line in it.
+"""Origins of the declarations of parts: the file of the part and the line in it.
 
 Messages about the equations name an edge as the outer scene does, ``leg1.knee``; its statement
 stands in another file, under another name.

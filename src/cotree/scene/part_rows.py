@@ -1,4 +1,4 @@
-"""What a part stands for: the declarations of its scene, under names of the outer scene.
+"""Expansion of a part into the declarations of its scene, under names of the outer scene.
 
 In: the scene of a part, its name, and what its nodes, parameters and inputs are. Out: parameters,
 inputs, modes, edges, outputs and events, made by the same functions as those of any scene. Names

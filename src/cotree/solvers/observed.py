@@ -1,4 +1,4 @@
-"""What is made of a run besides its states: outputs, inputs, events and values of parameters.
+"""Quantities derived from a run besides its states: outputs, inputs, events, parameters.
 
 In: a run and its trajectory. Out: entries of a ``RunRecord``. They are made when they are first
 asked for, since most callers of a small run read few of them, and making all of them takes as long

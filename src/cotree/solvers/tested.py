@@ -1,4 +1,4 @@
-"""What C integrates of a problem, and the tolerances of the error test there.
+"""Unknowns of a problem that C integrates, and the tolerances of the error test there.
 
 In: a row of the table of methods, and a ``Problem``. Out: places in z, and absolute tolerances.
 """

@@ -1,4 +1,4 @@
-"""What an FMU is to have, checked before anything is formed."""
+"""Options of an FMU, checked before anything is formed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KINDS = ("ModelExchange", "CoSimulation")
 
 @dataclass(frozen=True)
 class FmuChoice:
-    """What an FMU is to have.
+    """Options of an FMU.
 
     Attributes
     ----------

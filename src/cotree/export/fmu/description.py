@@ -29,7 +29,7 @@ _STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 
 @dataclass(frozen=True)
 class Description:
-    """What is told of an FMU.
+    """Contents of a model description.
 
     Attributes
     ----------

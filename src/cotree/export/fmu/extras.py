@@ -1,4 +1,4 @@
-"""What an FMU holds besides what importers need: expected results, and an icon."""
+"""Optional contents of an FMU: expected results, and an icon."""
 
 from __future__ import annotations
 

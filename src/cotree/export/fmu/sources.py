@@ -96,7 +96,7 @@ class TablesContext(KernelFile):
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a model besides its program.
+    """Properties of a model besides its program.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where dry friction may stand: between nodes whose relative acceleration inertias decide."""
+"""Check that inertias determine the relative acceleration across each dry friction edge."""
 
 from __future__ import annotations
 
