@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         TopologyError,
     )
     from cotree.estimation.assembly import estimation_problem
-    from cotree.estimation.candidates import Candidates
+    from cotree.estimation.candidates import Candidates, NextMeasurement
     from cotree.estimation.experiment import Experiment
     from cotree.estimation.fit import fit
     from cotree.estimation.petab import PetabProblem, read_petab
@@ -48,6 +48,7 @@ __all__ = [
     "FormulationError",
     "Model",
     "ModelError",
+    "NextMeasurement",
     "ParameterError",
     "PetabProblem",
     "Result",
@@ -86,6 +87,7 @@ _HOMES = {
     "Candidates": "estimation.candidates",
     "Experiment": "estimation.experiment",
     "Model": "api",
+    "NextMeasurement": "estimation.candidates",
     "PetabProblem": "estimation.petab",
     "Result": "results",
     "Scene": "api",
