@@ -14,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.formulation.observed import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
@@ -313,3 +314,11 @@ def test_the_page_of_the_linter_lists_every_rule():
     text = (ROOT / "docs" / "how_to" / "lint.md").read_text(encoding="utf-8")
     table = "".join(re.findall(r"^\| (`.*?`) \|", text, re.MULTILINE))
     assert re.findall(r"`([a-z-]+)`", table) == list(RULES)
+
+
+def test_no_module_is_documented_under_two_roots():
+    """The source page of a module links to all its names under the root of the first one."""
+    reference = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    homes = {f"cotree.{home}" for home in cotree._HOMES.values()}
+    for module, name in re.findall(r"~([\w.]+)\.([A-Z]\w+)\n", reference):
+        assert f"cotree.{module}" not in homes, f"export {name} from cotree, too"
