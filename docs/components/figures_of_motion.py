@@ -195,6 +195,23 @@ def ideal_gear(s: Sheet) -> None:
 
 
 @figure
+def planetary_gear(s: Sheet) -> None:
+    """Draw a sun, three planets on a carrier, and a ring."""
+    s.face(ring((0.0, 0.0), 1.0), SECOND)
+    s.face(ring((0.0, 0.0), 0.88), ("#ffffff", INK))
+    wheel(s, (0.0, 0.0), 0.32, 14, FIRST)
+    for angle in (90.0, 210.0, 330.0):
+        centre = ring((0.0, 0.0), 0.6, angle, angle)[0]
+        s.line([(0.0, 0.0), tuple(centre)], INK, 2.0)
+        wheel(s, tuple(centre), 0.26, 12, METAL)
+    s.node((0.0, 0.0), "sun", (0.0, -0.52))
+    s.node(tuple(ring((0.0, 0.0), 0.6, 90, 90)[0]), "carrier", (0.0, 0.54))
+    s.node((0.94, 0.0), "ring", (0.34, 0.0))
+    s.arrow(ring((0.0, 0.0), 1.14, 130, 200), FREEDOM, 1.7)
+    s.text((-1.32, 0.3), "w", FREEDOM)
+
+
+@figure
 def rack_and_pinion(s: Sheet) -> None:
     """Draw a wheel on a toothed bar."""
     teeth = [

@@ -241,6 +241,33 @@ def test_inertias_on_a_gear_share_a_state_with_sensitivities():
         np.testing.assert_allclose(result.sensitivity("w", name), slope * by, **CLOSE)
 
 
+def test_a_planetary_gear_shares_torque_among_three_inertias():
+    """Two speeds are free; a torque on the sun accelerates them by the inverse of their inertia."""
+    inertias, r, torque = {"sun": 0.2, "carrier": 0.5, "ring": 0.7}, 2.5, 3.0
+    scene = Scene("planets")
+    scene.parameter("r", r)
+    for node, inertia in inertias.items():
+        scene.edge(f"J_{node}", "rotational_inertia", "ground", node, inertia=inertia)
+    scene.edge("G", "planetary_gear", "sun", "carrier", "ring", ratio="r")
+    scene.edge("T", "torque_source", "ground", "sun", torque=torque)
+    for node in inertias:
+        scene.output(node, f"{node}.w")
+    result = scene.compile(["r"]).simulate((0, 1), **TIGHT)
+
+    def exact(r):
+        # Columns are what the speeds of sun and ring add to those of sun, carrier and ring.
+        free = np.array([[1.0, 0.0], [1 / (1 + r), r / (1 + r)], [0.0, 1.0]])
+        matrix = free.T @ np.diag(list(inertias.values())) @ free
+        return free @ np.linalg.solve(matrix, free.T @ [torque, 0.0, 0.0])
+
+    ends = [result[node][-1] for node in inertias]
+    np.testing.assert_allclose(ends, exact(r), rtol=1e-12)
+    # A complex step has no error of cancellation.
+    slopes = np.imag(exact(r + 1e-30j)) / 1e-30
+    ends = [result.sensitivity(node, "r")[-1] for node in inertias]
+    np.testing.assert_allclose(ends, slopes, rtol=1e-11)
+
+
 def test_ports_may_be_named_by_both_nodes_or_by_one_each():
     def final(**nodes):
         scene = Scene("rack")

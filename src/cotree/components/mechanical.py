@@ -335,6 +335,22 @@ RACK_AND_PINION = ideal_coupling(
     ("rotational", "pinion"),
 )
 
+_SET = ideal_coupling(
+    "planetary_gear",
+    "ideal planetary gear: a sun, a ring, and planets on a carrier",
+    value("ratio", "1", "teeth of the ring per teeth of the sun", "positive"),
+    ("rotational", "sun"),
+    ("rotational", "ring"),
+    reverses=True,
+)
+
+# Seen from the carrier, the planets make a gear of sun and ring, which turn against each other.
+PLANETARY_GEAR = replace(
+    _SET,
+    terminals=("sun", "carrier", "ring"),
+    ports=tuple(replace(port, between=("carrier", port.port)) for port in _SET.ports),
+)
+
 COMPONENTS = (
     MASS,
     _spring(_TRANSLATION),
@@ -355,5 +371,6 @@ COMPONENTS = (
     _speed_source(_ROTATION, "speed"),
     SHAFT,
     IDEAL_GEAR,
+    PLANETARY_GEAR,
     RACK_AND_PINION,
 )

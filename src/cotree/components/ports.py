@@ -152,7 +152,13 @@ def resistive(
 
 
 def ideal_coupling(
-    name: str, doc: str, field: Field, first: tuple[str, str], second: tuple[str, str]
+    name: str,
+    doc: str,
+    field: Field,
+    first: tuple[str, str],
+    second: tuple[str, str],
+    *,
+    reverses: bool = False,
 ) -> Component:
     """Make a lossless transformer: across of the first port is ``field`` times that of the second.
 
@@ -167,14 +173,17 @@ def ideal_coupling(
         The ratio.
     first, second : pair of str
         Domain and name of each port.
+    reverses : bool
+        Whether the across variables have opposite signs where the ratio is positive.
     """
+    sign = -1 if reverses else 1
     laws = (
         # Across and through of the first port, then of the second: v1 = r v2 and f2 = -r f1, each
         # solved both ways since the tree decides which of them a port must give.
-        (f"across_{second[1]}", lambda v, r: r * v),
-        (f"through_{second[1]}", lambda f, r: -f / r),
-        (f"across_{first[1]}", lambda v, r: v / r),
-        (f"through_{first[1]}", lambda f, r: -r * f),
+        (f"across_{second[1]}", lambda v, r: sign * r * v),
+        (f"through_{second[1]}", lambda f, r: -f / (sign * r)),
+        (f"across_{first[1]}", lambda v, r: v / (sign * r)),
+        (f"through_{first[1]}", lambda f, r: -sign * r * f),
     )
     return _coupled(name, doc, field, (first, second), laws, is_passive=True)
 

@@ -2288,6 +2288,38 @@ class ComponentMethods:
             )
         """
 
+    def planetary_gear(
+        self,
+        name: str,
+        sun: str,
+        carrier: str,
+        ring: str,
+        /,
+        *,
+        ratio: _Value,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``planetary_gear``: ideal planetary gear: a sun, a ring, and planets on a carrier.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.sun.w`` and so on.
+        sun, carrier, ring : str
+            Its nodes.
+        ratio : float, str or table
+            Teeth of the ring per teeth of the sun.
+        initial : mapping, optional
+            Initial values of ``sun.w``, ``sun.tau``, ``sun.theta``, ``ring.w``, ``ring.tau``,
+            ``ring.theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.planetary_gear("G", "S", "C", "ground", ratio="r")
+        """
+
     def pressure_source(
         self,
         name: str,
