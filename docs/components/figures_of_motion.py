@@ -105,6 +105,31 @@ def rotational_stop(s: Sheet) -> None:
 
 
 @figure
+def translational_rigid_stop(s: Sheet) -> None:
+    """Draw a block in a gap, with hatched walls."""
+    translational_stop(s)
+    _hatch(s)
+
+
+def _hatch(s: Sheet) -> None:
+    for side in (-1, 1):
+        for y in (-0.3, -0.15, 0.0, 0.15, 0.3):
+            s.line([(side * 0.66, y - 0.05), (side * 0.8, y + 0.05)], INK, 1.0)
+
+
+@figure
+def rotational_rigid_stop(s: Sheet) -> None:
+    """Draw a claw in a gap, with hatched walls."""
+    rotational_stop(s)
+    for side in (-1, 1):
+        for radius in (0.2, 0.35, 0.5):
+            angle = 90 + side * 66
+            start = ring((0.0, 0.0), radius, angle, angle)[0]
+            end = ring((0.0, 0.0), radius + 0.05, angle + side * 14, angle + side * 14)[0]
+            s.line([start, end], INK, 1.0)
+
+
+@figure
 def translational_friction(s: Sheet) -> None:
     """Draw a block that slides."""
     _pulled(s, 0.7, "f", "v")

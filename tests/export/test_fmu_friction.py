@@ -57,7 +57,21 @@ def _pendulum():
     return scene
 
 
+def _ball():
+    """Make a ball that bounces on a table which is shaken, and is thrown off it again."""
+    scene = Scene("ball")
+    scene.parameter("e", 0.6)
+    scene.edge("M", "translational_mass", "ground", "A", mass=2.0)
+    scene.edge("G", "force_source", "ground", "A", force=-2.0 * 9.81)
+    scene.edge("S", "velocity_source", "ground", "T", velocity="0.06*t**2*sin(7*t)")
+    limits = {"lower": 0.0, "restitution": "e", "rest_speed": 0.05}
+    scene.edge("F", "translational_rigid_stop", "T", "A", initial={"s": 0.3}, **limits)
+    scene.output("pushed", "F.f")
+    return scene
+
+
 SCENES = {
+    "ball": (_ball, 5.0),
     "oscillator": (_oscillator, 4.0),
     "clutches": (_clutches, 9.0),
     "pendulum": (_pendulum, 8.0),
@@ -86,7 +100,7 @@ def exported(tmp_path_factory):
         ("oscillator", 3),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("oscillator", 2), ("clutches", 3), ("pendulum", 3))
+            for case in (("ball", 3), ("oscillator", 2), ("clutches", 3), ("pendulum", 3))
         ),
     ],
 )

@@ -51,7 +51,7 @@ class EventContext:
     name_literal: str
     direction: int
     is_stop: bool
-    is_jump: int  # above one: what of dry friction it looks at
+    is_jump: int  # above one: what of dry friction or of a rigid stop it looks at
     is_count: bool
     n_kept: int
     n_targets: int
@@ -202,7 +202,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             c_string(row.name),
             row.direction,
             row.is_stop,
-            row.friction or int(row.is_jump),
+            row.part or int(row.is_jump),
             row.is_count,
             len(row.kept),
             len(row.targets),

@@ -127,10 +127,23 @@ EVENT_STATUSES = (
     Status(
         "EVENTS_MODES",
         43,
-        "no modes of dry friction agree with each other",
+        "no modes of dry friction and rigid stops agree with each other",
         "has_fired tells whose",
     ),
     Status("EVENTS_BACKWARD", 44, "a one-way clutch turns the way that it locks"),
+    Status("EVENTS_BEYOND", 45, "a rigid stop begins beyond its limit"),
+    Status(
+        "EVENTS_IMPACT",
+        46,
+        "no impulses of rigid stops agree with each other",
+        "has_fired tells whose",
+    ),
+    Status(
+        "EVENTS_TOGETHER",
+        47,
+        "gaps that close at once act on each other, so that either order has other sensitivities",
+    ),
+    Status("EVENTS_FAINT", 48, "its impacts are too small for the tolerance"),
 )
 
 #: A sensitivity that does not exist behind a corner; ``turned`` of the job says which one.

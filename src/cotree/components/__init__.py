@@ -19,6 +19,7 @@ from cotree.components import (
     mechanical,
     rigid_body,
     semiconductors,
+    stops,
     thermal,
     transducers,
     windings,
@@ -49,7 +50,7 @@ COMPONENTS: dict[str, Component] = {
         *(rigid_body, joints, constraints, forces),
         *(electrical, electrical_sources, electrical_couplings, windings),
         *(semiconductors, battery),
-        *(hydraulic, thermal, mechanical, friction, chemical, electrochemical, transducers),
+        *(hydraulic, thermal, mechanical, friction, stops, chemical, electrochemical, transducers),
     )
     for row in family.COMPONENTS
 }

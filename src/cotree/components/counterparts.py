@@ -8,6 +8,7 @@ _PAIRS = {
     "rotational_spring": "translational_spring",
     "rotational_damper": "translational_damper",
     "rotational_stop": "translational_stop",
+    "rotational_rigid_stop": "translational_rigid_stop",
     "rotational_friction": "translational_friction",
     "rotational_dry_friction": "translational_dry_friction",
     "rotational_lugre": "translational_lugre",

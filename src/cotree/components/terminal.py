@@ -30,6 +30,12 @@ class Kind(Enum):
     NULLATOR = 7
     NORATOR = 8
     FRICTION = 9  # dry friction: a through variable that holds, or slides by a law; always a chord
+    STOP = 10  # a rigid stop: a through variable that holds, or is zero; always a chord
+
+    @property
+    def may_hold(self) -> bool:
+        """Whether modes decide if the edge holds its across variable."""
+        return self in (Kind.FRICTION, Kind.STOP)
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,30 @@ class Friction:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """Laws of a rigid stop: an edge whose stretch never passes a limit.
+
+    Within its limits through is zero. At a limit it is whatever keeps the rate of across at zero,
+    as long as it does not pull away from there. The laws take the arguments of those of a
+    :class:`Terminal`.
+
+    Attributes
+    ----------
+    upper_gap, lower_gap : Law or None
+        What is left of stretch to each limit; None where there is none on that side.
+    rebound : Law
+        What an impact changes across by.
+    excess : Law
+        The speed that an impact leaves, less that below which it leaves none.
+    """
+
+    upper_gap: Law | None
+    lower_gap: Law | None
+    rebound: Law
+    excess: Law
+
+
+@dataclass(frozen=True)
 class Terminal:
     """The terminal equation of one port.
 
@@ -140,6 +170,9 @@ class Terminal:
     friction : Friction or None
         Of dry friction: its laws. Which of them holds is the field ``mode``, which
         :mod:`cotree.scene.friction` adds.
+    stop : Stop or None
+        Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
+        :mod:`cotree.scene.stops` adds.
     """
 
     domain: str
@@ -154,6 +187,7 @@ class Terminal:
     integral: Integral | None = None
     is_absolute: bool = False
     friction: Friction | None = None
+    stop: Stop | None = None
 
 
 _ACROSS = Law.field("across")

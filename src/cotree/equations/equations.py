@@ -216,9 +216,11 @@ class EventRow:
         Places of the new values of all targets among those of all events.
     is_jump, is_count : bool
         Whether it sets the mode of a jump inside an expression, and its value counts from it.
-    friction : int
-        What of dry friction it looks at, see :class:`cotree.scene.events.FrictionPart`; zero where
-        it is no event of friction.
+    part : int
+        What of an edge whose mode is chosen with those of others it looks at, see
+        :class:`cotree.scene.events.ModePart`; zero where it is no such event.
+    is_rest : bool
+        Whether it happens where an impact at a rigid stop ends in rest.
     """
 
     name: str
@@ -232,7 +234,8 @@ class EventRow:
     results: range
     is_jump: bool = False
     is_count: bool = False
-    friction: int = 0
+    part: int = 0
+    is_rest: bool = False
 
     @property
     def is_impact(self) -> bool:

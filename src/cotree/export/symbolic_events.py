@@ -32,8 +32,9 @@ class SymbolicEvent:
         Of an impact.
     is_stop : bool
         Whether a run ends there.
-    is_friction : bool
-        Whether the modes of all dry friction are chosen there in place of what it sets.
+    is_chosen : bool
+        Whether the modes of dry friction and rigid stops are chosen there, all together, in place
+        of what it sets.
     """
 
     when: Any
@@ -41,7 +42,7 @@ class SymbolicEvent:
     set: Mapping[str, Any]
     restitution: Any
     is_stop: bool
-    is_friction: bool = False
+    is_chosen: bool = False
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
         """Write the event as plain text.
@@ -57,8 +58,8 @@ class SymbolicEvent:
         """
         # Expressions see the values before the event, so that the order of these does not matter.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
-        if self.is_friction:
-            why = "is chosen with the modes of all friction"
+        if self.is_chosen:
+            why = "is chosen with the modes of all friction and stops"
             actions = [f"{symbols[state]} {why}" for state in self.set]
         if self.restitution is not None:
             actions.append(f"an impact with restitution {spell(self.restitution)}")
@@ -97,6 +98,6 @@ def symbolic_events(
             new,
             restitution,
             row.is_stop,
-            row.friction > 0,
+            row.part > 0,
         )
     return found

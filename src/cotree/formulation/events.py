@@ -9,6 +9,7 @@ from cotree.dag.symbols import PARAMETER, kinds_in
 from cotree.dag.traverse import substitute
 from cotree.equations import EventRow
 from cotree.errors import SceneError, nearest
+from cotree.scene.events import ModePart
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -67,7 +68,8 @@ def bind_events(
                 range(result, result + len(targets)),
                 event.is_jump,
                 event.is_jump and any(target in event.when.names for target in event.set),
-                int(event.friction),
+                int(event.part),
+                event.part is ModePart.RESTS,
             )
         )
         # The restitution takes one more place after the new values.

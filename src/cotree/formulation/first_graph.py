@@ -36,6 +36,7 @@ from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
 from cotree.scene.friction import with_friction
 from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.stops import with_stops
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -162,7 +163,7 @@ def form_first_graph(
         If a coordinate moves nothing that has inertia.
     """
     dag = Dag()
-    whole = with_friction(scene)
+    whole = with_stops(with_friction(scene))
     scene = whole.mechanics
     # Bodies in the tree start where the joints put them, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)

@@ -3093,6 +3093,48 @@ class ComponentMethods:
             )
         """
 
+    def rotational_rigid_stop(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        lower: _Value | None = None,
+        upper: _Value | None = None,
+        restitution: _Value = 0.0,
+        rest_speed: _Value = 0.001,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``rotational_rigid_stop``: limits that hold what runs into them.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.w`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        lower : float or str, [rad], optional
+            Least angle; none where left out.
+        upper : float or str, [rad], optional
+            Largest angle; none where left out.
+        restitution : float, str or table, default 0
+            Speed after an impact over that before.
+        rest_speed : float, str or table, [rad/s], default 0.001
+            After an impact, below it is held.
+        initial : mapping, optional
+            Initial values of ``w``, ``tau``, ``theta``.
+
+        Examples
+        --------
+        ::
+
+            scene.rotational_rigid_stop("F", "ground", "A", lower="-b", upper="b", restitution=1.0)
+        """
+
     def rotational_spring(
         self,
         name: str,
@@ -4200,6 +4242,51 @@ class ComponentMethods:
         ::
 
             scene.translational_mass("stone", "ground", "A", mass="m", initial={"v": "v0", "s": 0})
+        """
+
+    def translational_rigid_stop(
+        self,
+        name: str,
+        first: str = ...,
+        second: str = ...,
+        /,
+        *,
+        joint: str | None = None,
+        line: _Nodes | None = None,
+        lower: _Value | None = None,
+        upper: _Value | None = None,
+        restitution: _Value = 0.0,
+        rest_speed: _Value = 0.001,
+        initial: _Initial | None = None,
+    ) -> None:
+        """Add a ``translational_rigid_stop``: limits that hold what runs into them.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge; its variables are called ``name.v`` and so on.
+        first, second : str
+            Its nodes; none where it acts on a joint or along a line.
+        joint : str, optional
+            Joint that it acts on in place of two nodes, or its coordinate: h or h.theta.
+        line : pair of str, optional
+            Two nodes of the multibody system; it acts along their line.
+        lower : float or str, [m], optional
+            Least length; none where left out.
+        upper : float or str, [m], optional
+            Largest length; none where left out.
+        restitution : float, str or table, default 0
+            Speed after an impact over that before.
+        rest_speed : float, str or table, [m/s], default 0.001
+            After an impact, below it is held.
+        initial : mapping, optional
+            Initial values of ``v``, ``f``, ``s``.
+
+        Examples
+        --------
+        ::
+
+            scene.translational_rigid_stop("F", "ground", "A", upper="b", restitution="e")
         """
 
     def translational_spring(

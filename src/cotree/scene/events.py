@@ -45,15 +45,19 @@ class Mode:
     is_jump: bool = False
 
 
-class FrictionPart(IntEnum):
-    """Roles of the events of dry friction, numbered as in ``cotree_jumps.h``."""
+class ModePart(IntEnum):
+    """Roles of events whose modes are chosen together, numbered as in ``cotree_jumps.h``."""
 
-    NONE = 0  # it is no event of friction
+    NONE = 0  # it is no such event
     STOPS = 2  # the relative speed, with the sign of the mode
     FORWARD = 3  # what is left of the force to its limit forwards
     BACKWARD = 4  # and backwards
     GRIP = 5  # what is positive while it is engaged
     LOAD = 6  # what the laws of sliding change their form with, with the sign that they assume
+    UPPER_GAP = 7  # what is left to the upper limit of a rigid stop
+    LOWER_GAP = 8  # and to the lower one
+    LIFTS = 9  # the force of a stop that holds, positive away from its limit
+    RESTS = 10  # in an impact, the speed after it beyond that at which it rests
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,8 @@ class Event:
         Of an impact: the rate of ``when`` after it over that before, with its sign changed.
     is_jump : bool
         Whether it stands for a jump inside an expression.
-    friction : FrictionPart
-        What of dry friction it looks at.
+    part : ModePart
+        What of an edge with dry friction, or of a rigid stop, it looks at.
     """
 
     name: str
@@ -87,7 +91,7 @@ class Event:
     is_stop: bool
     restitution: Expression | None
     is_jump: bool = False
-    friction: FrictionPart = FrictionPart.NONE
+    part: ModePart = ModePart.NONE
 
     @property
     def expressions(self) -> tuple[Expression, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components.component import Field
 from cotree.domains import DOMAINS
-from cotree.scene.events import Event, FrictionPart, Mode
+from cotree.scene.events import Event, Mode, ModePart
 from cotree.scene.expressions import parse
 from cotree.scene.networks import scalar_ports
 
@@ -99,18 +99,18 @@ def _events(port: Port, mode: str) -> list[Event]:
     if friction.grip is not None:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
     rows = [
-        ("stops", f"{direction}*{speed}", -1, FrictionPart.STOPS),
-        ("slips forwards", f"{stuck}*({name}.upper - {force})", -1, FrictionPart.FORWARD),
+        ("stops", f"{direction}*{speed}", -1, ModePart.STOPS),
+        ("slips forwards", f"{stuck}*({name}.upper - {force})", -1, ModePart.FORWARD),
     ]
     if friction.lower is not None:
         text = f"{stuck}*({force} - {name}.lower)"
-        rows.append(("slips backwards", text, -1, FrictionPart.BACKWARD))
+        rows.append(("slips backwards", text, -1, ModePart.BACKWARD))
     if friction.grip is not None:
-        rows.append(("engages", f"{name}.grip", 0, FrictionPart.GRIP))
+        rows.append(("engages", f"{name}.grip", 0, ModePart.GRIP))
     if friction.load is not None:
         # While it sticks, no law of sliding takes part.
         text = f"{mode}**2*{side_name(port.edge.name)}*{name}.load"
-        rows.append(("turns its load", text, -1, FrictionPart.LOAD))
+        rows.append(("turns its load", text, -1, ModePart.LOAD))
     where = f"friction of edge '{port.edge.name}'"
     return [
         Event(
@@ -121,8 +121,8 @@ def _events(port: Port, mode: str) -> list[Event]:
             {target: parse(target, where)},
             is_stop=False,
             restitution=None,
-            friction=part,
+            part=part,
         )
         for what, when, way, part in rows
-        for target in [side_name(port.edge.name) if part is FrictionPart.LOAD else mode]
+        for target in [side_name(port.edge.name) if part is ModePart.LOAD else mode]
     ]

@@ -132,7 +132,7 @@ def _weight(port: Port) -> float:
     """Weigh a port by its kind; among equal kinds a storage with an initial value is preferred."""
     if port.is_coupling:
         return _NEVER
-    if port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR, Kind.FRICTION):
+    if port.kind.may_hold or port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
     # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
     # them is found at once.

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from cotree.codegen.statuses import EVENT_STATUSES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from cotree.equations import EventRow
+    from cotree.solvers.base import FloatArray
 
 #: The sentences by the name of the status, or of what ends a run without a failure: ``t`` is the
 #: time, ``detail`` a further time, a duration or a count.
@@ -56,8 +60,24 @@ VERDICTS = {
         "sensitivities"
     ),
     "EVENTS_MODES": (
-        "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
-        "whichever of them stick or slide, a force passes its limit or a motion goes against it"
+        "at t = {t:.10g} the dry friction or rigid stops of {event} have no modes that agree with "
+        "each other: whichever of them hold, a force passes its limit or a motion goes against it"
+    ),
+    "EVENTS_BEYOND": (
+        "{event} begins at t = {t:.10g} beyond its limit: let it begin within, or at the limit"
+    ),
+    "EVENTS_IMPACT": (
+        "at t = {t:.10g} the impact at {event} has no impulses that agree with each other: "
+        "whichever of them act, one pulls or a gap closes further"
+    ),
+    "EVENTS_TOGETHER": (
+        "{event} at t = {t:.10g} happens together with another impact that changes its speed, and "
+        "what follows depends on which comes first, so nothing has sensitivities there: change a "
+        "parameter, or compile without sensitivities"
+    ),
+    "EVENTS_FAINT": (
+        "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
+        "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
     ),
     "EVENTS_BACKWARD": (
         "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
@@ -68,8 +88,15 @@ VERDICTS = {
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
 
+#: Impacts that a message lists.
+_MOST_RESTS = 3
+
 #: Names by the results of C.
 BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
+
+
+#: What the names of events of friction and stops say of their edges.
+_EDGE = re.compile(r" (stops|rests|hits|hits upper|hits lower)$")
 
 
 def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
@@ -84,10 +111,34 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     fired : sequence of str
         Those that happened at that time.
     """
-    listed = fired if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES") else [event]
-    # An edge with friction has an event of its name that looks at its speed.
-    is_edge = name in ("EVENTS_MODES", "EVENTS_BACKWARD")
-    return [row.removesuffix(" stops") for row in listed] if is_edge else listed
+    are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_IMPACT")
+    listed = fired if name in are_many else [event]
+    if name not in ("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"):
+        return listed
+    # Names of edges may hold blanks; the words after them do not vary.
+    return [_EDGE.sub("", row) for row in listed]
+
+
+def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
+    """Say which rigid stops an impact has brought to rest by their rule; empty where none.
+
+    Parameters
+    ----------
+    rows : sequence of EventRow
+        The events.
+    records : ndarray, shape (n_records, n)
+        What happened; see :attr:`cotree.solvers.base.Trajectory.events`.
+    """
+    listed = [
+        f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
+        for t, i in records[:, :2].tolist()
+        if rows[int(i)].is_rest
+    ]
+    if not listed:
+        return ""
+    more = len(listed) - _MOST_RESTS
+    shown = ", ".join(listed[:_MOST_RESTS]) + (f" and {more} more" if more > 0 else "")
+    return f"Impacts ended in rest, slower than rest_speed: {shown}."
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.event_messages import rest_note
 from cotree.solvers.messages import summary
 
 if TYPE_CHECKING:
@@ -72,7 +73,9 @@ def trajectory_of(
         "began_with": "",
     }
     sentences = summary(problem, method, c.t, ended.reason)
-    sentences += [row for row in (job.rows.thinning.note, note) if row]
+    happened = job.happened
+    rested = rest_note(problem.events.rows, happened) if problem.events is not None else ""
+    sentences += [row for row in (rested, job.rows.thinning.note, note) if row]
     values = {
         "t": t,
         "z": z,
@@ -80,7 +83,7 @@ def trajectory_of(
         "message": " ".join(sentences),
         "statistics": filled(Statistics, work),
         "drift": _drift(job, problem, t, z),
-        "events": job.happened,
+        "events": happened,
     }
     return filled(Trajectory, values)
 

@@ -119,6 +119,23 @@ def friction_residual(terminal: Terminal) -> Law:
     )
 
 
+@lru_cache(maxsize=1024)
+def stop_residual(terminal: Terminal) -> Law:
+    """Form the equation of a rigid stop: no force, no relative acceleration, or an impact.
+
+    In an impact the mode is twice what it is at that limit, and what the across variable is to
+    change by takes the place of the relative acceleration: the rates of all states then are, but
+    for those without it, what the impact changes them by.
+    """
+    mode, through = _symbol("mode"), _symbol("through")
+    # One in their modes and zero in the others, exactly.
+    free = (1 - mode**2) * (4 - mode**2) / 4
+    held = mode**2 * (4 - mode**2) / 3
+    struck = mode**2 * (mode**2 - 1) / 12
+    wanted = struck * _symbol("impulse")
+    return Law.of(free * through + wanted - (held + struck) * _symbol("across_rate"))
+
+
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
     """Give expressions of a mode that are one in one of its values, and zero in the others.
 

@@ -70,6 +70,9 @@ def _symbols(port: Port) -> dict[str, str]:
         # What friction may hold at most on either side, and whether it is engaged.
         rows = ("upper", "lower", "grip", "load")
         found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
+    if (stop := port.terminal.stop) is not None:
+        rows = ("upper_gap", "lower_gap", "rebound", "excess")
+        found |= {f"limit_{n}": n for n in rows if getattr(stop, n) is not None}
     return found
 
 

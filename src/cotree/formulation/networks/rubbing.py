@@ -1,4 +1,4 @@
-"""Check that inertias determine the relative acceleration across each dry friction edge."""
+"""Check that inertias determine the relative acceleration across each edge that may hold it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
-    """Refuse dry friction whose relative acceleration does not follow from forces on inertias.
+    """Refuse edges that may hold what does not follow from forces on inertias.
 
     Raises
     ------
@@ -27,15 +27,17 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
     """
     places: dict[tuple[str, ...], str] = {}
     for name, port in ports.items():
-        if port.kind is not Kind.FRICTION:
+        if not port.kind.may_hold:
             continue
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port.edge.name)
             if other != port.edge.name:
+                are_alike = ports[other].kind is port.kind is Kind.FRICTION
+                place = f"'{', '.join(port.ends.acts_on)}'"
                 raise FormulationError(
-                    f"edges '{other}' and '{port.edge.name}' both stick at "
-                    f"'{', '.join(port.ends.acts_on)}', where nothing tells their forces apart: "
-                    "make one edge of them"
+                    f"edges '{other}' and '{port.edge.name}' both "
+                    f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, where "
+                    "nothing tells their forces apart: make one edge of them"
                 )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
@@ -45,27 +47,29 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
         for branch, kind in kinds.items():
             if kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED, Kind.ACROSS_SOURCE):
                 raise FormulationError(
-                    f"{whose} sticks, so that inertias must decide the relative acceleration of "
-                    f"its nodes, but between them is '{branch}', which has none: add "
-                    f"{_INERTIA[port.terminal.domain]} to the node that has none"
+                    f"{whose} {_HOLDS[port.kind]}, so that inertias must decide the relative "
+                    f"acceleration of its nodes, but between them is '{branch}', which has none: "
+                    f"add {_INERTIA[port.terminal.domain]} to the node that has none"
                 )
         if all(kind is Kind.ACROSS_SOURCE for kind in kinds.values()):
             raise FormulationError(
-                f"{whose} lies between given speeds, where nothing can stick: add "
+                f"{whose} lies between given speeds, where nothing can give way: add "
                 f"{_INERTIA[port.terminal.domain]} to one of its nodes, or take it out"
             )
 
+
+_HOLDS = {Kind.FRICTION: "sticks", Kind.STOP: "holds at its limits"}
 
 _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
 
 
 def limit_law(port: Port, which: str) -> Law:
-    """Give a law of dry friction besides that of its through variable, by its attribute."""
-    law: Law = getattr(port.terminal.friction, which)
+    """Give a law of dry friction or of a stop besides that of its through variable."""
+    law: Law = getattr(port.terminal.friction or port.terminal.stop, which)
     return law
 
 
-def is_friction(ports: Mapping[str, Port], variable: Variable) -> bool:
-    """Tell whether a variable is a force of dry friction."""
+def is_holding(ports: Mapping[str, Port], variable: Variable) -> bool:
+    """Tell whether a variable is the force of dry friction or of a rigid stop."""
     quantity, name = variable
-    return quantity == "through" and ports[name].kind is Kind.FRICTION
+    return quantity == "through" and ports[name].kind.may_hold

@@ -16,7 +16,7 @@ from cotree.dag.traverse import substitute, symbols_in
 from cotree.formulation.networks.blocks import factorise_block
 from cotree.formulation.networks.nodal import factorise_nodal
 from cotree.formulation.networks.plan import Block
-from cotree.formulation.networks.rubbing import is_friction
+from cotree.formulation.networks.rubbing import is_holding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -141,8 +141,8 @@ def _solve_block(
         trial[variable] = rules[variable].value(dag, trial)
     pairs = tuple(zip(block.unknowns, block.residuals, strict=True))
     nodal = None
-    has_friction = any(is_friction(terminals.ports, u) for u in block.unknowns)
-    may_share = partial(_may_share, has_friction)
+    may_hold = any(is_holding(terminals.ports, u) for u in block.unknowns)
+    may_share = partial(_may_share, may_hold)
     if is_safe and len(pairs) >= _MANY:
         nodal = factorise_nodal(terminals, block, rules, trial)
     matrix: list[dict[int, Node]] = []
@@ -191,17 +191,17 @@ def _solve_block(
     solved.blocks[block] = SolvedBlock(linear, nonlinear, factors)
 
 
-def _may_share(has_friction: bool, variable: Variable) -> bool:
+def _may_share(may_hold: bool, variable: Variable) -> bool:
     """Tell whether an unknown may be undetermined: a force, where edges that stick share it."""
     # Two brakes on either side of a gear leave the torque of its teeth open, besides their own.
-    return has_friction and variable[0] == "through"
+    return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
     """Tell whether an unknown stays one: of contents, or the friction on a joint."""
     name = variable[1]
     # Accelerations of a mechanism are eliminated later, at the forces that act on it.
-    if name in terminals.couplings and is_friction(terminals.ports, variable):
+    if name in terminals.couplings and is_holding(terminals.ports, variable):
         return True
     return name in terminals.stores and terminals.stores[name].unknown == variable
 

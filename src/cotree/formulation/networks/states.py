@@ -145,7 +145,9 @@ def _uses_stretch(port: Port) -> bool:
 
 
 def _names(terminal: Terminal, argument: str) -> bool:
-    laws = (terminal.across, terminal.through, terminal.storage, terminal.content)
+    laws = [terminal.across, terminal.through, terminal.storage, terminal.content]
+    if terminal.stop is not None:
+        laws += [terminal.stop.upper_gap, terminal.stop.lower_gap]
     return any(argument in law.arguments for law in laws if law is not None)
 
 

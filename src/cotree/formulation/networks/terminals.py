@@ -21,6 +21,7 @@ from cotree.formulation.networks.derived import (
     spring_rate,
     spring_residual,
     spring_stretch,
+    stop_residual,
     stored_rate,
     stored_residual,
     stored_value,
@@ -256,6 +257,8 @@ class Terminals:
             return self._lawful(port, through_residual(terminal))
         if port.kind is Kind.FRICTION:
             return self._lawful(port, friction_residual(terminal))
+        if port.kind is Kind.STOP:
+            return self._lawful(port, stop_residual(terminal))
         if quantity == "across" and port.kind is Kind.SPRING:
             return self._lawful(port, spring_residual(terminal))
         if quantity == "across" and not is_storage:
