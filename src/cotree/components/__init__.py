@@ -8,6 +8,7 @@ from cotree.components import (
     battery,
     chemical,
     constraints,
+    contact,
     electrical,
     electrical_couplings,
     electrical_sources,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 COMPONENTS: dict[str, Component] = {
     row.name: row
     for family in (
-        *(rigid_body, joints, constraints, forces),
+        *(rigid_body, joints, constraints, forces, contact),
         *(electrical, electrical_sources, electrical_couplings, windings),
         *(semiconductors, battery),
         *(hydraulic, thermal, mechanical, friction, stops, chemical, electrochemical, transducers),

@@ -24,6 +24,7 @@ class Role(Enum):
     BUSHING = "bushing"  # forces and torques along and about three axes
     LAW = "law"  # a force by a law that a user wrote
     CONSTRAINT = "constraint"  # an across variable that is held
+    TOUCH = "touch"  # shapes of two bodies that may touch; what acts there is in a scalar graph
     NETWORK = "network"  # ports in scalar graphs, each with its terminal equation
 
 
@@ -197,6 +198,9 @@ class Component:
         Of a scalar component: sums of variables of its ports, under names of its own.
     demands : tuple of Demand
         Conditions on its fields together.
+    geometry : Component or None
+        Of a contact: the part of it that belongs to the multibody system, with the fields that say
+        what shapes may touch.
     """
 
     name: str
@@ -215,6 +219,7 @@ class Component:
     adapt: Adapt | None = None
     measures: tuple[PortMeasure, ...] = ()
     demands: tuple[Demand, ...] = ()
+    geometry: Component | None = None
 
     @property
     def n_freedoms(self) -> int:

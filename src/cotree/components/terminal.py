@@ -73,6 +73,22 @@ class PortMeasure:
 
 
 @dataclass(frozen=True)
+class Touch:
+    """What a port of a contact acts along, at one of the places that may touch.
+
+    Attributes
+    ----------
+    spot : int
+        The place, from 0 on.
+    quantity : str
+        ``gap``, or ``slip0``, ``slip1``, ...: a direction in which it slides.
+    """
+
+    spot: int
+    quantity: str
+
+
+@dataclass(frozen=True)
 class Friction:
     """Laws of an edge that sticks, slides forwards, slides backwards, or is disengaged.
 
@@ -173,6 +189,8 @@ class Terminal:
     stop : Stop or None
         Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
         :mod:`cotree.scene.stops` adds.
+    touch : Touch or None
+        Of a contact of two bodies: what it acts along.
     """
 
     domain: str
@@ -188,6 +206,7 @@ class Terminal:
     is_absolute: bool = False
     friction: Friction | None = None
     stop: Stop | None = None
+    touch: Touch | None = None
 
 
 _ACROSS = Law.field("across")
@@ -196,6 +215,8 @@ _ACROSS = Law.field("across")
 def integral_of(terminal: Terminal) -> Integral | None:
     """Give the quantity ``stretch`` of a terminal equation; None where it has no name."""
     row = DOMAINS[terminal.domain]
+    if terminal.touch is not None and terminal.touch.quantity != "gap":
+        return None  # how far bodies have slid is no function of where they are
     # A component's own integral (a state of charge) goes before that of the domain.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral

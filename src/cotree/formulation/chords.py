@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
-from cotree.formulation.contact import Rolling, Slip
+from cotree.formulation.contact import Rim, Slip, Touching
 from cotree.formulation.endpoints import Carried, Ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
@@ -364,13 +364,14 @@ def _rolling_disc(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
     # The height is a holonomic constraint, the two slips have rates only.
     up = carried_by(motion, ends, 0, normal)
-    axle = carried_by(motion, ends, 1, edge.vectors["axis"])
+    rim = Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), edge.scalars["radius"])
     for place, direction in zip(
         ("height", "slip1", "slip2"), (normal, *plane_axes(normal)), strict=True
     ):
         along = carried_by(motion, ends, 0, direction)
         is_height = direction is normal
-        measure = Rolling(ends, up, axle, along, edge.scalars["radius"], is_height)
+        rise = motion.system.dag.zero if is_height else None
+        measure = Touching(ends, up, rim, along, rise)
         yield _named(edge, place, "m" if is_height else "m/s", measure)
 
 

@@ -1,15 +1,16 @@
-"""Measures of contact: a blade and a rolling disc, whose rates are held (nonholonomic)."""
+"""Measures of contact: of a blade, of a disc that rolls, and of bodies that may touch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
 from cotree.formulation.endpoints import Carried, Ends, Pull, pull_in_place
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
+    from cotree.dag.vector import Vector
     from cotree.formulation.views import View
 
 
@@ -57,49 +58,121 @@ class Slip:
         return pull_in_place(view, self.ends, self.axis)
 
 
-@dataclass(frozen=True)
-class Rolling:
-    """Velocity of a disc's point of contact along a direction of the plane that it rolls on.
+class Facing(Protocol):
+    """A direction across a contact, which points from the first body to the second."""
 
-    Attributes
-    ----------
-    ends : Ends
-        A node of the plane, and the disc's centre.
-    normal : Carried
-        Of the plane, carried by the first node.
-    axle : Carried
-        Axis of the disc, carried by the second.
-    direction : Carried
-        Along which the velocity is taken, carried by the first.
-    radius : Node
-        Of the disc.
-    has_value : bool
-        Whether the direction is the normal: the height of the contact is then a value.
-    """
+    def value(self, view: View) -> Any:
+        """Give the unit vector."""
+        ...
+
+    def rate(self, view: View) -> Any:
+        """Give its rate."""
+        ...
+
+
+@dataclass(frozen=True)
+class Centres:
+    """The direction from one ball's centre to the other's."""
 
     ends: Ends
-    normal: Carried
-    axle: Carried
-    direction: Carried
-    radius: Node
-    has_value: bool
 
-    def _down(self, view: View) -> tuple[Any, Any, Any]:
+    def value(self, view: View) -> Any:
+        """Give the unit vector."""
+        return vector.polar(self.ends.reach(view))[1]
+
+    def rate(self, view: View) -> Any:
+        """Give the part of r' across it, over the distance."""
+        length, along = vector.polar(self.ends.reach(view))
+        closing = self.ends.closing(view)
+        across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
+        return vector.scale(1.0 / length, across)
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The part of an axis of the ancestor that is across a contact's direction."""
+
+    facing: Facing
+    axis: Vector
+
+    def value(self, view: View) -> Any:
+        """Give e - (n.e) n."""
+        n = self.facing.value(view)
+        return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
+
+    def rate(self, view: View) -> Any:
+        """Give the rate of that, where the axis stays."""
+        n, n_rate = self.facing.value(view), self.facing.rate(view)
+        turned = vector.add(
+            vector.scale(vector.dot(n_rate, self.axis), n),
+            vector.scale(vector.dot(n, self.axis), n_rate),
+        )
+        return vector.neg(turned)
+
+
+class Surface(Protocol):
+    """The shape of the second body: the place of it that is furthest down."""
+
+    def depth(self, view: View, facing: Facing) -> Any:
+        """Give how far it reaches down from the second node."""
+        ...
+
+    def place(self, view: View, facing: Facing) -> Any:
+        """Give the vector from the second node to the place."""
+        ...
+
+    def place_rate(self, view: View, facing: Facing) -> Any:
+        """Give the rate of that vector; the place moves over the body."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A sphere about the second node; of radius zero, a point."""
+
+    radius: Node
+
+    def depth(self, view: View, facing: Facing) -> Any:
+        """Give the radius."""
+        return view.scalar(self.radius)
+
+    def place(self, view: View, facing: Facing) -> Any:
+        """Give -r n."""
+        return vector.scale(-view.scalar(self.radius), facing.value(view))
+
+    def place_rate(self, view: View, facing: Facing) -> Any:
+        """Give -r n'."""
+        return vector.scale(-view.scalar(self.radius), facing.rate(view))
+
+
+@dataclass(frozen=True)
+class Rim:
+    """A circle about the second node, across an axle that it carries."""
+
+    axle: Carried
+    radius: Node
+
+    def _down(self, view: View, facing: Facing) -> tuple[Any, Any, Any]:
         """Give the part of the normal within the disc, its length, and its direction."""
-        n, d = self.normal.value(view), self.axle.value(view)
+        n, d = facing.value(view), self.axle.value(view)
         # The contact lies on the rim, furthest down: opposite to the normal's projection on the
         # disc. Where the disc lies flat the projection vanishes, and no point is lowest.
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
         return part, *vector.polar(part)
 
-    def _contact(self, view: View) -> Any:
-        """Give the vector from the centre to the contact."""
-        return vector.scale(-view.scalar(self.radius), self._down(view)[2])
+    def depth(self, view: View, facing: Facing) -> Any:
+        """Give r |p|: n.up is |p|, the sine of the angle between normal and axle."""
+        return view.scalar(self.radius) * self._down(view, facing)[1]
 
-    def _contact_rate(self, view: View) -> Any:
-        _, length, up = self._down(view)
-        n, d = self.normal.value(view), self.axle.value(view)
-        n_rate, d_rate = self.normal.rate(view), self.axle.rate(view)
+    def place(self, view: View, facing: Facing) -> Any:
+        """Give the vector from the centre to the contact."""
+        return vector.scale(-view.scalar(self.radius), self._down(view, facing)[2])
+
+    def place_rate(self, view: View, facing: Facing) -> Any:
+        """Give the rate of that vector."""
+        _, length, up = self._down(view, facing)
+        n, d = facing.value(view), self.axle.value(view)
+        n_rate, d_rate = facing.rate(view), self.axle.rate(view)
         # Rate of n - (n.d) d, by the product rule.
         along = vector.dot(n_rate, d) + vector.dot(n, d_rate)
         turned = vector.add(vector.scale(along, d), vector.scale(vector.dot(n, d), d_rate))
@@ -108,21 +181,45 @@ class Rolling:
         across = vector.sub(part_rate, vector.scale(vector.dot(up, part_rate), up))
         return vector.scale(-(view.scalar(self.radius) / length), across)
 
+
+@dataclass(frozen=True)
+class Touching:
+    """Velocity of the second body at its contact with the first, along a direction.
+
+    Attributes
+    ----------
+    ends : Ends
+        A node of the plane, or the centre of a ball; and the second body's node.
+    facing : Facing
+        The direction across the contact.
+    surface : Surface
+        The second body's shape.
+    direction : Facing
+        Along which the velocity is taken.
+    rise : Node or None
+        Along the direction across: by how much the first body's surface rises above its node; the
+        gap is then a value. None along others.
+    """
+
+    ends: Ends
+    facing: Facing
+    surface: Surface
+    direction: Facing
+    rise: Node | None
+
     def value(self, view: View) -> Any:
-        """Give the height of the contact, for the normal."""
-        if not self.has_value:
+        """Give the gap, across the contact."""
+        if self.rise is None:
             return None
-        # The rim reaches down by r |p|, since n.up is |p|, the sine of the angle between normal and
-        # axle.
-        height = vector.dot(self.normal.value(view), self.ends.reach(view))
-        return height - view.scalar(self.radius) * self._down(view)[1]
+        height = vector.dot(self.facing.value(view), self.ends.reach(view))
+        return height - self.surface.depth(view, self.facing) - view.scalar(self.rise)
 
     def _velocity(self, view: View) -> Any:
-        """Give the velocity of the disc's material at the contact, as the plane sees it."""
-        contact = self._contact(view)
+        """Give the velocity of the second body's material there, as the first sees it."""
+        contact = self.surface.place(view, self.facing)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
-        # The material point of the disc at the contact; pure rolling means that it stands still.
+        # Of the material point of the body at the contact; in pure rolling it stands still.
         own = vector.add(self.ends.closing(view), vector.cross(spin, contact))
         carried = vector.cross(omega, vector.add(self.ends.reach(view), contact))
         return vector.sub(own, carried)
@@ -132,15 +229,16 @@ class Rolling:
         return vector.dot(self.direction.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the time derivative of that velocity; the contact itself moves over the disc."""
-        contact, contact_rate = self._contact(view), self._contact_rate(view)
+        """Give the time derivative of that velocity; the contact itself moves over the bodies."""
+        contact = self.surface.place(view, self.facing)
+        contact_rate = self.surface.place_rate(view, self.facing)
         omega, alpha = _against_first(self.ends, view)
         cluster = self.ends.second.cluster
         spin = view.omega(cluster, self.ends.ancestor)
         turn = view.alpha(cluster, self.ends.ancestor)
         own = vector.add(self.ends.opening(view), vector.cross(turn, contact))
         own = vector.add(own, vector.cross(spin, contact_rate))
-        # Product rule of omega x (r + contact), where the contact moves along rim and plane.
+        # Product rule of omega x (r + contact), where the contact moves over both surfaces.
         place = vector.add(self.ends.reach(view), contact)
         moving = vector.add(self.ends.closing(view), contact_rate)
         carried = vector.add(vector.cross(alpha, place), vector.cross(omega, moving))
@@ -150,4 +248,5 @@ class Rolling:
 
     def pull(self, view: View) -> Pull:
         """Act with a force at the contact."""
-        return pull_in_place(view, self.ends, self.direction, beyond=self._contact(view))
+        beyond = self.surface.place(view, self.facing)
+        return pull_in_place(view, self.ends, self.direction, beyond=beyond)

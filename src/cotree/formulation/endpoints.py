@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
@@ -112,6 +112,14 @@ class Ends:
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
 
+class Seen(Protocol):
+    """A vector as a view sees it."""
+
+    def value(self, view: View) -> Any:
+        """Give the vector."""
+        ...
+
+
 @dataclass(frozen=True)
 class Carried:
     """A vector given in a node's axes, which may depend on time, with its rates in space."""
@@ -198,7 +206,7 @@ def pair_pull(
     return Pull(tuple(found))
 
 
-def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = None) -> Pull:
+def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
     """Apply a force to the second node, and its opposite at the same place to the first's body.
 
     Parameters
@@ -207,7 +215,7 @@ def pull_in_place(view: View, ends: Ends, axis: Carried, beyond: Any | None = No
         The graph that it belongs to.
     ends : Ends
         The nodes.
-    axis : Carried
+    axis : Seen
         The direction of the force.
     beyond : Vector, optional
         From the second node to the place; none where the node is the place.

@@ -94,9 +94,9 @@ class SceneDescription:
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
         part.modes, part.events = self.modes, self.events
         part.edges = {
-            name: edge
+            name: own
             for name, edge in self.edges.items()
-            if edge.component.role is not Role.NETWORK
+            if (own := edge.in_mechanics()) is not None
         }
         return part
 

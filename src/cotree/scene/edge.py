@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import COMPONENTS, Component
+from cotree.components import COMPONENTS, Component, Role
 from cotree.errors import SceneError, brief
 from cotree.scene.display import edge_cells
 from cotree.scene.fields import check_fields, check_initial
@@ -56,6 +56,24 @@ class Edge:
     def __reduce__(self) -> tuple[Any, ...]:
         # Laws of components are functions, which cannot be pickled: the statement can.
         return _edge_again, (self.name, dict(self.statement))
+
+    def in_mechanics(self) -> Edge | None:
+        """Give what the multibody part of a scene has of it: all, shapes that touch, or nothing."""
+        if self.component.role is not Role.NETWORK:
+            return self
+        geometry = self.component.geometry
+        if geometry is None:
+            return None
+        fields = {name: value for name, value in self.fields.items() if geometry.field(name)}
+        return Edge(self.name, geometry, self.ports[0].acts_on, fields, {}, (), self.statement)
+
+    @property
+    def law_fields(self) -> Mapping[str, FieldValue]:
+        """The fields that laws take: all but those of shapes that touch."""
+        geometry = self.component.geometry
+        if geometry is None:
+            return self.fields
+        return {name: value for name, value in self.fields.items() if not geometry.field(name)}
 
     def cells(self) -> tuple[str, str, str, str]:
         """Give the row of a table: name, type, nodes and fields."""

@@ -97,6 +97,9 @@ def check_ports(
             (*ports, _ends(component.ports[-1], sink, edge)),
             rest,
         )
+    if component.geometry is not None:
+        pair = _pair(edge, nodes, f"edge '{edge}'")
+        return (), tuple(PortEnds("", "", pair) for _ in component.ports), rest
     if component.terminals:
         return _by_terminal(edge, component, nodes, rest)
     if len(component.ports) == 1:

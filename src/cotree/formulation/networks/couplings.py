@@ -16,6 +16,7 @@ from cotree.formulation.endpoints import Ends
 from cotree.formulation.joint_places import Sitter, joint_measure
 from cotree.formulation.laws import Applied
 from cotree.formulation.measures import Distance
+from cotree.formulation.touching import touching
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -85,6 +86,9 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
 
 
 def _measure(port: Port, motion: Motion) -> Measure:
+    if port.terminal.touch is not None:
+        _check_nodes(port, motion)
+        return touching(motion, motion.system.edges[port.edge.name], port.terminal.touch)
     # Two nodes: the port acts along the line between them.
     if len(port.ends.acts_on) == 2:
         return _line(port, motion)
@@ -93,7 +97,7 @@ def _measure(port: Port, motion: Motion) -> Measure:
     return joint_measure(sitter, port.ends.acts_on[0], motion)
 
 
-def _line(port: Port, motion: Motion) -> Measure:
+def _check_nodes(port: Port, motion: Motion) -> None:
     points = motion.clusters.points
     for node in port.ends.acts_on:
         if node not in points:
@@ -102,6 +106,10 @@ def _line(port: Port, motion: Motion) -> Measure:
                 f"'{port.ends.acts_on[1]}', but no multibody component has node '{node}'"
                 f"{nearest(node, points)}"
             )
+
+
+def _line(port: Port, motion: Motion) -> Measure:
+    _check_nodes(port, motion)
     if port.kind is Kind.ACROSS_SOURCE:
         raise SceneError(
             f"edge '{port.edge.name}' gives a velocity along a line, whose length is prescribed: "
@@ -113,7 +121,7 @@ def _line(port: Port, motion: Motion) -> Measure:
             f"edge '{port.edge.name}' turns, so that it cannot act along a line: name a joint that "
             'turns as joint = "..."'
         )
-    first, second = (points[node] for node in port.ends.acts_on)
+    first, second = (motion.clusters.points[node] for node in port.ends.acts_on)
     # Power is force times the rate of the distance, as across times through asks for.
     return Distance(Ends.of(motion.clusters, first, second))
 

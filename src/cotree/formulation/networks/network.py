@@ -218,7 +218,7 @@ def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
 
 def _used_by_fields(ports: Mapping[str, Port]) -> set[str]:
     """List the names in the fields of all components."""
-    values = (value for port in ports.values() for value in port.edge.fields.values())
+    values = (value for port in ports.values() for value in port.edge.law_fields.values())
     return {name for value in values for name in value.names}  # type: ignore[union-attr]
 
 
@@ -265,7 +265,7 @@ def _bind_fields(
             guard.check(guard.value.value)
 
     for edge in {port.edge.name: port.edge for port in ports.values()}.values():
-        for field, value in edge.fields.items():
+        for field, value in edge.law_fields.items():
             row = edge.component.field(field)
             assert row is not None  # the scene accepted only fields of its component
             # Constant fields may enter preparations and starts, which know parameters only.

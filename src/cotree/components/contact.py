@@ -1,0 +1,242 @@
+"""Contact of bodies of a multibody system: points, spheres, discs, cylinders and boxes.
+
+The first node carries a plane or a sphere, the second the body that touches it. Each place that may
+touch, a corner of a box for example, has ports of its own: one along the gap, and one along each
+direction in which it slides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Component, Field, Plane, Role, Shape, optional
+from cotree.components.law import Law
+from cotree.components.ports import scalar
+from cotree.components.terminal import Kind, PortMeasure, Terminal, Touch
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from cotree.components.component import Adapted, Given, Nodes
+
+#: What says where bodies may touch; the laws of contact know nothing of it.
+SHAPES = (
+    Field("normal", "1", "of the first node's plane, which points to the second", Shape.VECTOR),
+    Field("ball", "m", "radius of the first node's sphere, in place of a plane", sign="positive"),
+    Field(
+        "radius",
+        "m",
+        "of the second node's sphere, or of its disc where there is an axis; none of a point",
+        sign="positive",
+    ),
+    Field("axis", "1", "of the second node's disc or cylinder, in its axes", Shape.VECTOR),
+    Field("length", "m", "of the second node's cylinder", sign="positive"),
+    Field("size", "m", "edges of the second node's box, in its axes", Shape.VECTOR),
+)
+
+#: The part of a contact that belongs to the multibody system.
+GEOMETRY = Component(
+    "contact_geometry",
+    Role.TOUCH,
+    "where two bodies may touch",
+    SHAPES,
+    keeps_plane=Plane(within=("normal",), along=("axis",)),
+)
+
+
+def _symbol(name: str) -> Any:
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def spots_of(edge: str, given: Given) -> int:
+    """Count the places of an edge that may touch, by its fields.
+
+    Parameters
+    ----------
+    edge : str
+        Its name.
+    given : mapping of str to object
+        Its fields.
+
+    Raises
+    ------
+    SceneError
+        If the shapes are none that may touch.
+    """
+    whose = f"edge '{edge}'"
+    if ("normal" in given) == ("ball" in given):
+        raise SceneError(
+            f"{whose} needs the normal of a plane or the radius of a ball, which its first node "
+            "carries: give one of them"
+        )
+    if "size" in given:
+        if given.keys() & {"radius", "axis", "length"} or "ball" in given:
+            raise SceneError(
+                f"{whose} has the size of a box, whose corners touch a plane: leave out radius, "
+                "axis, length and ball"
+            )
+        return int(2 ** len(box_edges(given["size"])))
+    if "axis" in given:
+        if "radius" not in given or "ball" in given:
+            raise SceneError(
+                f"{whose} has the axis of a disc or cylinder: it needs a radius, and a plane to "
+                "touch"
+            )
+        return 2 if "length" in given else 1
+    if "length" in given:
+        raise SceneError(f"{whose} has the length of a cylinder, and needs its axis")
+    return 1
+
+
+def box_edges(size: Any) -> tuple[int, ...]:
+    """Give the directions in which a box extends: a size that is written as 0 is that of a plate.
+
+    Parameters
+    ----------
+    size : sequence of three
+        The edges, as a scene gives them.
+    """
+    if not isinstance(size, (list, tuple)):
+        return (0, 1, 2)  # it will be refused as no vector
+    return tuple(
+        i for i, edge in enumerate(size) if isinstance(edge, str) or not edge == 0 or len(size) != 3
+    )
+
+
+def _suffix(spot: int, n_spots: int) -> str:
+    return str(spot + 1) if n_spots > 1 else ""
+
+
+def directions_of(given: Given) -> int:
+    """Count the directions in which a place may slide: two on a plane, three axes on a ball."""
+    return 2 if "normal" in given else 3
+
+
+#: Added to depths under a root, [m].
+_OFFSET = 1e-30
+
+
+class _Pushing:
+    """Laws of a place that may touch: it is pushed while it is inside, and rubs."""
+
+    def __init__(self, exponent: Any, n_directions: int, has_friction: bool) -> None:
+        self._exponent = exponent
+        self._n_directions = n_directions
+        self._has_friction = has_friction
+
+    def _push(self) -> Any:
+        """Give the force, which never pulls.
+
+        The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the
+        force of the spring times one plus a share that is proportional to the rate of approach.
+        """
+        import sympy
+
+        depth = sympy.Max(-_symbol("stretch"), 0)
+        share = 1 - sympy.Rational(3, 2) * _symbol("dissipation") * _symbol("across")
+        # Far below rounding, the offset keeps second derivatives finite while the gap is open.
+        power = depth * (depth + _OFFSET) ** (self._exponent - 1)
+        return _symbol("stiffness") * power * sympy.Max(share, 0)
+
+    def _rub(self, normal: str, slides: tuple[str, ...]) -> Any:
+        import sympy
+
+        # Regularised: the friction of each direction is smooth about rest.
+        squares = sum(_symbol(f"across_{other}") ** 2 for other in slides)
+        speed = sympy.sqrt(squares + _symbol("transition") ** 2)
+        return -_symbol(f"through_{normal}") * _symbol("friction") / speed
+
+    def ports(self, n_spots: int) -> tuple[Terminal, ...]:
+        """Make the ports of all places."""
+        push = Law.formed_by(lambda: -self._push())
+        found = []
+        for spot in range(n_spots):
+            end = _suffix(spot, n_spots)
+            normal = f"normal{end}"
+            gap = Touch(spot, "gap")
+            found.append(
+                Terminal(
+                    "translational", Kind.SPRING, normal, through=push, is_passive=False, touch=gap
+                )
+            )
+            if self._has_friction:
+                found += self._slides(spot, end, normal)
+        return tuple(found)
+
+    def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
+        names = tuple(f"slide{end}{'xyz'[i]}" for i in range(self._n_directions))
+
+        def law(own: str) -> Law:
+            return Law.formed_by(lambda: self._rub(normal, names) * _symbol(f"across_{own}"))
+
+        return [
+            Terminal(
+                "translational",
+                Kind.DISSIPATOR,
+                name,
+                through=law(name),
+                is_passive=False,
+                touch=Touch(spot, f"slip{i}"),
+            )
+            for i, name in enumerate(names)
+        ]
+
+
+def _forces(n_spots: int) -> tuple[PortMeasure, ...]:
+    """Sum what pushes, over all places."""
+    terms = tuple((-1, "through", f"normal{_suffix(i, n_spots)}") for i in range(n_spots))
+    return (PortMeasure("force", "N", terms),)
+
+
+def _exponent(edge: str, given: Given) -> Any:
+    """Take the exponent, which decides how smooth the law is, as a number.
+
+    Raises
+    ------
+    SceneError
+        If it is none, or less than one.
+    """
+    import sympy
+
+    value = given.get("exponent", 1.5)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 1 <= value <= 10:
+        raise SceneError(f"exponent of edge '{edge}' must be a number from 1 to 10")
+    return sympy.Rational(str(value)) if value * 2 == int(value * 2) else value
+
+
+def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+    n_spots, has_friction = spots_of(edge, given), "friction" in given
+    pushing = _Pushing(_exponent(edge, given), directions_of(given), has_friction)
+    # A force through the second node leaves its rotation alone.
+    is_central = not has_friction and not given.keys() & {"axis", "size"}
+    touches = replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
+    own = replace(
+        CONTACT,
+        ports=pushing.ports(n_spots),
+        measures=_forces(n_spots),
+        geometry=touches,
+    )
+    return own, nodes, {name: value for name, value in given.items() if name != "exponent"}
+
+
+_LAWS = (
+    Field("stiffness", "", "force per depth to the exponent", required=True, sign="positive"),
+    Field("exponent", "1", "of the depth: 1.5 of spheres, 1 of a linear spring; a number", default=1.5),
+    optional("dissipation", "s/m", "loss in proportion to the speed of approach", 0.0, "nonnegative"),
+    optional("friction", "1", "coefficient of friction; none where left out", None, "nonnegative"),
+    optional("transition", "m/s", "speed below which friction sets in", 1e-3, "positive"),
+)
+
+CONTACT = scalar(
+    "contact",
+    "elastic contact of two bodies, with friction",
+    (*SHAPES, *_LAWS),
+    *_Pushing(1.5, 2, True).ports(1),
+    adapt=_adapt,
+    geometry=GEOMETRY,
+    measures=_forces(1),
+)
+
+COMPONENTS = (CONTACT,)

@@ -1,0 +1,84 @@
+"""The places of two bodies that may touch, as measures that the ports of a contact act along."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+from cotree.components.contact import box_edges
+from cotree.dag import vector
+from cotree.formulation.chords import carried_by, chord_ends
+from cotree.formulation.contact import Ball, Centres, Rim, Tangent, Touching
+from cotree.formulation.fields import plane_axes
+
+if TYPE_CHECKING:
+    from cotree.components.terminal import Touch
+    from cotree.dag.vector import Vector
+    from cotree.formulation.across import Motion
+    from cotree.formulation.contact import Facing, Surface
+    from cotree.formulation.endpoints import Ends
+    from cotree.formulation.fields import BoundEdge
+
+
+def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
+    """Measure the gap or a slip at one of the places of a contact.
+
+    Parameters
+    ----------
+    motion : Motion
+        The multibody system.
+    edge : BoundEdge
+        The shapes that may touch.
+    touch : Touch
+        The place, and what is measured there.
+    """
+    ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
+    dag = motion.system.dag
+    surface = _surface(motion, edge, ends)
+    facing: Facing = Centres(ends)
+    rise = edge.scalars.get("ball", dag.zero)
+    if "normal" in edge.vectors:
+        facing = carried_by(motion, ends, 0, edge.vectors["normal"])
+    if touch.quantity == "gap":
+        return Touching(ends, facing, surface, facing, rise)
+    number = int(touch.quantity.removeprefix("slip"))
+    direction: Facing
+    if "normal" in edge.vectors:
+        direction = carried_by(motion, ends, 0, plane_axes(edge.vectors["normal"])[number])
+    else:
+        # No two directions are across that of the centres wherever they are: three axes always
+        # have parts that span them.
+        direction = Tangent(facing, vector.identity(dag)[number])
+    return Touching(ends, facing, surface, direction, None)
+
+
+def _surface(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
+    radius = edge.scalars.get("radius", motion.system.dag.zero)
+    if "axis" in edge.vectors:
+        return Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), radius)
+    return Ball(radius)
+
+
+def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
+    """Move the second end from its node to a place that may touch."""
+    offset = _offset(edge, spot)
+    if offset is None:
+        return ends
+    point = ends.second
+    local = vector.add(point.local, point.resolved(offset))
+    return replace(ends, second=replace(point, local=local))
+
+
+def _offset(edge: BoundEdge, spot: int) -> Vector | None:
+    """Give the place from the node, in its axes; None where it is the node."""
+    if "size" in edge.vectors:
+        size = edge.vectors["size"]
+        corner = list(vector.zeros(size[0].dag))
+        sides = [i for i in range(3) if not size[i].is_zero]
+        for i, sign in zip(sides, list(product((-1, 1), repeat=len(sides)))[spot], strict=True):
+            corner[i] = 0.5 * sign * size[i]
+        return (corner[0], corner[1], corner[2])
+    if "length" in edge.scalars:
+        return vector.scale((spot - 0.5) * edge.scalars["length"], edge.vectors["axis"])
+    return None
