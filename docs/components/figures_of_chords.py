@@ -97,6 +97,26 @@ def rolling_disc(s: Sheet) -> None:
     s.text((flat(centre) + flat(contact)) / 2 + np.array((0.27, 0.06)), "radius", size=10)
 
 
+@figure
+def contact(s: Sheet) -> None:
+    """Draw a ball that presses into a plane."""
+    s.face([(-1.7, -0.85), (1.7, -0.85), (1.7, -0.5), (-1.7, -0.5)], FIRST)
+    centre = (0.0, 0.12)
+    s.face(ring(centre, 0.68), SECOND)
+    s.line([(-1.7, -0.5), (1.7, -0.5)], FIRST[1], 1.4)
+    s.line([centre, (0.5, -0.34)], lw=1.0)
+    s.text((0.08, -0.2), "radius", size=10)
+    s.node(centre, "second", (0.0, 0.22))
+    s.node((-1.4, -0.5), "first", (0.1, -0.2))
+    s.arrow([(-1.4, -0.5), (-1.4, 0.3)], lw=1.4)
+    s.text((-1.4, 0.45), "normal")
+    s.arrow([(0.0, -0.56), (0.0, -0.02)], THROUGH, 1.9)
+    s.text((-0.24, -0.3), "force", THROUGH, size=10)
+    s.arrow([(0.0, -0.56), (-0.6, -0.56)], THROUGH, 1.7)
+    s.text((-0.72, -0.68), "friction", THROUGH, size=10)
+    s.arrow([(0.85, 0.12), (1.45, 0.12)], FREEDOM, 1.8)
+
+
 def _wheel(centre: tuple[float, float], radius: float, teeth: int, phase: float) -> Array:
     """Give the outline of a toothed wheel."""
     points = []

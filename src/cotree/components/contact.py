@@ -98,15 +98,13 @@ def box_edges(size: Any) -> tuple[int, ...]:
     size : sequence of three
         The edges, as a scene gives them.
     """
-    if not isinstance(size, (list, tuple)):
+    if not isinstance(size, (list, tuple)) or len(size) != 3:
         return (0, 1, 2)  # it will be refused as no vector
-    return tuple(
-        i for i, edge in enumerate(size) if isinstance(edge, str) or not edge == 0 or len(size) != 3
-    )
+    return tuple(i for i, edge in enumerate(size) if edge != 0)
 
 
 def _suffix(spot: int, n_spots: int) -> str:
-    return str(spot + 1) if n_spots > 1 else ""
+    return f"_{spot + 1}" if n_spots > 1 else ""
 
 
 def directions_of(given: Given) -> int:
@@ -166,7 +164,7 @@ class _Pushing:
         return tuple(found)
 
     def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
-        names = tuple(f"slide{end}{'xyz'[i]}" for i in range(self._n_directions))
+        names = tuple(f"slide{i + 1}{end}" for i in range(self._n_directions))
 
         def law(own: str) -> Law:
             return Law.formed_by(lambda: self._rub(normal, names) * _symbol(f"across_{own}"))
@@ -223,8 +221,12 @@ def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
 
 _LAWS = (
     Field("stiffness", "", "force per depth to the exponent", required=True, sign="positive"),
-    Field("exponent", "1", "of the depth: 1.5 of spheres, 1 of a linear spring; a number", default=1.5),
-    optional("dissipation", "s/m", "loss in proportion to the speed of approach", 0.0, "nonnegative"),
+    Field(
+        "exponent", "1", "of the depth: 1.5 of spheres, 1 of a linear spring; a number", default=1.5
+    ),
+    optional(
+        "dissipation", "s/m", "loss in proportion to the speed of approach", 0.0, "nonnegative"
+    ),
     optional("friction", "1", "coefficient of friction; none where left out", None, "nonnegative"),
     optional("transition", "m/s", "speed below which friction sets in", 1e-3, "positive"),
 )

@@ -370,8 +370,7 @@ def _rolling_disc(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ):
         along = carried_by(motion, ends, 0, direction)
         is_height = direction is normal
-        rise = motion.system.dag.zero if is_height else None
-        measure = Touching(ends, up, rim, along, rise)
+        measure = Touching(ends, up, rim, along, motion.system.dag.zero if is_height else None)
         yield _named(edge, place, "m" if is_height else "m/s", measure)
 
 

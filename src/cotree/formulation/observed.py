@@ -204,7 +204,10 @@ class Observer:
             return f"node '{first}' has no variable '{last}'{nearest(last, NODE_VARIABLES)}"
         if first in system.edges:
             known = [split_name(n)[1] for n in system.names if split_name(n)[0] == first]
-            known += [DRIVE, *EDGE_VARIABLES]
+            known += [
+                *EDGE_VARIABLES,
+                *([DRIVE] if "motion" in system.edges[first].scalars else []),
+            ]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
         if last and first in self.owners:
             return f"uses the unknown name '{name}': '{first}' has no variable '{last}'"

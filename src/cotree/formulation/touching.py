@@ -6,7 +6,6 @@ from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
-from cotree.components.contact import box_edges
 from cotree.dag import vector
 from cotree.formulation.chords import carried_by, chord_ends
 from cotree.formulation.contact import Ball, Centres, Rim, Tangent, Touching
@@ -45,7 +44,12 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     number = int(touch.quantity.removeprefix("slip"))
     direction: Facing
     if "normal" in edge.vectors:
-        direction = carried_by(motion, ends, 0, plane_axes(edge.vectors["normal"])[number])
+        axes = plane_axes(edge.vectors["normal"])
+        # In a scene that keeps a plane the first direction is in that plane.
+        plane = motion.system.plane
+        if plane and not axes[0]["xyz".index(plane)].is_zero:
+            axes = axes[1], axes[0]
+        direction = carried_by(motion, ends, 0, axes[number])
     else:
         # No two directions are across that of the centres wherever they are: three axes always
         # have parts that span them.

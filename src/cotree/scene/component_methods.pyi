@@ -737,6 +737,72 @@ class ComponentMethods:
             scene.constraint("rope", "A", "B", expression="A.y + B.y + L")
         """
 
+    def contact(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        /,
+        *,
+        normal: _Vector | None = None,
+        ball: _Value | None = None,
+        radius: _Value | None = None,
+        axis: _Vector | None = None,
+        length: _Value | None = None,
+        size: _Vector | None = None,
+        stiffness: _Value,
+        exponent: _Value = 1.5,
+        dissipation: _Value = 0.0,
+        friction: _Value | None = None,
+        transition: _Value = 0.001,
+    ) -> None:
+        """Add a ``contact``: elastic contact of two bodies, with friction.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge.
+        first, second : str
+            Its nodes.
+        normal : three of float or str, optional
+            Of the first node's plane, which points to the second.
+        ball : float or str, [m], optional
+            Radius of the first node's sphere, in place of a plane.
+        radius : float or str, [m], optional
+            Of the second node's sphere, or of its disc where there is an axis; none of a point.
+        axis : three of float or str, optional
+            Of the second node's disc or cylinder, in its axes.
+        length : float or str, [m], optional
+            Of the second node's cylinder.
+        size : three of float or str, [m], optional
+            Edges of the second node's box, in its axes.
+        stiffness : float or str
+            Force per depth to the exponent.
+        exponent : float or str, default 1.5
+            Of the depth: 1.5 of spheres, 1 of a linear spring; a number.
+        dissipation : float, str or table, [s/m], default 0
+            Loss in proportion to the speed of approach.
+        friction : float, str or table, optional
+            Coefficient of friction; none where left out.
+        transition : float, str or table, [m/s], default 0.001
+            Speed below which friction sets in.
+
+        Examples
+        --------
+        ::
+
+            scene.contact(
+                "lane",
+                "ground",
+                "P",
+                normal=[0, 1, 0],
+                radius="R",
+                stiffness="k",
+                friction="mu",
+                transition=1e-06,
+            )
+        """
+
     def convection(
         self,
         name: str,

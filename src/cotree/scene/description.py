@@ -6,7 +6,6 @@ import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-from cotree.components import Role
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
 from cotree.scene.allowances import check_allowed

@@ -108,6 +108,8 @@ def initial_names(component: Component) -> list[str]:
 
 def initial_units(component: Component) -> dict[str, str]:
     """Give the units of the variables whose initial values a scene may give."""
+    if component.geometry is not None:
+        return {}  # bodies are where their own initial values put them
     if component.role is Role.NETWORK:
         return _network_units(component)
     spaces = [component.motion_space]

@@ -40,6 +40,7 @@ _ALSO_CALLED = {
     "free": ("floating", "six_dof"),
     "screw": ("helical", "lead_screw"),
     "rolling_disc": ("wheel", "rolling"),
+    "contact": ("collision", "impact", "ground_contact", "bump"),
     "spring": ("spring_damper",),
     "damper": ("dashpot", "viscous"),
     "coupled_inductors": ("mutual_inductance",),
@@ -161,9 +162,9 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
     if component.terminals:
         nodes = (*component.terminals, *component.optional_terminals)
         return nodes, len(component.terminals), False
-    if len(component.ports) > 1:
+    if component.geometry is None and len(component.ports) > 1:
         return (), 0, True
-    if not component.ports:
+    if component.geometry is not None or not component.ports:
         return ("first", "second"), 2, False
     (port,) = component.ports
     ends = ("plus", "minus") if DOMAINS[port.domain].head_first else ("first", "second")
@@ -172,7 +173,7 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
 
 def _ports(component: Component) -> list[Entry]:
     """List the entries for nodes of ports, and for what they act on in a multibody system."""
-    if component.terminals:
+    if component.terminals or component.geometry is not None:
         return []
     found = []
     if len(component.ports) > 1:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import Acts, Role
-from cotree.watch import bodies, elements, joints, shapes
+from cotree.watch import bodies, elements, joints, shapes, touching
 from cotree.watch.colors import DAMPER
 from cotree.watch.draft import Drafter
 
@@ -41,6 +41,7 @@ SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
     "distance": elements.distance,
     "line_force": elements.line_force,
     "bushing": elements.bushing,
+    "contact_geometry": touching.contact,
 }
 
 
@@ -76,6 +77,8 @@ def draft_scene(
         if show is not None:
             show(draft, edge)
     for networked in first.scene.edges.values():
+        if networked.component.geometry is not None:
+            continue  # its surfaces are those of an edge above
         for ends in networked.ports:
             if len(ends.acts_on) == 2:  # a hydraulic cylinder between two bodies, for example
                 draft.strut(networked.name, *ends.acts_on, shapes.piston(1.1 * draft.w), DAMPER)

@@ -9,6 +9,7 @@ import numpy as np
 from cotree.watch import shapes
 from cotree.watch.colors import JOINT, RAIL
 from cotree.watch.elements import spring
+from cotree.watch.touching import road
 
 if TYPE_CHECKING:
     from cotree.formulation.fields import BoundEdge
@@ -102,23 +103,8 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
     wheel = shapes.wheel(radius, 0.12 * radius)
     draft.solid(edge.name, place.cluster, wheel.placed(place.local, axes), label=True)
     if draft.stage.is_flat:
-        _road(draft, edge, radius)
-
-
-def _road(draft: Drafter, edge: BoundEdge, radius: float) -> None:
-    """Draw the line that a disc rolls on, over the range of its motion."""
-    one = draft.places[edge.first]
-    normal = draft.values.numbers(edge.vectors["normal"])
-    # In the plane the disc rolls along what is normal to the view and to the road.
-    along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
-    reach = draft.reach(edge)
-    way = reach @ along
-    low, high = float(way.min()) - 1.5 * radius, float(way.max()) + 1.5 * radius
-    depth = 0.1 * radius
-    middle = 0.5 * (low + high) * along + (reach[0] @ normal - radius - 0.5 * depth) * normal
-    bar = shapes.box(depth, 0.2 * radius, high - low)
-    axes = one.turn @ shapes.axes_along(along, np.cross(normal, along))
-    draft.solid(edge.name, one.cluster, bar.placed(one.local + one.turn @ middle, axes))
+        normal = draft.values.numbers(edge.vectors["normal"])
+        road(draft, edge, float(draft.reach(edge)[0] @ normal) - radius, radius)
 
 
 def blade(draft: Drafter, edge: BoundEdge) -> None:

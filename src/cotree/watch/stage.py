@@ -13,6 +13,7 @@ from cotree.components import Role
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
     from cotree.watch.poses import MotionValues, Place, Poses
     from cotree.watch.shapes import Array
@@ -113,10 +114,17 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
         size,
         thickness,
         tuple(body),
-        frozenset(held[e.name] for e in edges.values() if e.component.name in _SHOWING),
+        frozenset(held[e.name] for e in edges.values() if _shows(e)),
         reach,
         _spurs(first, places, arms, reach),
     )
+
+
+def _shows(edge: BoundEdge) -> bool:
+    """Tell whether an edge shows the body that it holds or touches."""
+    if edge.component.role is Role.TOUCH:
+        return "size" in edge.vectors or "radius" in edge.scalars
+    return edge.component.name in _SHOWING
 
 
 def _up(gravity: Array, plane: str) -> Array:
