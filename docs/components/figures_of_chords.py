@@ -98,6 +98,26 @@ def rolling_disc(s: Sheet) -> None:
 
 
 @figure
+def rolling_ellipsoid(s: Sheet) -> None:
+    """Draw an ellipse on a plane."""
+    s.face([(-1.7, -0.8), (1.7, -0.8), (1.7, -0.5), (-1.7, -0.5)], FIRST)
+    turn, a, b = 0.3, 1.15, 0.5
+    c, n = np.cos(turn), np.sin(turn)
+    depth = float(np.hypot(a * n, b * c))
+    around = ring((0.0, 0.0), 1.0) * (a, b)
+    centre = np.array((0.1, -0.5 + depth))
+    s.face(around @ np.array([[c, n], [-n, c]]) + centre, SECOND)
+    s.arrow([centre, centre + 0.8 * np.array((c, n))], lw=1.2)
+    s.arrow([centre, centre + 0.36 * np.array((-n, c))], lw=1.2)
+    s.text(centre + np.array((0.45, 0.28)), "semiaxes", size=10)
+    s.node(centre, "second", (-0.1, -0.2))
+    s.node((-1.45, -0.5), "first", (0.1, -0.2))
+    s.arrow([(-1.45, -0.5), (-1.45, 0.25)], lw=1.4)
+    s.text((-1.45, 0.4), "normal")
+    s.arrow(ring(centre, 1.3, 40, 10), FREEDOM, 1.8)
+
+
+@figure
 def contact(s: Sheet) -> None:
     """Draw a ball that presses into a plane."""
     s.face([(-1.7, -0.85), (1.7, -0.85), (1.7, -0.5), (-1.7, -0.5)], FIRST)
@@ -105,7 +125,7 @@ def contact(s: Sheet) -> None:
     s.face(ring(centre, 0.68), SECOND)
     s.line([(-1.7, -0.5), (1.7, -0.5)], FIRST[1], 1.4)
     s.line([centre, (0.5, -0.34)], lw=1.0)
-    s.text((0.08, -0.2), "radius", size=10)
+    s.text((0.52, -0.08), "radius", size=10)
     s.node(centre, "second", (0.0, 0.22))
     s.node((-1.4, -0.5), "first", (0.1, -0.2))
     s.arrow([(-1.4, -0.5), (-1.4, 0.3)], lw=1.4)

@@ -63,6 +63,19 @@ ROLLING_DISC = Component(
     keeps_plane=Plane(along=("axis",), within=("normal",)),
 )
 
+ROLLING_ELLIPSOID = Component(
+    "rolling_ellipsoid",
+    Role.CONSTRAINT,
+    "an ellipsoid about the second node rolls without slip on a plane through the first",
+    fields=(
+        Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
+        Field(
+            "semiaxes", "m", "along the second node's axes, positive", Shape.VECTOR, required=True
+        ),
+    ),
+    keeps_plane=Plane(within=("normal",)),
+)
+
 # Gears and expressions couple coordinates themselves, so they have no edge in a graph and their
 # domains are empty.
 GEAR = Component(
@@ -88,4 +101,4 @@ CONSTRAINT = Component(
     keeps_plane=Plane(),
 )
 
-COMPONENTS = (DISTANCE, SLOT, KNIFE_EDGE, ROLLING_DISC, GEAR, CONSTRAINT)
+COMPONENTS = (DISTANCE, SLOT, KNIFE_EDGE, ROLLING_DISC, ROLLING_ELLIPSOID, GEAR, CONSTRAINT)

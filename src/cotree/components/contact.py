@@ -31,6 +31,7 @@ SHAPES = (
     ),
     Field("axis", "1", "of the second node's disc or cylinder, in its axes", Shape.VECTOR),
     Field("length", "m", "of the second node's cylinder", sign="positive"),
+    Field("semiaxes", "m", "of the second node's ellipsoid, along its axes", Shape.VECTOR),
     Field("size", "m", "edges of the second node's box, in its axes", Shape.VECTOR),
 )
 
@@ -72,12 +73,19 @@ def spots_of(edge: str, given: Given) -> int:
             "carries: give one of them"
         )
     if "size" in given:
-        if given.keys() & {"radius", "axis", "length"} or "ball" in given:
+        if given.keys() & {"radius", "axis", "length", "semiaxes", "ball"}:
             raise SceneError(
                 f"{whose} has the size of a box, whose corners touch a plane: leave out radius, "
-                "axis, length and ball"
+                "axis, length, semiaxes and ball"
             )
         return int(2 ** len(box_edges(given["size"])))
+    if "semiaxes" in given:
+        if given.keys() & {"radius", "axis", "length", "ball"}:
+            raise SceneError(
+                f"{whose} has the semiaxes of an ellipsoid, which touches a plane: leave out "
+                "radius, axis, length and ball"
+            )
+        return 1
     if "axis" in given:
         if "radius" not in given or "ball" in given:
             raise SceneError(
@@ -208,7 +216,7 @@ def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     pushing = _Pushing(_exponent(edge, given), directions_of(given), has_friction)
     # A force through the second node leaves its rotation alone.
-    is_central = not has_friction and not given.keys() & {"axis", "size"}
+    is_central = not has_friction and not given.keys() & {"axis", "size", "semiaxes"}
     touches = replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
     own = replace(
         CONTACT,

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
 from cotree.errors import ExpressionError, FormulationError, nearest
-from cotree.formulation.contact import Rim, Slip, Touching
-from cotree.formulation.endpoints import Carried, Ends
+from cotree.formulation.contact import Slip, Touching, surface_of
+from cotree.formulation.endpoints import Ends, carried_by, chord_ends
 from cotree.formulation.fields import plane_axes
 from cotree.formulation.measures import (
     Angle,
@@ -73,12 +73,6 @@ def constraint_rows(motion: Motion) -> list[Row]:
         if role is Role.JOINT and "motion" in edge.scalars:
             rows.append(_prescribed(motion, edge))
     return rows
-
-
-def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
-    """Find the nodes of an edge."""
-    points = motion.clusters.points
-    return Ends.of(motion.clusters, points[edge.first], points[edge.second])
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
@@ -170,12 +164,6 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 def _axis_of(edge: BoundEdge) -> Vector:
     return edge.vectors["normal"] if "normal" in edge.vectors else edge.vectors["axis"]
-
-
-def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
-    """Let a node carry a vector given in its axes."""
-    point = (ends.first, ends.second)[end]
-    return Carried(point, local, ends.ancestor, motion.system.time)
 
 
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
@@ -360,17 +348,17 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     yield _named(edge, "across", "m/s", Slip(ends, across))
 
 
-def _rolling_disc(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
+def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
     # The height is a holonomic constraint, the two slips have rates only.
     up = carried_by(motion, ends, 0, normal)
-    rim = Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), edge.scalars["radius"])
+    body = surface_of(motion, edge, ends)
     for place, direction in zip(
         ("height", "slip1", "slip2"), (normal, *plane_axes(normal)), strict=True
     ):
         along = carried_by(motion, ends, 0, direction)
         is_height = direction is normal
-        measure = Touching(ends, up, rim, along, motion.system.dag.zero if is_height else None)
+        measure = Touching(ends, up, body, along, motion.system.dag.zero if is_height else None)
         yield _named(edge, place, "m" if is_height else "m/s", measure)
 
 
@@ -394,7 +382,8 @@ _CONSTRAINTS: dict[str, Callable[[Motion, BoundEdge], Iterator[Row]]] = {
     "distance": _distance,
     "slot": _slot,
     "knife_edge": _knife_edge,
-    "rolling_disc": _rolling_disc,
+    "rolling_disc": _rolling,
+    "rolling_ellipsoid": _rolling,
     "gear": _gear,
     "constraint": _constraint,
 }

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cotree.dag import vector
-from cotree.formulation.endpoints import Carried, Ends, Pull, pull_in_place
+from cotree.dag.dual import function
+from cotree.formulation.endpoints import Carried, Ends, Pull, carried_by, pull_in_place
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
+    from cotree.formulation.across import Motion
+    from cotree.formulation.fields import BoundEdge
     from cotree.formulation.views import View
 
 
@@ -183,6 +186,59 @@ class Rim:
 
 
 @dataclass(frozen=True)
+class Ellipsoid:
+    """An ellipsoid about the second node, along axes that it carries."""
+
+    axes: tuple[Carried, Carried, Carried]
+    semiaxes: Vector
+
+    def _squares(self, view: View) -> list[Any]:
+        return [(seen := view.scalar(a)) * seen for a in self.semiaxes]
+
+    def _entries(self, view: View, facing: Facing) -> tuple[list[Any], Any]:
+        """Give the normal's entries m along the axes, and the depth, the root of sum a^2 m^2."""
+        n = facing.value(view)
+        entries = [vector.dot(n, axis.value(view)) for axis in self.axes]
+        total = sum(
+            (s * m * m for s, m in zip(self._squares(view), entries, strict=True)),
+            start=view.scalar(self.semiaxes[0].dag.zero),
+        )
+        return entries, function("sqrt", total)
+
+    def depth(self, view: View, facing: Facing) -> Any:
+        """Give how far the tangential plane is away."""
+        return self._entries(view, facing)[1]
+
+    def place(self, view: View, facing: Facing) -> Any:
+        """Give - sum a^2 m e / depth, where the surface is normal to n."""
+        entries, depth = self._entries(view, facing)
+        parts = [
+            vector.scale(-(s * m / depth), axis.value(view))
+            for s, m, axis in zip(self._squares(view), entries, self.axes, strict=True)
+        ]
+        return vector.add(vector.add(parts[0], parts[1]), parts[2])
+
+    def place_rate(self, view: View, facing: Facing) -> Any:
+        """Give the rate of that vector, by the product rule."""
+        n, n_rate = facing.value(view), facing.rate(view)
+        entries, depth = self._entries(view, facing)
+        squares = self._squares(view)
+        rates = [
+            vector.dot(n_rate, axis.value(view)) + vector.dot(n, axis.rate(view))
+            for axis in self.axes
+        ]
+        changes = [s * m * r for s, m, r in zip(squares, entries, rates, strict=True)]
+        depth_rate = (changes[0] + changes[1] + changes[2]) / depth
+        total = vector.zeros(self.semiaxes[0].dag)
+        for s, m, r, axis in zip(squares, entries, rates, self.axes, strict=True):
+            share = s * m / depth
+            along = s * r / depth - share * depth_rate / depth
+            total = vector.sub(total, vector.scale(along, axis.value(view)))
+            total = vector.sub(total, vector.scale(share, axis.rate(view)))
+        return total
+
+
+@dataclass(frozen=True)
 class Touching:
     """Velocity of the second body at its contact with the first, along a direction.
 
@@ -250,3 +306,14 @@ class Touching:
         """Act with a force at the contact."""
         beyond = self.surface.place(view, self.facing)
         return pull_in_place(view, self.ends, self.direction, beyond=beyond)
+
+
+def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
+    """Give the shape of the body at the second end: a disc, an ellipsoid, a sphere or a point."""
+    if "semiaxes" in edge.vectors:
+        x, y, z = (carried_by(motion, ends, 1, e) for e in vector.identity(motion.system.dag))
+        return Ellipsoid((x, y, z), edge.vectors["semiaxes"])
+    radius = edge.scalars.get("radius", motion.system.dag.zero)
+    if "axis" in edge.vectors:
+        return Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), radius)
+    return Ball(radius)

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
+    from cotree.formulation.across import Motion
     from cotree.formulation.clusters import Clusters, Point
+    from cotree.formulation.fields import BoundEdge
     from cotree.formulation.views import View
 
 
@@ -225,3 +227,15 @@ def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None)
     if beyond is not None:
         arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)
     return pair_pull(view, ends, axis.value(view), None, arms)
+
+
+def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
+    """Find the nodes of an edge."""
+    points = motion.clusters.points
+    return Ends.of(motion.clusters, points[edge.first], points[edge.second])
+
+
+def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
+    """Let a node carry a vector given in its axes."""
+    point = (ends.first, ends.second)[end]
+    return Carried(point, local, ends.ancestor, motion.system.time)

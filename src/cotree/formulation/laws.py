@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import Acts, Freedom, Role
 from cotree.dag import vector
 from cotree.dag.derivative import tangents
-from cotree.formulation.chords import carried_by, chord_ends, chord_measure, whole_angle
+from cotree.formulation.chords import chord_measure, whole_angle
+from cotree.formulation.endpoints import carried_by, chord_ends
 from cotree.formulation.measures import Angle, AxisLength, Coincidence, Composite, Cosine, Distance
 
 if TYPE_CHECKING:

@@ -7,15 +7,15 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.formulation.chords import carried_by, chord_ends
-from cotree.formulation.contact import Ball, Centres, Rim, Tangent, Touching
+from cotree.formulation.contact import Centres, Tangent, Touching, surface_of
+from cotree.formulation.endpoints import carried_by, chord_ends
 from cotree.formulation.fields import plane_axes
 
 if TYPE_CHECKING:
     from cotree.components.terminal import Touch
     from cotree.dag.vector import Vector
     from cotree.formulation.across import Motion
-    from cotree.formulation.contact import Facing, Surface
+    from cotree.formulation.contact import Facing
     from cotree.formulation.endpoints import Ends
     from cotree.formulation.fields import BoundEdge
 
@@ -34,7 +34,7 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     """
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
-    surface = _surface(motion, edge, ends)
+    surface = surface_of(motion, edge, ends)
     facing: Facing = Centres(ends)
     rise = edge.scalars.get("ball", dag.zero)
     if "normal" in edge.vectors:
@@ -55,13 +55,6 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         # have parts that span them.
         direction = Tangent(facing, vector.identity(dag)[number])
     return Touching(ends, facing, surface, direction, None)
-
-
-def _surface(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
-    radius = edge.scalars.get("radius", motion.system.dag.zero)
-    if "axis" in edge.vectors:
-        return Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), radius)
-    return Ball(radius)
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:

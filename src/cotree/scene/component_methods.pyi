@@ -749,6 +749,7 @@ class ComponentMethods:
         radius: _Value | None = None,
         axis: _Vector | None = None,
         length: _Value | None = None,
+        semiaxes: _Vector | None = None,
         size: _Vector | None = None,
         stiffness: _Value,
         exponent: _Value = 1.5,
@@ -774,6 +775,8 @@ class ComponentMethods:
             Of the second node's disc or cylinder, in its axes.
         length : float or str, [m], optional
             Of the second node's cylinder.
+        semiaxes : three of float or str, [m], optional
+            Of the second node's ellipsoid, along its axes.
         size : three of float or str, [m], optional
             Edges of the second node's box, in its axes.
         stiffness : float or str
@@ -2895,6 +2898,44 @@ class ComponentMethods:
                 normal=[0, 1, 0],
                 axis=[0, 0, 1],
                 radius="R",
+            )
+        """
+
+    def rolling_ellipsoid(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        /,
+        *,
+        normal: _Vector,
+        semiaxes: _Vector,
+    ) -> None:
+        """Add a ``rolling_ellipsoid``.
+
+        An ellipsoid about the second node rolls without slip on a plane through the first.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge.
+        first, second : str
+            Its nodes.
+        normal : three of float or str
+            Of the plane, in the first node's axes.
+        semiaxes : three of float or str, [m]
+            Along the second node's axes, positive.
+
+        Examples
+        --------
+        ::
+
+            scene.rolling_ellipsoid(
+                "contact",
+                "ground",
+                "P",
+                normal=[0, 0, 1],
+                semiaxes=["R", "R", "R"],
             )
         """
 

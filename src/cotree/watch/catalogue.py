@@ -35,6 +35,7 @@ SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
     "screw": joints.sliding,
     "slot": joints.slot,
     "rolling_disc": joints.disc,
+    "rolling_ellipsoid": touching.contact,
     "knife_edge": joints.blade,
     "spring": elements.spring,
     "damper": elements.damper,

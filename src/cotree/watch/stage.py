@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Azimuth and elevation of the view of a spatial scene, [deg].
 VIEW = (-55.0, 22.0)
 
-_SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc")
+_SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc", "rolling_ellipsoid")
 # Width of bars against what moves, and against the length of bars.
 _OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
 # Arms to a centre of mass are thin beside one that is longer by this factor.
@@ -123,7 +123,7 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
 def _shows(edge: BoundEdge) -> bool:
     """Tell whether an edge shows the body that it holds or touches."""
     if edge.component.role is Role.TOUCH:
-        return "size" in edge.vectors or "radius" in edge.scalars
+        return bool({"size", "semiaxes"} & edge.vectors.keys()) or "radius" in edge.scalars
     return edge.component.name in _SHOWING
 
 

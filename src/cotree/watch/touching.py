@@ -43,6 +43,9 @@ def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
         lengths = draft.values.numbers(edge.vectors["size"])
         mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
         return mesh, float(np.max(lengths))
+    if "semiaxes" in edge.vectors:
+        semiaxes = draft.values.numbers(edge.vectors["semiaxes"])
+        return shapes.sphere(1.0).scaled(semiaxes), float(np.max(semiaxes))
     if "radius" not in edge.scalars:
         return None
     radius = _number(draft, edge, "radius")
