@@ -21,7 +21,6 @@ from cotree.scene.part_adding import check_nodes, set_in_part
 from cotree.scene.part_statement import LARGEST_SCENE
 from cotree.scene.simulation import Simulation, with_settings
 from cotree.scene.statements import plain
-from cotree.scene.tables import parse_any
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -279,10 +278,8 @@ class SceneDescription:
                 raise SceneError("the ground is one node in all parts: it is no port")
         self.ports = tuple(dict.fromkeys((*self.ports, *nodes)))
 
-    def output(self, name: str, value: str | float | Mapping[str, Any]) -> None:
+    def output(self, name: str, value: str | float) -> None:
         """Declare an output: an expression of coordinates, node positions, inputs and parameters.
-
-        A mapping is a lookup table over expressions, as fields take it.
 
         Raises
         ------
@@ -291,7 +288,7 @@ class SceneDescription:
         """
         # Outputs may share names with parameters, which expressions then mean.
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
-        self.outputs[name] = parse_any(value, f"output '{name}'")
+        self.outputs[name] = parse(value, f"output '{name}'")
 
     def mode(self, name: str, initial: float | str, *, doc: str = "") -> None:
         """Declare a mode: a number that only events change.

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.lookup import look_up
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
-from cotree.scene.words import GridName, read_tree
+from cotree.scene.words import read_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -240,7 +239,8 @@ def _check(tree: ast.expr, names: set[str], depth: int) -> None:
     """Accept the grammar and collect its names; everything else is refused."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only these shapes pass: whatever else Python's grammar has is refused, not evaluated.
+    # Only the shapes listed here pass: whatever else Python's grammar has is refused, not
+    # evaluated.
     match tree:
         case ast.Constant(value=value):
             if _number(value) is None:
@@ -351,8 +351,6 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         case ast.Call(func=ast.Name(id="where"), args=[condition, accepted, refused]):
             branches = (_lower(accepted, dag, resolve), _lower(refused, dag, resolve))
             return _lower_condition(condition, dag, resolve, *branches)
-        case ast.Call(func=GridName(grid=grid), args=args):
-            return look_up(dag, grid, [_lower(arg, dag, resolve) for arg in args])
         case ast.Call(func=ast.Name(id=function), args=args):
             return _lower_call(dag, function, [_lower(arg, dag, resolve) for arg in args])
     raise AssertionError("the tree was checked when it was parsed")
@@ -365,7 +363,8 @@ def _lower_condition(
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]
-            # A chain ``a < b < c`` holds where all parts do: selections are nested from the last.
+            # A chain ``a < b < c`` holds where all of its parts do: the selections are nested from
+            # the last.
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a

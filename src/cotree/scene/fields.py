@@ -17,7 +17,7 @@ from cotree.errors import SceneError, check_known
 from cotree.naming import check_text
 from cotree.scene.expressions import parse
 from cotree.scene.statements import is_list
-from cotree.scene.tables import converted, parse_any
+from cotree.scene.tables import converted, parse_lookup
 from cotree.units import check_fits, check_unit
 
 if TYPE_CHECKING:
@@ -200,7 +200,9 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
         return _inertia(value, where)
     if row.shape is Shape.ROTATION:
         return _rotation(value, where)
-    return parse_any(value, where) if row.shape is Shape.SCALAR else parse(value, where)
+    if row.shape is Shape.SCALAR and isinstance(value, Mapping):
+        return parse_lookup(value, where)
+    return parse(value, where)
 
 
 def _inertia(value: object, where: str) -> FieldValue:

@@ -21,7 +21,7 @@ from cotree.scene.edge import make_edge
 from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, parse
 from cotree.scene.inputs import Input, make_input
 from cotree.scene.parameters import Parameter, make_parameter
-from cotree.scene.tables import Lookup, parse_lookup, parse_signal
+from cotree.scene.tables import Lookup, parse_signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -57,10 +57,6 @@ def replace_names(text: str, new: Callable[[str], str]) -> str:
         return new(name)
 
     return _NAME.sub(one, text)
-
-
-#: Entries of a field's table whose texts are no expressions.
-_WORDS = frozenset({"unit", "interpolation", "beyond"})
 
 
 @dataclass(frozen=True)
@@ -118,17 +114,17 @@ class Renaming:
         """Rename what an expression is made of, and what it belongs to."""
         if not value.names:
             return replace(value, where=where)
+        made = parse(self.text(value.text, where), where)
         if isinstance(value, Lookup):
-            own = {**value.statement, "of": self.field(value.statement["of"], where)}
-            return parse_lookup(own, where)
-        return parse(self.text(value.text, where), where)
+            return Lookup(made.text, where, made.tree, made.names, value.table)
+        return made
 
     def field(self, value: Any, where: str) -> Any:
         """Rename the expressions in the value of a field, as it was stated."""
         if isinstance(value, str):
             return self.text(value, where)
         if isinstance(value, dict):
-            return {k: v if k in _WORDS else self.field(v, where) for k, v in value.items()}
+            return {k: v if k == "unit" else self.field(v, where) for k, v in value.items()}
         return [self.field(item, where) for item in value] if isinstance(value, list) else value
 
     def edge(self, edge: Edge) -> Edge:

@@ -19,7 +19,6 @@ from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
 from cotree.scene.part_statement import statement_of
 from cotree.scene.simulation import Simulation
-from cotree.scene.tables import Lookup
 from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
         yield from _table(f"{at}parts.{name}", own)
     for name, edge in _own(scene.edges):
         yield from _table(f"{at}edges.{name}", edge.statement)
-    yield from _rows(f"{at}outputs", {name: _stated(item) for name, item in _own(scene.outputs)})
+    yield from _rows(f"{at}outputs", {name: item.told for name, item in _own(scene.outputs)})
     for name, event in _own(scene.events):
         yield from _table(f"{at}events.{name}", _event(event))
     settings = _settings(scene.defaults)
@@ -176,10 +175,6 @@ def _parameter(row: Parameter) -> float | str:
 
 def _input(row: Input) -> object:
     return _signal(row.value) if row.given is None else row.given[0]
-
-
-def _stated(value: Expression) -> object:
-    return value.statement if isinstance(value, Lookup) else value.told
 
 
 def _signal(value: Expression | Table) -> object:

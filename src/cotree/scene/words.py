@@ -9,30 +9,12 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError
 from cotree.quiet import without_warnings
 
-if TYPE_CHECKING:
-    from cotree.dag.lookup import Grid
-
 _WORDS = re.compile(rf"(?<!\w)({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
 _MARK = "_ö"
-
-
-class GridName(ast.Name):
-    """The name of a lookup table in a tree, which is called there with its arguments.
-
-    No text has one: it is made of a table's numbers.
-
-    Attributes
-    ----------
-    grid : Grid
-        The points.
-    """
-
-    grid: Grid
 
 
 def read_tree(text: str) -> ast.expr:
