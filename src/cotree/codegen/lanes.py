@@ -72,6 +72,8 @@ class LanesContext(KernelFile):
     library: dict[str, str]
     n: int
     n_full: int
+    block: int
+    row: int
     n_states: int
     n_parameters: int
     n_prepared: int
@@ -80,6 +82,16 @@ class LanesContext(KernelFile):
     n_outputs: int
     n_sensitivities: int
     places: list[str]
+
+    @property
+    def part(self) -> int:
+        """Numbers of a remembered row that are worked at together."""
+        return min(self.block, self.width)
+
+    @property
+    def point(self) -> int:
+        """Numbers of a remembered point, in whole vectors."""
+        return -(-2 * self.row // 8) * 8
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
@@ -155,6 +167,7 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
     places = [*range(n)]
     if has_sensitivities:
         places += [n + place for place in layout.sensitivity_places]
+    block = next(length for length in (2, 4, 8) if len(places) <= length or length == 8)
     return LanesContext(
         **file_fields(layout.name, nodes, contexts),
         width=lanes.width,
@@ -166,6 +179,8 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         library={op: OPERATIONS[op].c.split("(")[0] for op in _LIBRARY if op in ops},
         n=len(places),
         n_full=n * n_blocks,
+        block=block,
+        row=-(-len(places) // block) * block,
         n_states=n,
         n_parameters=len(layout.parameters),
         n_prepared=program.n_prepared,
