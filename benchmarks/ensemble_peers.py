@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from peer_equations import Equations
 
+#: Absolute tolerances by relative ones, where tools have both: the quickest of 1e-2, 1e-1 and 1.
+ATOL = 0.1
+
 
 class Heyoka:
     """Taylor's method in batches as wide as heyoka recommends; sensitivities by variations.
@@ -155,7 +158,7 @@ class Diffrax:
             return dfx.diffeqsolve(
                 dfx.ODETerm(self._rates), dfx.Dopri8(), times[0], times[-1], None,
                 self.jax.numpy.asarray(self.start), args=p, saveat=dfx.SaveAt(ts=times),
-                stepsize_controller=dfx.PIDController(rtol=tolerance, atol=tolerance * 1e-2),
+                stepsize_controller=dfx.PIDController(rtol=tolerance, atol=tolerance * ATOL),
                 max_steps=100_000, adjoint=dfx.ForwardMode(),
             ).ys  # fmt: skip
 

@@ -3,8 +3,9 @@
 Run it with ``python benchmarks/ensembles.py [ROW ...] [--members N] [--rounds N] [--json FILE]``;
 it needs ``pip install heyoka diffrax`` and leaves out what is not there. Parameters are drawn
 within 10 % of the scene's. Every tool takes the loosest tolerance with which no member errs by more
-than 1e-6 at any of 101 points, beside the same members at 1e-12: error = |y - ref| / max(1, max
-|ref|), of states and sensitivities alike. Tools take turns; times are medians, of a member, [us].
+than 1e-6 at any of 101 points, in steps of an eighth of a decade, beside the same members at 1e-12:
+error = |y - ref| / max(1, max |ref|), of states and sensitivities alike. Tools take turns; times
+are medians, of a member, [us].
 ``one thread`` is time of the processor, which other work on the machine does not lengthen; ``on the
 clock`` and ``two threads`` are what a user waits. What compiling takes is left out for all.
 """
@@ -24,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "example_scenes"))
 from domain_scenes import scene_of_domain
-from ensemble_peers import PEERS
+from ensemble_peers import ATOL, PEERS
 from reference_scenes import read_reference
 from rod_chain import rod_chain
 from timing import about, keep, surroundings, table
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 POINTS, SPREAD, WANTED = 101, 0.1, 1e-6
-TOLERANCES = [10.0 ** (-k / 2) for k in range(6, 25)]
+#: Exponents of tolerances that are tried, and what is then taken from the first that will do.
+COARSE, FINE = [k / 2 for k in range(6, 25)], [3 / 8, 2 / 8, 1 / 8]
 #: Members that the loop of single runs, and the slow peers, get: they take long.
 FEW = 100
 LOOP, IN_C = "loop of `simulate`", "its time in C"
@@ -157,7 +159,7 @@ class Work:
     def plan(self, method: str, tolerance: float, lanes: int | None = 1) -> Plan:
         """Say how members are run."""
         settings = Settings(
-            (0.0, self.row.end), self.times, method, tolerance, tolerance * 1e-2,
+            (0.0, self.row.end), self.times, method, tolerance, tolerance * ATOL,
             initial=self.row.initial,
         )  # fmt: skip
         return Plan(self.model, settings, self.columns, lanes=lanes)
@@ -171,11 +173,17 @@ class Work:
 
     def loosest(self, values: Callable[[float], Any]) -> tuple[float, float]:
         """Find the loosest tolerance that keeps the error, and that error."""
-        for tolerance in TOLERANCES:
-            error = self.error(values(tolerance))
+        for exponent in COARSE:
+            error = self.error(values(10.0**-exponent))
             if error <= WANTED:
-                return tolerance, error
-        raise ArithmeticError(f"no tolerance reaches {WANTED:g}")
+                break
+        else:
+            raise ArithmeticError(f"no tolerance reaches {WANTED:g}")
+        for looser in FINE if exponent > COARSE[0] else ():
+            finer = self.error(values(10.0 ** (looser - exponent)))
+            if finer <= WANTED:
+                return 10.0 ** (looser - exponent), finer
+        return 10.0**-exponent, error
 
     def start(self) -> Any:
         """States and sensitivities at the start, which members share."""
@@ -211,7 +219,7 @@ def _single(work: Work, method: str, tolerance: float, error: float) -> list[Ent
         seconds = 0.0
         for values in some:
             found = work.model.simulate(
-                (0.0, work.row.end), work.times, method, tolerance, tolerance * 1e-2,
+                (0.0, work.row.end), work.times, method, tolerance, tolerance * ATOL,
                 parameters=dict(zip(work.columns, values, strict=True)), initial=work.row.initial,
             )  # fmt: skip
             seconds += found.statistics.seconds
@@ -262,7 +270,7 @@ def measure(row: Row, n_members: int | None, rounds: int) -> list[Entry]:
 def line(entry: Entry, best: float) -> list[str]:
     """Write the cells of an entry, with its share of the best peer's time."""
     processor, clock = median(entry.processor), median(entry.clock)
-    cells = [entry.tool, f"{entry.tolerance:.0e}", f"{entry.error:.0e}", f"{1e6 * processor:.3g}"]
+    cells = [entry.tool, f"{entry.tolerance:.1e}", f"{entry.error:.0e}", f"{1e6 * processor:.3g}"]
     cells += [f"{processor / best:.2f}", f"{1e6 * clock:.3g}"]
     if not entry.threaded:
         return [*cells, "", ""]
