@@ -60,6 +60,25 @@ def test_names_dimensions_units_and_settings(model, runs):
     assert runs.attrs["scene_toml"].startswith('name = "slider-pendulum"')
 
 
+def test_attributes_tell_why_members_do_not_run_in_lanes(model, runs):
+    def told(model, n, **settings):
+        members = {model.parameters[0]: np.full(n, model.default_parameters[0])}
+        return model.ensemble((0, 1e-3), members, t_eval=2, **settings).attrs["lanes"]
+
+    assert runs.attrs["lanes"] == (
+        "members run one after another: lanes are not compiled for fewer than 100 members, unless "
+        "lanes= asks for it"
+    )
+    assert told(model, 2, lanes=4) == "members run side by side"
+    assert told(model, 100, lanes=1) == "members run one after another: one lane is asked for"
+    assert told(cotree.load("bouncing-ball").compile(), 100) == (
+        "members run one after another: there are events"
+    )
+    assert told(model, 2, method="LSODA") == (
+        "members run one after another, in Python: 'LSODA' runs in Python"
+    )
+
+
 def test_a_grid_has_a_dimension_for_each_axis(model):
     runs = model.ensemble((0, 1), cotree.grid({"j1.s": [0.4, 0.5]}, L=LENGTHS), t_eval=[0.5, 1.0])
     assert runs["h2.theta"].dims == ("initial(j1.s)", "L", "time")

@@ -72,7 +72,7 @@ def run_block(
 
         return run_block_on_cuda(plan, rows)
     rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
-    pattern = _pattern(plan)
+    pattern = pattern_of(plan)
     if isinstance(pattern, Unfit):
         return run_one_by_one(pattern.plan, rows, stop=stop)
     members = BlockInC(pattern, rows)
@@ -103,8 +103,8 @@ def usable_cores() -> int:
     return max(1, cores)
 
 
-def _pattern(plan: Plan) -> Pattern | Unfit:
-    """Find what members share, once for a plan."""
+def pattern_of(plan: Plan) -> Pattern | Unfit:
+    """Find what members of a plan share, or why they run one by one in Python; once for a plan."""
     if plan not in _patterns:
         _patterns[plan] = find_pattern(plan)
     return _patterns[plan]

@@ -13,7 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.ensemble.batch import pattern_of
+from cotree.ensemble.lanes import refusal_of
 from cotree.ensemble.members import MEMBER
+from cotree.ensemble.pattern import Unfit
+from cotree.ensemble.plan import FEW
 from cotree.errors import Error
 from cotree.version import VERSION
 
@@ -243,10 +247,24 @@ def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) ->
         "t_span": np.array(settings.t_span, dtype=float),
         "settings": json.dumps(_told(plan, expressions), sort_keys=True),
         "versions": json.dumps(versions),
+        "lanes": _of_lanes(plan, len(members.rows)),
     }
     if members.origin:
         told["members"] = json.dumps(dict(members.origin))
     return told
+
+
+def _of_lanes(plan: Plan, n_members: int) -> str:
+    """Say whether members run side by side, or why not."""
+    if plan.device != "cpu":
+        return f"each member runs in a thread of the device '{plan.device}'"
+    found = pattern_of(plan)
+    if isinstance(found, Unfit):
+        return f"members run one after another, in Python: {found.why}"
+    why = refusal_of(found)
+    if plan.lanes == 1 and n_members < FEW:
+        why = f"lanes are not compiled for fewer than {FEW} members, unless lanes= asks for it"
+    return f"members run one after another: {why}" if why else "members run side by side"
 
 
 def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:

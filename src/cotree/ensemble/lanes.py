@@ -94,19 +94,48 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
     return _found[pattern]
 
 
-def _find(pattern: Pattern) -> LoadedLanes | str:
+def refusal_of(pattern: Pattern) -> str:
+    """Say why members of a pattern do not run in lanes; empty where they can.
+
+    That a compiler has no vectors is known once lanes were asked for.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        What members share.
+
+    Returns
+    -------
+    str
+        A sentence without a capital and an end.
+
+    Raises
+    ------
+    SolveError
+        If a number of lanes is asked for that there is not.
+    """
+    found = _found.get(pattern)
+    if found is not None:
+        return found if isinstance(found, str) else ""
     wanted, problem = pattern.plan.lanes, pattern.problem
     if wanted is not None and wanted not in WIDTHS:
         raise SolveError(f"lanes is {wanted}; give one of {', '.join(map(str, WIDTHS))}, or None")
     if wanted == 1:
         return "one lane is asked for"
+    program = pattern.plan.model._program
+    has_sensitivities = problem.n_sensitivities > 0
+    why = lanes_refusal(program, pattern.row.name, has_sensitivities=has_sensitivities)
+    return why or _refusal(pattern)
+
+
+def _find(pattern: Pattern) -> LoadedLanes | str:
+    why = refusal_of(pattern)
+    if why:
+        return why
+    wanted, problem = pattern.plan.lanes, pattern.problem
     has_sensitivities = problem.n_sensitivities > 0
     model = pattern.plan.model
     program = model._program
-    why = lanes_refusal(program, pattern.row.name, has_sensitivities=has_sensitivities)
-    why = why or _refusal(pattern)
-    if why:
-        return why
     lanes = lanes_of(cpu_features().split(), wanted, problem.size)
     key = (pattern.row.name, lanes, has_sensitivities)
     with _building:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 #: Who may run members.
 DEVICES = ("cpu", "cuda")
 
+#: Members for which the code of lanes is not compiled, where nobody asks for lanes.
+FEW = 100
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:

@@ -21,7 +21,7 @@ from cotree.ensemble.collected import Collected, member_bytes
 from cotree.ensemble.dataset import Frame, check_xarray
 from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
-from cotree.ensemble.plan import DEVICES, Plan
+from cotree.ensemble.plan import DEVICES, FEW, Plan
 from cotree.ensemble.progress import EnsembleProgress
 from cotree.ensemble.results import NOT_RUN
 from cotree.ensemble.sizing import timed_size
@@ -48,9 +48,6 @@ _PIECE = 0.3
 
 # Members of the first block for each thread, where the number of lanes is left open.
 _LANES = 8
-
-# Members for which the code of lanes is not compiled, where nobody asks for lanes.
-_FEW = 100
 
 # Workers whose blocks of that size a store takes in without being late.
 _MOST_QUICK = 8
@@ -264,7 +261,7 @@ def make_plan(
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
-    elif len(members.rows) < _FEW:
+    elif len(members.rows) < FEW:
         lanes = 1
     if device not in DEVICES:
         raise SolveError(f"device is {brief(repr(device))}: give {' or '.join(map(repr, DEVICES))}")
