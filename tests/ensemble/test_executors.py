@@ -19,6 +19,7 @@ from cotree.ensemble import executors, parcel, run
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.executors import Shares, read_executor, run_on
 from cotree.ensemble.plan import Plan
+from cotree.ensemble.progress import EnsembleProgress
 from cotree.solvers.settings import Settings
 
 pytestmark = pytest.mark.compiler
@@ -298,13 +299,17 @@ def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
     monkeypatch.setattr(parcel, "run_here", slow)
     members = {"L": np.linspace(0.9, 1.1, 40)}
     with forked() as pool:
+        # After a time it might come before the ensemble has begun, where it ends the tests.
+        reached, interrupted = EnsembleProgress.reached, []
 
-        def interrupt():
-            for pid in (*pool._processes, os.getpid()):
-                os.kill(pid, signal.SIGINT)
+        def reached_first(bar, done, failed):
+            reached(bar, done, failed)
+            if not interrupted:
+                interrupted.extend((*pool._processes, os.getpid()))
+                for pid in interrupted:
+                    os.kill(pid, signal.SIGINT)
 
-        timer = threading.Timer(0.5, interrupt)
-        timer.start()
+        monkeypatch.setattr(EnsembleProgress, "reached", reached_first)
         monkeypatch.setattr(executors, "_PIECE", 0.0)  # one member in each block
         with pytest.warns(RuntimeWarning, match="stopped after"):
             runs = plan.model.ensemble(
