@@ -5,7 +5,7 @@ it needs ``pip install heyoka diffrax`` and leaves out what is not there. Parame
 within 10 % of the scene's. Every tool takes the loosest tolerance with which no member errs by more
 than 1e-6 at any of 101 points, in steps of an eighth of a decade, beside the same members at 1e-12:
 error = |y - ref| / max(1, max |ref|), of states and sensitivities alike. Tools take turns; times
-are medians, of a member, [us].
+are medians, of a member, [us], with the least in parentheses.
 ``one thread`` is time of the processor, which other work on the machine does not lengthen; ``on the
 clock`` and ``two threads`` are what a user waits. What compiling takes is left out for all.
 """
@@ -267,11 +267,14 @@ def measure(row: Row, n_members: int | None, rounds: int) -> list[Entry]:
     return entries
 
 
-def line(entry: Entry, best: float) -> list[str]:
+def line(entry: Entry, peers: list[Entry]) -> list[str]:
     """Write the cells of an entry, with its share of the best peer's time."""
-    processor, clock = median(entry.processor), median(entry.clock)
-    cells = [entry.tool, f"{entry.tolerance:.1e}", f"{entry.error:.0e}", f"{1e6 * processor:.3g}"]
-    cells += [f"{processor / best:.2f}", f"{1e6 * clock:.3g}"]
+    clock, cells = median(entry.clock), [entry.tool, f"{entry.tolerance:.1e}", f"{entry.error:.0e}"]
+    own = [of(entry.processor) for of in (median, min)]
+    best = [min(of(peer.processor) for peer in peers) for of in (median, min)]
+    cells.append("{:.3g} ({:.3g})".format(*(1e6 * value for value in own)))
+    cells.append("{:.2f} ({:.2f})".format(*(a / b for a, b in zip(own, best, strict=True))))
+    cells.append(f"{1e6 * clock:.3g}")
     if not entry.threaded:
         return [*cells, "", ""]
     return [*cells, f"{1e6 * median(entry.threaded):.3g}", f"{clock / median(entry.threaded):.2f}"]
@@ -300,9 +303,8 @@ def main() -> None:
         beside = (row.beside,) if row.beside else row.peers
         # Without the other tools members are compared with single runs.
         peers = [e for e in entries if e.tool.startswith(beside)] or entries[2:3]
-        best = min(median(entry.processor) for entry in peers)
         n = given.members or row.members
-        print(f"{row.name}: {n} members\n\n{table(HEAD, [line(e, best) for e in entries])}\n")
+        print(f"{row.name}: {n} members\n\n{table(HEAD, [line(e, peers) for e in entries])}\n")
         sys.stdout.flush()
         kept[row.name] = [{k: v for k, v in vars(e).items() if k != "run"} for e in entries]
     keep(given.json, about("as a run chooses them"), kept)
