@@ -7,7 +7,8 @@
  *
  * A call is expected to be done, to be refused, or either, where the standard leaves it open or
  * values are out of any range in which the model can be evaluated. Whatever is refused has to be logged as an
- * error, and must leave parameters and inputs as they were.
+ * error, and must leave parameters and inputs as they were. Values that cannot be computed may be discarded,
+ * which is logged where logging is on.
  */
 #include "fmi_calls.h"
 
@@ -23,9 +24,9 @@
 extern void __sanitizer_set_death_callback(void (*)(void));
 extern int __lsan_do_recoverable_leak_check(void);
 
-enum { INSTANTIATED = 1, INITIALIZATION = 2, EVENT = 4, CONTINUOUS = 8, STEP = 16, TERMINATED = 32 };
+/* FAILED: a step of Co-Simulation was discarded, in FMI 2. */
+enum { INSTANTIATED = 1, INITIALIZATION = 2, EVENT = 4, CONTINUOUS = 8, STEP = 16, TERMINATED = 32, FAILED = 64 };
 #define RUNNING (EVENT | CONTINUOUS | STEP)
-#define ALL (INSTANTIATED | INITIALIZATION | RUNNING | TERMINATED)
 #define KNOWN_STATES (INITIALIZATION | EVENT | CONTINUOUS | TERMINATED)
 
 enum expected { DONE, REFUSED, EITHER };
@@ -33,12 +34,13 @@ enum expected { DONE, REFUSED, EITHER };
 /* An instance, and what the standard says of it. */
 typedef struct unit {
     void *handle;
-    int is_exchanged, has_logger, mode;
-    int is_odd;     /* values are wild: what is allowed may fail */
+    int is_exchanged, has_logger, is_logging, mode;
+    int is_odd;      /* values are wild: what is allowed may fail */
+    int may_discard; /* the present call */
     int is_updated; /* discrete states, since Event Mode was entered */
-    int is_set_up, is_badly_set_up; /* FMI 2 */
+    int is_set_up; /* FMI 2 */
     double t, next, end;
-    int n_errors, n_logged;
+    int n_errors, n_discards;
     char message[1100];
 } unit;
 
@@ -130,22 +132,22 @@ static void fail(const char *why)
     _Exit(1);
 }
 
-static void take_message(unit *u, int status, const char *message)
+static void take_message(unit *u, int status, const char *category, const char *message)
 {
+    const char *const wanted = status == ERROR ? "logStatusError" : status == DISCARD ? "logStatusDiscard" : "logEvents";
     if (u < units || u >= units + N_UNITS) fail("the environment of the logger is another one");
     if (message == NULL || message[0] == '\0') fail("an empty message is logged");
-    ++u->n_logged;
+    if (category == NULL || strcmp(category, wanted) != 0) fail("the category is not that of the status");
+    if (status != ERROR && !u->is_logging) fail("a message is logged, but logging is off");
     if (status == ERROR) ++u->n_errors;
+    if (status == DISCARD) ++u->n_discards;
     snprintf(u->message, sizeof(u->message), "%s", message);
 }
 
 #if FMI == 3
 static void logger(void *environment, fmi3Status status, fmi3String category, fmi3String message)
 {
-    if (category == NULL || (strcmp(category, "logEvents") != 0 && strcmp(category, "logStatusError") != 0)) {
-        fail("the category is not one of the model description");
-    }
-    take_message((unit *)environment, (int)status, message);
+    take_message((unit *)environment, (int)status, category, message);
 }
 #else
 static void logger(void *environment, fmi2String name, fmi2Status status, fmi2String category,
@@ -154,13 +156,10 @@ static void logger(void *environment, fmi2String name, fmi2Status status, fmi2St
     char message[1100];
     va_list arguments;
     if (name == NULL || strcmp(name, "unit") != 0) fail("a message has another name than its instance");
-    if (category == NULL || (strcmp(category, "logEvents") != 0 && strcmp(category, "logStatusError") != 0)) {
-        fail("the category is not one of the model description");
-    }
     va_start(arguments, format);
     vsnprintf(message, sizeof(message), format, arguments);
     va_end(arguments);
-    take_message((unit *)environment, (int)status, message);
+    take_message((unit *)environment, (int)status, category, message);
 }
 #endif
 
@@ -168,15 +167,27 @@ static void begin(unit *u, const char *what)
 {
     note("%d%s mode %d%s t %.17g: %s", (int)(u - units), u->is_exchanged ? "x" : "s", u->mode,
          u->is_odd ? " odd" : "", u->t, what);
-    u->n_errors = u->n_logged = 0;
+    u->n_errors = u->n_discards = u->may_discard = 0;
     u->message[0] = '\0';
+}
+
+/* Begins a call that computes values: importers choose the steps of Model Exchange, and may choose others. */
+static void begin_evaluation(unit *u, const char *what)
+{
+    begin(u, what);
+    u->may_discard = u->is_exchanged && u->is_odd;
 }
 
 /* Compares what a call said with what it should have said; gives whether it was done. */
 static int finish(unit *u, int status, enum expected expected)
 {
     note(" -> %d %s\n", status, u->message);
-    if (status != OK && status != ERROR) fail("the status is none of those expected");
+    if (status != OK && status != ERROR && !(status == DISCARD && u->may_discard)) {
+        fail("the status is none of those expected");
+    }
+    if (status == DISCARD && u->n_errors > 0) fail("discarded, but an error is logged");
+    if (status == DISCARD && u->has_logger && u->is_logging && u->n_discards == 0) fail("discarded without a message");
+    if (status != DISCARD && u->n_discards > 0) fail("a message says that a call is discarded, which is not");
     if (status == ERROR && u->has_logger && u->n_errors == 0) fail("refused without a message");
     if (status == OK && u->n_errors > 0) fail("an error is logged, but the call is said to be done");
     if (expected == DONE && status != OK) fail("refused, but allowed");
@@ -234,7 +245,7 @@ static void action_get(unit *u)
     is_bad |= lacks && n > 0;
     expected = expect(u, !is_bad);
     if (expected == DONE && is_in(u, INSTANTIATED) && is_early) expected = EITHER;
-    begin(u, "get");
+    begin_evaluation(u, "get");
     for (i = 0; i < (int)n; ++i) note(" %u", refs[i]);
     if (lacks) note(" null");
     k = lacks ? below(3) : -1;
@@ -260,14 +271,14 @@ static enum expected choose_set(const unit *u, reference *ref, real *value, int 
         if (chance(50)) *value *= uniform(0.99, 1.01);
         *is_odd = IS_SENSITIVE && *value != parameter_values[i];
         if (chance(4)) *value = wild(), *is_odd = 1;
-        if (is_in(u, TERMINATED)) return REFUSED;
+        if (is_in(u, TERMINATED | FAILED)) return REFUSED;
         /* The standard refuses it; CasADi needs it. */
         if (is_in(u, CONTINUOUS)) return *is_odd = 1, EITHER;
     } else if (kind < 8 && N_INPUTS > 0) {
         *ref = inputs[below(N_INPUTS)];
         *value = uniform(-1.0, 1.0);
         if (chance(4)) *value = wild(), *is_odd = 1;
-        if (is_in(u, TERMINATED)) return REFUSED;
+        if (is_in(u, TERMINATED | FAILED)) return REFUSED;
     } else if (kind < 9 && N_STATES > 0) {
         const int i = below(N_STATES);
         *ref = states[i];
@@ -299,7 +310,7 @@ static void action_set(unit *u)
     real *const values = (real *)room(n_values, sizeof(real));
     real *const before = (real *)room(n_given, sizeof(real));
     real *const after = (real *)room(n_given, sizeof(real));
-    enum expected expected = is_in(u, TERMINATED) ? REFUSED : DONE;
+    enum expected expected = is_in(u, TERMINATED | FAILED) ? REFUSED : DONE;
     int is_odd = 0, status, is_done;
     size_t i;
     if (n_values > n) values[n] = 0.0;
@@ -337,7 +348,7 @@ static void action_derivatives(unit *u)
     reference *const v = (reference *)room(n_v, sizeof(reference));
     real *const given = (real *)room(n_seed, sizeof(real));
     real *const found = (real *)room(n_found, sizeof(real));
-    int is_allowed = is_in(u, INITIALIZATION | RUNNING | TERMINATED), is_number = 1, status;
+    int is_allowed = is_in(u, INITIALIZATION | RUNNING | FAILED | TERMINATED), is_number = 1, status;
     const int lacks = chance(4) && n_f > 0 && n_v > 0;
     enum expected expected;
     size_t i;
@@ -359,7 +370,7 @@ static void action_derivatives(unit *u)
     if (is_in(u, INITIALIZATION) && expected == DONE && IS_TIED) expected = EITHER;
     if (is_in(u, INITIALIZATION) && expected == REFUSED && !lacks) expected = EITHER;
     if (!is_number && expected == DONE) expected = EITHER;
-    begin(u, is_adjoint ? "adjoint" : "directional");
+    begin_evaluation(u, is_adjoint ? "adjoint" : "directional");
     for (i = 0; i < n_f; ++i) note(" %u", f[i]);
     note(" by");
     for (i = 0; i < n_v; ++i) note(" %u", v[i]);
@@ -390,6 +401,7 @@ static void instantiate(unit *u)
     memset(u, 0, sizeof(*u));
     u->is_exchanged = chance(50);
     u->has_logger = chance(90);
+    u->is_logging = is_logging;
     u->mode = INSTANTIATED;
     if (fault == 1) token = NULL;
     if (fault == 2) token = "{00000000-0000-0000-0000-000000000000}";
@@ -429,12 +441,26 @@ static void instantiate(unit *u)
 static void free_memory(kept *own)
 {
     unit *const u = units + own->slot;
+    memory stale = own->at;
+    byte bytes[1];
+    size_t n;
     if (own->at == NULL) return;
     begin(u, "free a state");
     finish(u, (int)fmi_free_memory(u->handle, &own->at), DONE);
     if (own->at != NULL) fail("a freed state is not set to null");
     begin(u, "free a state that was freed");
     finish(u, (int)fmi_free_memory(u->handle, &own->at), DONE);
+    /* A copy of the pointer points to nothing now. */
+    begin(u, "free a copy of a state that was freed");
+    finish(u, (int)fmi_free_memory(u->handle, &stale), REFUSED);
+    begin(u, "recall a state that was freed");
+    finish(u, (int)fmi_set_memory(u->handle, stale), REFUSED);
+    begin(u, "write to a state that was freed");
+    finish(u, (int)fmi_get_memory(u->handle, &stale), REFUSED);
+    begin(u, "size of a state that was freed");
+    finish(u, (int)fmi_memory_size(u->handle, stale, &n), REFUSED);
+    begin(u, "serialise a state that was freed");
+    finish(u, (int)fmi_write_memory(u->handle, stale, bytes, 1), REFUSED);
     free(own->values);
     own->values = NULL;
 }
@@ -456,7 +482,7 @@ static void action_reset(unit *u)
     begin(u, "reset");
     finish(u, (int)fmi_reset(u->handle), DONE);
     u->mode = INSTANTIATED;
-    u->is_odd = u->is_updated = u->is_set_up = u->is_badly_set_up = 0;
+    u->is_odd = u->is_updated = u->is_set_up = 0;
     u->t = 0.0;
 }
 
@@ -493,11 +519,10 @@ static void action_begin(unit *u)
 #else
     begin(u, "set up");
     note(" %g %d %g %d %g", begins, has_end, end, has_tolerance, tolerance);
-    expected = !is_in(u, INSTANTIATED) ? REFUSED : is_good && !u->is_set_up ? DONE : EITHER;
+    expected = is_good && is_in(u, INSTANTIATED) ? DONE : REFUSED;
     status = (int)fmi2SetupExperiment(u->handle, has_tolerance, tolerance, begins, has_end, end);
     if (finish(u, status, expected)) {
         u->is_set_up = 1;
-        u->is_badly_set_up = !is_good;
         u->t = begins;
         u->end = has_end ? end : HUGE_VAL;
     }
@@ -506,7 +531,7 @@ static void action_begin(unit *u)
     end = u->end;
     has_end = 1;
     begin(u, "enter initialization");
-    expected = !is_in(u, INSTANTIATED) || u->is_badly_set_up ? REFUSED : u->is_set_up ? DONE : EITHER;
+    expected = is_in(u, INSTANTIATED) && u->is_set_up ? DONE : REFUSED;
     status = (int)fmi2EnterInitializationMode(u->handle);
 #endif
     if (!finish(u, status, expected)) return;
@@ -527,7 +552,7 @@ static void action_exit(unit *u)
 static void action_terminate(unit *u)
 {
     begin(u, "terminate");
-    if (finish(u, (int)fmi_terminate(u->handle), is_in(u, RUNNING) ? DONE : REFUSED)) u->mode = TERMINATED;
+    if (finish(u, (int)fmi_terminate(u->handle), is_in(u, RUNNING | FAILED) ? DONE : REFUSED)) u->mode = TERMINATED;
 }
 
 /* Model Exchange. */
@@ -579,15 +604,16 @@ static void action_set_states(unit *u)
 {
     const size_t n = N_RATES + (size_t)(chance(8) ? 1 + below(2) : 0) - (size_t)(N_RATES > 0 && chance(8));
     real *const x = (real *)room(n, sizeof(real));
-    int is_good = n == N_RATES;
+    int is_good = n == N_RATES, is_number = 1;
     const int lacks = n > 0 && chance(5);
     size_t i;
     for (i = 0; i < n; ++i) x[i] = i < N_RATES ? state_values[i] + uniform(-0.1, 0.1) : 0.0;
     if (chance(5) && n > 0) x[below((int)n)] = wild();
-    if (chance(5) && n > 0) x[below((int)n)] = no_number(), is_good = 0;
+    if (chance(5) && n > 0) x[below((int)n)] = no_number(), is_number = 0;
     begin(u, lacks ? "set states null" : "set states");
-    if (finish(u, (int)fmi_set_states(u->handle, lacks ? NULL : x, n),
-               is_good && !lacks && is_in(u, CONTINUOUS) ? DONE : REFUSED)) {
+    is_good = is_good && !lacks && is_in(u, CONTINUOUS);
+    u->may_discard = is_good && !is_number;
+    if (finish(u, (int)fmi_set_states(u->handle, lacks ? NULL : x, n), is_good && is_number ? DONE : REFUSED)) {
         u->is_odd = 1; /* no motion leads there */
     }
     free(x);
@@ -604,7 +630,7 @@ static void action_vectors(unit *u)
     int status;
     size_t i;
     if (which == 3 && is_in(u, INSTANTIATED)) expected = EITHER;
-    begin(u, "read all");
+    begin_evaluation(u, "read all");
     note(" %s %lu%s", names[which], (unsigned long)n, lacks ? " null" : "");
     switch (which) {
     case 0: status = (int)fmi_get_states(u->handle, lacks ? NULL : x, n); break;
@@ -643,9 +669,9 @@ static int look(unit *u, double t, const real *x, const real *dx, double h, real
     for (i = 0; i < N_RATES; ++i) y[i] = x[i] + h * dx[i];
     begin(u, "set time in a step");
     finish(u, (int)fmi_set_time(u->handle, t + h), DONE);
-    begin(u, "set states in a step");
+    begin_evaluation(u, "set states in a step");
     is_done = finish(u, (int)fmi_set_states(u->handle, y, N_RATES), u->is_odd ? EITHER : DONE);
-    begin(u, "read indicators in a step");
+    begin_evaluation(u, "read indicators in a step");
     is_done = is_done && finish(u, (int)fmi_get_indicators(u->handle, g, N_INDICATORS), u->is_odd ? EITHER : DONE);
     free(y);
     u->t = t + h;
@@ -673,9 +699,9 @@ static void euler(unit *u)
     real *const after = (real *)room(N_INDICATORS, sizeof(real));
     const enum expected expected = expect(u, 1);
     int is_done, enters = 0, k;
-    begin(u, "read states");
+    begin_evaluation(u, "read states");
     is_done = finish(u, (int)fmi_get_states(u->handle, x, N_RATES), expected);
-    begin(u, "read rates");
+    begin_evaluation(u, "read rates");
     is_done = is_done && finish(u, (int)fmi_get_rates(u->handle, dx, N_RATES), expected);
     is_done = is_done && h > 0.0 && look(u, t, x, dx, 0.0, g) && look(u, t, x, dx, h, after);
     if (is_done && is_crossed(g, after)) {
@@ -708,7 +734,7 @@ static void euler(unit *u)
 static void action_step(unit *u)
 {
     const double longest = u->is_odd ? 1e-4 : pow(10.0, uniform(-4.0, -1.5));
-    double h = longest * T_END, t = u->t, reached = NAN;
+    double h = longest * T_END, t = u->t, reached = NAN, from;
     const int fault = chance(15) ? 1 + below(6) : 0;
     int terminates = 0, is_early = 0, status, is_allowed = is_in(u, STEP);
     if (t + h > u->end) h = u->end - t;
@@ -722,14 +748,21 @@ static void action_step(unit *u)
     begin(u, "step");
     note(" %.17g + %.17g", t, h);
     status = fmi_step(u->handle, t, h, &terminates, &is_early, &reached);
-    if (FMI == 2 && status == DISCARD) status = OK;
     if (!is_in(u, STEP) || fault > 0) {
         finish(u, status, REFUSED);
         return;
     }
-    if (!finish(u, status, !is_allowed || u->is_odd ? EITHER : DONE)) {
+    /* FMI 2 discards the step at whose end an event ends the simulation, too. */
+    u->may_discard = u->is_odd || (FMI == 2 && terminates);
+    if (!finish(u, status, !is_allowed || u->may_discard ? EITHER : DONE)) {
+        if (status == DISCARD && !(reached > t && reached <= t + h)) fail("a discarded step reaches another time");
+        from = u->t;
         u->is_odd = 1;
         read_time(u);
+        /* In FMI 3 a discarded step leaves the state as it was. */
+        if (FMI == 3 && status == DISCARD && u->t != from) fail("a discarded step moves the time");
+        if (FMI == 2 && status == DISCARD && u->t != reached) fail("a discarded step is at another time");
+        if (FMI == 2 && status == DISCARD) u->mode = FAILED;
         return;
     }
     if (!terminates && !is_early && !(fabs(reached - (t + h)) <= 1e-12 * T_END)) fail("the step ends elsewhere");
@@ -762,19 +795,10 @@ static void action_keep(unit *u)
     read_given(u, own->values);
 }
 
-static void action_recall(unit *u)
+/* Takes a state over, and what is known of it. */
+static void take_over(unit *u, const kept *own)
 {
-    const kept *const own = memories + below(N_KEPT);
-    const int is_own = own->at != NULL && own->slot == (int)(u - units);
     real *values;
-    begin(u, "recall a state");
-    if (!finish(u, (int)fmi_set_memory(u->handle, own->at),
-                own->at == NULL ? REFUSED : is_own ? DONE : EITHER)) {
-        return;
-    }
-    if (own->owner.is_exchanged != u->is_exchanged && is_in(&own->owner, RUNNING)) {
-        fail("an instance takes the state of another interface type");
-    }
     u->mode = own->owner.mode;
     u->is_odd = own->owner.is_odd;
     u->is_updated = own->owner.is_updated;
@@ -782,13 +806,50 @@ static void action_recall(unit *u)
     u->next = own->owner.next;
     u->end = own->owner.end;
     u->is_set_up = own->owner.is_set_up;
-    u->is_badly_set_up = own->owner.is_badly_set_up;
     values = (real *)room(N_PARAMETERS + N_INPUTS, sizeof(real));
     read_given(u, values);
     if (memcmp(values, own->values, (N_PARAMETERS + N_INPUTS) * sizeof(real)) != 0) {
         fail("a recalled state has other parameters or inputs");
     }
     free(values);
+}
+
+static void action_recall(unit *u)
+{
+    const kept *const own = memories + below(N_KEPT);
+    const int is_own = own->at != NULL && own->slot == (int)(u - units);
+    begin(u, "recall a state");
+    if (finish(u, (int)fmi_set_memory(u->handle, own->at), is_own ? DONE : REFUSED)) take_over(u, own);
+}
+
+/* Moves the state of another instance here, as bytes. */
+static void action_move(unit *u)
+{
+    const kept *const own = memories + below(N_KEPT);
+    unit *const from = units + own->slot;
+    memory copy = NULL;
+    size_t n = 0;
+    byte *bytes;
+    int is_same;
+    if (own->at == NULL) return;
+    is_same = own->owner.is_exchanged == u->is_exchanged;
+    begin(from, "size of a state to be moved");
+    finish(from, (int)fmi_memory_size(from->handle, own->at, &n), DONE);
+    bytes = (byte *)room(n, 1);
+    begin(from, "serialise a state to be moved");
+    finish(from, (int)fmi_write_memory(from->handle, own->at, bytes, n), DONE);
+    begin(u, "deserialise a moved state");
+    finish(u, (int)fmi_read_memory(u->handle, bytes, n, &copy), DONE);
+    begin(u, "recall a moved state");
+    if (finish(u, (int)fmi_set_memory(u->handle, copy),
+               is_same || !is_in(&own->owner, RUNNING | FAILED) ? DONE : REFUSED)) {
+        take_over(u, own);
+    }
+    if (chance(80)) { /* others are freed with the instance */
+        begin(u, "free a moved state");
+        finish(u, (int)fmi_free_memory(u->handle, &copy), DONE);
+    }
+    free(bytes);
 }
 
 static void action_bytes(unit *u)
@@ -835,9 +896,7 @@ static void action_bytes(unit *u)
         finish(u, (int)fmi_read_memory(u->handle, bytes, n, &again), DONE);
         begin(u, "recall deserialised bytes");
         if (finish(u, (int)fmi_set_memory(u->handle, again), DONE)) {
-            unit old = own->owner;
-            old.handle = u->handle;
-            *u = old;
+            take_over(u, own);
         }
         fmi_free_memory(u->handle, &again);
     }
@@ -856,10 +915,17 @@ static void action_foreign(unit *u)
     begin(u, "foreign");
     note(" %d %d", which, n);
     switch (which) {
-    case 0: finish(u, (int)fmi_log(u->handle, 1, 1, good), DONE); return;
+    case 0:
+        finish(u, (int)fmi_log(u->handle, 1, 1, good), DONE);
+        u->is_logging = 1;
+        return;
     case 1: finish(u, (int)fmi_log(u->handle, 1, 1, bad), REFUSED); return;
     case 2: finish(u, (int)fmi_log(u->handle, chance(50), 1, missing), REFUSED); return;
-    case 3: finish(u, (int)fmi_log(u->handle, chance(50), (size_t)n, NULL), of_none); return;
+    case 3: {
+        const int is_logging = chance(50);
+        if (finish(u, (int)fmi_log(u->handle, is_logging, (size_t)n, NULL), of_none)) u->is_logging = is_logging;
+        return;
+    }
     case 4:
         if (fmi_set_time(NULL, 0.0) != ERROR || fmi_get(NULL, &ref, 1, &value, 1) != ERROR ||
             fmi_reset(NULL) != ERROR || fmi_terminate(NULL) != ERROR ||
@@ -936,17 +1002,22 @@ static void action_foreign(unit *u)
     }
     case 10: {
         fmi2Status status = fmi2OK;
+        u->may_discard = is_in(u, STEP | FAILED | TERMINATED);
         finish(u, (int)fmi2GetStatus(u->handle, fmi2DoStepStatus, &status), REFUSED);
         return;
     }
     case 11:
         finish(u, (int)fmi2GetRealStatus(u->handle, fmi2LastSuccessfulTime, n == 0 ? &value : NULL),
-               n == 1 || !is_in(u, STEP | TERMINATED) ? REFUSED : u->is_exchanged ? EITHER : DONE);
+               n == 1 || !is_in(u, STEP | FAILED | TERMINATED) ? REFUSED : u->is_exchanged ? EITHER : DONE);
         return;
-    case 12: finish(u, (int)fmi2GetRealStatus(u->handle, (fmi2StatusKind)9, &value), REFUSED); return;
+    case 12:
+        u->may_discard = is_in(u, STEP | FAILED | TERMINATED);
+        finish(u, (int)fmi2GetRealStatus(u->handle, (fmi2StatusKind)9, &value), REFUSED);
+        return;
     case 13: finish(u, (int)fmi2NewDiscreteStates(u->handle, NULL), REFUSED); return;
     default: {
         fmi2String text = NULL;
+        u->may_discard = is_in(u, STEP | FAILED | TERMINATED);
         finish(u, (int)fmi2GetStringStatus(u->handle, fmi2PendingStatus, &text), REFUSED);
         return;
     }
@@ -977,7 +1048,7 @@ static void (*const actions[])(unit *) = {
     action_get, action_get, action_set, action_set, action_derivatives, action_begin, action_exit, action_terminate,
     action_enter_event, action_update, action_enter_continuous, action_set_time, action_set_states,
     action_vectors, action_vectors, action_completed, action_step, action_keep, action_keep, action_recall,
-    action_bytes, action_foreign, action_foreign,
+    action_move, action_bytes, action_foreign, action_foreign,
 };
 
 static void run_sequence(int length)

@@ -121,9 +121,14 @@ static int fmi_step(void *u, double t, double h, int *terminates, int *is_early,
     *is_early = early;
 #else
     const int status = (int)fmi2DoStep(u, t, h, 1);
-    *terminates = status == DISCARD;
+    fmi2Boolean ends = 0;
     *is_early = 0;
     *reached = t + h;
+    if (status == DISCARD && (fmi2GetBooleanStatus(u, fmi2Terminated, &ends) != fmi2OK ||
+                              fmi2GetRealStatus(u, fmi2LastSuccessfulTime, reached) != fmi2OK)) {
+        return ERROR;
+    }
+    *terminates = ends;
 #endif
     return status;
 }

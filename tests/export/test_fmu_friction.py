@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import pairwise
 from math import sqrt
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 from fmu_importer import Unit
+from fmu_slopes import close, compare
 
 from cotree import Scene
 
@@ -215,3 +217,49 @@ def test_the_time_of_the_first_stop_is_that_of_half_a_period(exported):
         unit.initialize(1e-11, stop=4.0)
         reached = unit.step(0.0, 1.0)[3]
         assert reached == pytest.approx(np.pi / sqrt(40.0), abs=1e-9)
+
+
+def _compare(unit, model, t):
+    """Compare derivatives by states, parameters and inputs, at the present states."""
+    y = unit.get(*model.states)
+    compare(unit, model, t, y)
+    if not model.inputs:
+        return
+    inputs, outputs = list(model.inputs), unit.list("output")
+    linear = model.linearize(t, y, u=unit.get(*inputs))
+    close(unit.slopes(unit.rates, inputs), linear.B)
+    close(unit.slopes(outputs, inputs), linear.D)
+    close(unit.adjoints(unit.rates, inputs), linear.B)
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        # Modes of the oscillator: -1, 1, 0.
+        ("oscillator", [0.2, 0.7, 3.0]),
+        # Of clutch and brake: lifted and stuck, -1 and stuck, both sliding, stuck and sliding.
+        pytest.param("clutches", [0.5, 1.1, 2.0, 6.0], marks=pytest.mark.slow),
+    ],
+)
+def test_derivatives_are_exact_whether_friction_sticks_or_slides(exported, name, times):
+    _, path = exported(name)
+    scene = SCENES[name][0]()
+    model = scene.compile(list(scene.parameters))
+    seen = set()
+    with Unit(path) as unit, Unit(path, "CoSimulation") as steps:
+        unit.initialize()
+        _compare(unit, model, 0.0)
+        unit.update()
+        unit.fmu.enterContinuousTimeMode()
+        steps.initialize(1e-10, stop=times[-1])
+        for begin, end in pairwise([0.0, *times]):
+            steps.step(begin, end - begin)
+            _compare(steps, model, end)
+            unit.go(end, steps.get(*unit.states))
+            _compare(unit, model, end)
+            unit.fmu.enterEventMode()
+            _compare(unit, model, end)
+            unit.fmu.enterContinuousTimeMode()
+            seen.add(tuple(steps.get(*(s for s in unit.states if s.endswith(".mode")))))
+    assert len(seen) == len(times)
+    assert {0.0} < {mode for modes in seen for mode in modes}

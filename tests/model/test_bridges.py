@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
@@ -46,25 +50,40 @@ def test_casadi_has_the_rates_and_their_jacobian(cart):
     np.testing.assert_allclose(derivatives.full(), by_differences(model, u, p), atol=1e-7)
 
 
+# JAX starts threads, after which other tests could not fork: it runs in a process of its own.
+JAX = """
+import jax
+import numpy as np
+import pytest
+
+import cotree
+from cotree.errors import ParameterError
+
+model = cotree.load("cart-pole").compile(["L", "m"])
+x, u, p = np.array({x}), np.array({u}), np.array({p})
+with pytest.raises(ParameterError, match="jax_enable_x64"):
+    model.as_jax()
+jax.config.update("jax_enable_x64", True)
+function = model.as_jax()
+given = dict(zip(model.sensitivities, p, strict=True))
+np.testing.assert_array_equal(function(x, u, p), model.rhs(0.0, x, given, u))
+for derive in (jax.jacfwd, jax.jacrev):
+    found = jax.jit(derive(function, argnums=(0, 1, 2)))(x, u, p)
+    np.testing.assert_allclose(np.hstack(found), np.array({known}), atol=1e-7)
+points = np.stack([x, 2 * x])
+many = jax.vmap(lambda x: function(x, u, p))(points)
+np.testing.assert_allclose(many[1], function(points[1], u, p), rtol=1e-15)
+"""
+
+
 def test_jax_has_the_rates_and_their_derivatives_both_ways(cart):
-    jax = pytest.importorskip("jax", reason="jax is not installed")
+    if find_spec("jax") is None:
+        pytest.skip("jax is not installed")
     model, u, p = cart
-    with pytest.raises(ParameterError, match="jax_enable_x64"):
-        model.as_jax()
-    jax.config.update("jax_enable_x64", True)
-    try:
-        function = model.as_jax()
-        known = by_differences(model, u, p)
-        given = dict(zip(model.sensitivities, p, strict=True))
-        np.testing.assert_array_equal(function(POINT, u, p), model.rhs(0.0, POINT, given, u))
-        for derive in (jax.jacfwd, jax.jacrev):
-            found = jax.jit(derive(function, argnums=(0, 1, 2)))(POINT, u, p)
-            np.testing.assert_allclose(np.hstack(found), known, atol=1e-7)
-        points = np.stack([POINT, 2 * POINT])
-        many = jax.vmap(lambda x: function(x, u, p))(points)
-        np.testing.assert_allclose(many[1], function(points[1], u, p), rtol=1e-15)
-    finally:
-        jax.config.update("jax_enable_x64", False)
+    arrays = {"x": POINT, "u": u, "p": p, "known": by_differences(model, u, p)}
+    program = JAX.format(**{name: array.tolist() for name, array in arrays.items()})
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_models_without_explicit_rates_are_refused():

@@ -86,7 +86,8 @@ class Description:
         categories = ElementTree.SubElement(root, "LogCategories")
         for name, about in (
             ("logEvents", "events that happen"),
-            ("logStatusError", "why a function is refused"),
+            ("logStatusDiscard", "why values cannot be computed"),
+            ("logStatusError", "why a call is refused"),
         ):
             ElementTree.SubElement(categories, "Category", name=name, description=about)
         ElementTree.SubElement(

@@ -19,6 +19,7 @@ from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import literal, wrapped
 from cotree.codegen.render import render, render_model
 from cotree.naming import c_identifier, c_string
+from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -79,6 +80,8 @@ class TablesContext(KernelFile):
     rtol: str
     atol: str
     span: str
+    most_steps: int
+    most_events: int
     n_stops: int
     has_stops: bool
     n_limits: int
@@ -206,6 +209,8 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         rtol=literal(facts.rtol),
         atol=literal(facts.atol),
         span=literal(facts.t_end),
+        most_steps=MOST_STEPS,
+        most_events=MOST_EVENTS,
         n_stops=len(kernels.starts),
         has_stops=kernels.stops is not None,
         n_limits=kernels.n_limits,
