@@ -104,7 +104,7 @@ def test_a_delay_of_zero_is_none():
         return scene_of(event_text("A < 1", {"n": "n + 4"}, more=more) + other)
 
     assert run(scene("0"), 4.0)["n"][-1] == 5.0
-    with pytest.raises(cotree.SceneError, match=r"event 'e' has a delay, which is not read: "):
+    with pytest.raises(cotree.SceneError, match=r"event 'e' has a delay, which is not supported: "):
         scene("1")
 
 

@@ -36,7 +36,8 @@ def refused(text):
         ("g(k)", "calls 'g', which is no function"),
         ("factorial(3)", "holds factorial"),
         ("delay(A, 1)", "holds delay"),
-        ("rateOf(A)", "holds rateOf"),
+        ("rateOf(A)", "leads back to itself: R -> rateOf(A) -> R"),
+        ("rateOf(Q)", "holds rateOf(Q), but 'Q' is no compartment, species or parameter"),
         ("piecewise(1, A > 1)", "holds piecewise without otherwise"),
         ("piecewise(1, A, 2)", "has 'A' where a condition is needed"),
         ("k/0", "has no value"),
@@ -85,7 +86,7 @@ def test_files_that_are_no_models():
 def test_elements_that_are_not_read():
     rule = f"<listOfRules><algebraicRule>{math_text('A - k')}</algebraicRule></listOfRules>"
     text = decay().replace("<listOfReactions>", f"{rule}<listOfReactions>")
-    assert "an algebraic rule does not say which quantity it determines" in refused(text)
+    assert "the algebraic rule 0 = A - k is not supported" in refused(text)
     assert "reaction 'R' is fast" in refused(decay().replace('fast="false"', 'fast="true"'))
     nothing = decay().partition("<kineticLaw>")[0] + "</reaction></listOfReactions></model></sbml>"
     assert "reaction 'R' has no kinetic law" in refused(nothing)

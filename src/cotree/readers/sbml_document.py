@@ -170,9 +170,11 @@ class _Reader:
             _put(self.content.initials, symbol, formula)
         for rule in self.model.getListOfRules():
             if rule.isAlgebraic():
+                math = self.libsbml.formulaToL3String(rule.getMath()) if rule.isSetMath() else ""
                 raise self.at(rule).error(
-                    "an algebraic rule does not say which quantity it determines, and is not read: "
-                    "solve it for one, as an assignment rule"
+                    f"the algebraic rule 0 = {brief(math or '')} is not supported, since it does "
+                    "not state which quantity it determines: solve it for one and write an "
+                    "assignment rule"
                 )
             variable, is_rate = rule.getVariable(), rule.isRate()
             word = "rate rule" if is_rate else "assignment rule"
@@ -254,8 +256,8 @@ class _Reader:
         delay = e.getDelay()
         if delay is not None and delay.isSetMath() and _number_of(delay) != 0.0:
             raise self.at(delay).error(
-                f"{whose} has a delay, which is not read: let the event set a parameter to the "
-                "time, and a second event happen when the delay has passed"
+                f"{whose} has a delay, which is not supported: let the event store the time in a "
+                "parameter, and add a second event that is triggered when the delay has passed"
             )
 
     def _priority(self, e: Any, whose: str) -> float:

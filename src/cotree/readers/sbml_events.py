@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.readers.sbml_located import located
-from cotree.readers.sbml_math import RELATIONS, FormulaReader, children, kind_of
+from cotree.readers.sbml_math import RELATIONS, FormulaReader
+from cotree.readers.sbml_nodes import children, kind_of
 from cotree.readers.sbml_trees import number
 from cotree.scene.parameters import make_parameter, parameter_values
 

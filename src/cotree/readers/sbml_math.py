@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ExpressionError, brief, nearest
+from cotree.readers.sbml_nodes import children, kind_of
 from cotree.readers.sbml_trees import Term, TermMaker, combine, compare, contrary, name, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-#: The symbol of time, in lists of names.
-TIME = "time of the run"
 
 _DEEPEST = 200  # levels, with the functions of the model expanded
 # Nodes of one formula, and of all formulas: expanding nested calls can grow exponentially.
@@ -70,30 +67,11 @@ RELATIONS: dict[str, type[ast.cmpop]] = {
 
 #: Operations that are refused, with the text of the message.
 _REFUSED = {
-    "FUNCTION_DELAY": "delay: equations with delays are not integrated here",
-    "FUNCTION_RATE_OF": "rateOf: name the quantity's rate by its own formula",
-    "FUNCTION_FACTORIAL": "factorial, which has no derivative here: write the number",
+    "FUNCTION_DELAY": (
+        "delay, which is not supported: approximate it by a chain of species or rate rules"
+    ),
+    "FUNCTION_FACTORIAL": "factorial, which is not supported: write its value",
 }
-
-
-@cache
-def _kinds() -> dict[int, str]:
-    """Name the types of libsbml's nodes, without the prefix."""
-    import libsbml
-
-    names = (n for n in dir(libsbml) if n.startswith("AST_"))
-    # Some types have two names: of those, the first in the alphabet is assigned last and stays.
-    return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
-
-
-def kind_of(node: Any) -> str:
-    """Give the type of a node of libsbml: ``PLUS``, ``FUNCTION_SIN``."""
-    return _kinds().get(node.getType(), "UNKNOWN")
-
-
-def children(node: Any) -> list[Any]:
-    """List the nodes below one."""
-    return [node.getChild(i) for i in range(node.getNumChildren())]
 
 
 @dataclass
@@ -110,12 +88,15 @@ class FormulaReader:
         The time: ``t``, or zero at the start.
     make : TermMaker
         Makes terms.
+    rate : callable
+        Gives the term of the rate of change of a quantity, whose formulas the reader reads.
     """
 
     functions: Mapping[str, Any]
     symbol: Callable[[str], Term]
     time: Term
     make: TermMaker
+    rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)
     _depth: int = 0
     _calls: tuple[str, ...] = ()
@@ -196,6 +177,8 @@ class FormulaReader:
         parts, make = children(node), self.make
         if kind in _REFUSED:
             raise ExpressionError(f"holds {_REFUSED[kind]}")
+        if kind == "FUNCTION_RATE_OF":
+            return self._rate(parts)
         if kind == "FUNCTION_PIECEWISE":
             return self._piecewise(parts)
         if kind == "FUNCTION":
@@ -273,6 +256,19 @@ class FormulaReader:
             ratio = make.operate(make.operate(unit, "+", one), "/", make.operate(unit, "-", one))
             return make.operate(make.call("log", ratio), "/", number(2.0))
         raise ExpressionError(f"holds '{function.lower()}', which is not known here")
+
+    def _rate(self, parts: list[Any]) -> Term:
+        identifier = parts[0].getName() if len(parts) == 1 else None
+        if not identifier or kind_of(parts[0]) != "NAME":
+            raise ExpressionError("holds rateOf of something that is not an identifier")
+        if identifier not in self._bound:
+            return self.rate(identifier, replace(self, _bound={}, _calls=()))
+        if self._calls:
+            raise ExpressionError(
+                f"holds rateOf of an argument of function '{self._calls[-1]}', which is not "
+                "supported: write rateOf in the formula that calls the function"
+            )
+        return number(0.0)  # a local parameter
 
     def _piecewise(self, parts: list[Any]) -> Term:
         # Values and conditions alternate; the value of otherwise comes last.
@@ -367,33 +363,3 @@ def _relate(relation: str, a: Term, b: Term) -> Term:
 
 def _told(kind: str, node: Any) -> str:
     return brief(node.getName() or kind.removeprefix("FUNCTION_").lower())
-
-
-def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
-    """List the identifiers of a formula, and :data:`TIME` where it depends on time.
-
-    Parameters
-    ----------
-    node : libsbml.ASTNode
-        Its tree.
-    functions : mapping of str to node
-        The model's functions, which may name the time.
-    """
-    found: set[str] = set()
-    waiting, seen = [node], set()
-    while waiting:
-        own = waiting.pop()
-        if own is None:
-            continue
-        kind = kind_of(own)
-        if kind == "NAME":
-            found.add(own.getName())
-        elif kind == "NAME_TIME":
-            found.add(TIME)
-        elif kind == "FUNCTION" and own.getName() in functions and own.getName() not in seen:
-            seen.add(own.getName())
-            # A function refers only to its arguments, which the call lists, and to the time.
-            body = children(functions[own.getName()])[-1]
-            found |= {TIME} & names_of(body, {k: v for k, v in functions.items() if k not in seen})
-        waiting += children(own)
-    return frozenset(found)

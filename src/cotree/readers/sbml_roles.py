@@ -8,7 +8,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from cotree.readers.sbml_content import Formula
-from cotree.readers.sbml_math import names_of
+from cotree.readers.sbml_names import names_of, rate_dependencies, rate_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -88,7 +88,7 @@ def roles_of(content: SbmlContent) -> Roles:
             found[id] = Role.CONCENTRATION
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
-    order = _order(uses, content)
+    order = _order(uses | rate_dependencies(content), content)
     # A rule that depends on constants only makes a constant; species in such a compartment need
     # not become amounts.
     for id in order:
@@ -133,9 +133,10 @@ def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
         return list(TopologicalSorter(graph).static_order())
     except CycleError as error:
         way = list(reversed(error.args[1]))
-        rule = content.assignments.get(way[0])
-        laws = {reaction.id: reaction.law for reaction in content.reactions}
-        formula = rule or laws[way[0]]
+        formulas = {reaction.id: reaction.law for reaction in content.reactions}
+        formulas |= {rate_name(id): formula for id, formula in content.rates.items()}
+        formulas |= content.assignments
+        formula = next(formulas[name] for name in way if name in formulas)
         raise formula.at.error(
             f"the {formula.what} leads back to itself: {' -> '.join(way)}"
         ) from None

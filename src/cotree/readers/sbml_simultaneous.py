@@ -12,7 +12,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from cotree.errors import brief
-from cotree.readers.sbml_math import TIME, names_of
+from cotree.readers.sbml_names import TIME, names_of, rate_dependencies
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -42,6 +42,7 @@ class Dependencies:
     def __init__(self, content: SbmlContent) -> None:
         self._content = content
         self._laws = {reaction.id: reaction.law for reaction in content.reactions}
+        self._rates = rate_dependencies(content)
 
     def of(self, node: object) -> frozenset[str]:
         """List the identifiers that the value of a formula depends on."""
@@ -53,6 +54,7 @@ class Dependencies:
             if id in found:
                 continue
             found.add(id)
+            waiting += self._rates.get(id, ())
             formula = self._content.assignments.get(id) or self._laws.get(id)
             if formula is not None:
                 waiting += names_of(formula.node, functions)

@@ -81,15 +81,15 @@ class TermMaker:
     Attributes
     ----------
     cut : callable
-        Declares a quantity of the expression that it is given, and returns its name.
+        Declares a quantity: takes an expression and the beginning of a name, and returns the name.
     """
 
-    cut: Callable[[str], str]
+    cut: Callable[[str, str], str]
 
     def _made(self, tree: ast.expr, *parts: Term) -> Term:
         size, height = 1 + sum(p.size for p in parts), 1 + max(p.height for p in parts)
         made = Term(tree, size, height)
-        return name(self.cut(made.text)) if size > _LARGEST or height > _HIGHEST else made
+        return name(self.cut(made.text, "part")) if size > _LARGEST or height > _HIGHEST else made
 
     def operate(self, left: Term, symbol: str, right: Term) -> Term:
         """Join two terms by an operator."""

@@ -15,6 +15,7 @@ from cotree.readers.sbml_events import check_start, crossing_of, start_value
 from cotree.readers.sbml_located import explained, located
 from cotree.readers.sbml_math import FormulaReader
 from cotree.readers.sbml_model import SbmlModel, SbmlSymbol
+from cotree.readers.sbml_rates import Rates
 from cotree.readers.sbml_roles import Role, roles_of
 from cotree.readers.sbml_simultaneous import (
     Dependencies,
@@ -73,13 +74,14 @@ class SceneWriter(Generic[_Scene]):
         self.initial: dict[str, str] = {}
         self.waiting: list[str] = []
         self.notes = list(content.notes)
-        functions = content.functions
-        self.running = FormulaReader(
-            functions, self._running_symbol, name("t"), TermMaker(self._cut_running)
-        )
-        self.starting = FormulaReader(
-            functions, self._starting_symbol, number(0.0), TermMaker(self._cut_starting)
-        )
+        self.running = self._reader(self._running_symbol, name("t"), self._cut_running)
+        self.starting = self._reader(self._starting_symbol, number(0.0), self._cut_starting)
+
+    def _reader(
+        self, symbol: Callable[[str], Term], time: Term, cut: Callable[[str, str], str]
+    ) -> FormulaReader:
+        rates = Rates(self.content, self.roles, cut)
+        return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
 
     def write(self) -> SbmlModel[_Scene]:
         """Declare everything, and tell what became of the quantities of the model.
@@ -143,13 +145,13 @@ class SceneWriter(Generic[_Scene]):
             self.waiting.append(id)
         return self.initial[id]
 
-    def _cut_running(self, text: str) -> str:
-        own = self.namer.own("part")
+    def _cut_running(self, text: str, stem: str) -> str:
+        own = self.namer.own(stem)
         self.scene.output(own, text)
         return own
 
-    def _cut_starting(self, text: str) -> str:
-        own = self.namer.own("part_0")
+    def _cut_starting(self, text: str, stem: str) -> str:
+        own = self.namer.own(f"{stem}_0")
         self.scene.parameter(own, text)
         return own
 
