@@ -273,10 +273,10 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         inputs: Sequence[str] | None = None,
         platforms: Sequence[str] | None = None,
     ) -> Fmu:
-        """Write the model as a functional mock-up unit (FMU), which other simulators import.
+        """Write the model as a functional mock-up unit (FMU) for other simulators.
 
-        The file holds its C sources and needs nothing but libm. An FMU of Co-Simulation alone has
-        the sensitivities that the model was compiled with as variables.
+        The file contains its C sources, which need only libm. In an FMU for Co-Simulation only, the
+        sensitivities that the model was compiled with are variables.
 
         Parameters
         ----------
@@ -287,15 +287,15 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         kinds : sequence of str
             ``ModelExchange``, ``CoSimulation`` or both.
         integrator : str, optional
-            Of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or ``rodas4``. By
-            default ``rodas5`` where there are algebraic unknowns, else ``dopri5``.
+            Integrator of Co-Simulation: ``dopri5``, ``rkf45``, ``dop853``, ``rodas5`` or
+            ``rodas4``. By default ``rodas5`` for models with algebraic unknowns, else ``dopri5``.
         inputs : sequence of str, optional
-            Inputs that are set from outside. By default these are the ones that are constants in
-            the scene; the others are the scene's functions of time.
+            Inputs that the importer sets. By default these are the inputs that are constant in the
+            scene; the others remain functions of time.
         platforms : sequence of str, optional
             Platforms of its libraries: ``x86_64-linux``, ``aarch64-linux``, ``x86_64-windows``,
             ``x86_64-darwin``, ``aarch64-darwin``. By default this machine; others need the extra
-            ``zig``. An empty list makes an FMU of sources.
+            ``zig``. An FMU with an empty list contains sources only.
 
         Returns
         -------
@@ -305,7 +305,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         Raises
         ------
         CodegenError
-            If an argument is unknown, or the scene and what is asked for do not go together.
+            If an argument is unknown, or the scene does not allow what it asks for.
         SceneError
             If the file cannot be written.
         BuildError

@@ -26,25 +26,25 @@ def export_scene(
     ],
     sensitivity: Sensitivity = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
-    version: Annotated[int, typer.Option(help="Version of the interface: 3 or 2.")] = 3,
+    version: Annotated[int, typer.Option(help="Version of FMI: 3 or 2.")] = 3,
     kind: Annotated[
         list[str],
         typer.Option(
             metavar="KIND",
-            help="me for Model Exchange, cs for Co-Simulation; both if absent; may be repeated.",
+            help="me for Model Exchange, cs for Co-Simulation, by default both; may be repeated.",
         ),
     ] = [],  # noqa: B006
     integrator: Annotated[
         str | None,
-        typer.Option(help="Of Co-Simulation: dopri5, rkf45, dop853; for stiff rodas5, rodas4."),
+        typer.Option(help="Integrator of Co-Simulation: dopri5, rkf45, dop853; rodas5, rodas4 if stiff."),
     ] = None,
     outside: Annotated[
         list[str],
         typer.Option(
             "--outside",
             metavar="INPUT",
-            help="An input that is set from outside; those that are constants if absent; may be "
-            "repeated.",
+            help="Input that the importer sets, by default each one that is constant in the scene; "
+            "may be repeated.",
         ),
     ] = [],  # noqa: B006
     platform: Annotated[
@@ -52,11 +52,11 @@ def export_scene(
         typer.Option(
             metavar="PLATFORM",
             help="x86_64-linux, aarch64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin; "
-            "this machine if absent; none for sources alone; may be repeated.",
+            "by default this machine; none for sources only; may be repeated.",
         ),
     ] = [],  # noqa: B006
 ) -> None:
-    """Write a scene as an FMU, which other simulators import."""
+    """Write a scene as an FMU for other simulators."""
     if output.suffix.lower() != ".fmu":
         raise SceneError(f"cannot write '{output}': the name of an FMU ends in .fmu")
     check_folder(output)
@@ -66,5 +66,5 @@ def export_scene(
     unit = model.export_fmu(
         output, version, kinds, integrator, inputs=outside or None, platforms=platforms
     )
-    where = ", ".join(unit.platforms) or "no platform: sources alone"
+    where = ", ".join(unit.platforms) or "no platform (sources only)"
     typer.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
