@@ -202,7 +202,7 @@ def wrong(**changed):
     [
         (wrong(yaml="a: [1"), r"problem.yaml:\d: not valid YAML"),
         (wrong(yaml="a: 1"), "no 'format_version'"),
-        (wrong(yaml="format_version: 2.0.0"), "reads version 1"),
+        (wrong(yaml="format_version: 2.0.0"), "only version 1 of PEtab is supported"),
         (wrong(yaml="format_version: 1\nproblems: []"), "must list one problem"),
         (
             wrong(parameters=PARAMETERS.replace("0.5 1", "half 1")),
@@ -210,7 +210,7 @@ def wrong(**changed):
         ),
         (
             wrong(parameters=PARAMETERS.replace("0.01 100", "100 0.01")),
-            "parameters.tsv:2: the bounds",
+            "parameters.tsv:2: the lower bound",
         ),
         (
             wrong(parameters=PARAMETERS.replace("lin", "ln")),
@@ -220,7 +220,10 @@ def wrong(**changed):
             wrong(parameters=PARAMETERS + "k lin 0 1 1 1\n"),
             "parameters.tsv:5: parameter 'k' is defined twice",
         ),
-        (wrong(parameters=PARAMETERS.replace("upperBound ", "")), "parameters.tsv:2: more cells"),
+        (
+            wrong(parameters=PARAMETERS.replace("upperBound ", "")),
+            "parameters.tsv:2: the row has more cells",
+        ),
         (
             wrong(parameters=PARAMETERS.replace("parameterScale", "scale")),
             "parameters.tsv:1: no column",
@@ -241,7 +244,7 @@ def wrong(**changed):
         ),
         (
             wrong(observables=OBSERVABLES.replace("*A", "*f(A)")),
-            "observables.tsv:2: 'f.A.' is no function",
+            "observables.tsv:2: 'f.A.' is not a function",
         ),
         (
             wrong(measurements=MEASUREMENTS.replace("many 3", "more 3")),
@@ -271,8 +274,8 @@ def wrong(**changed):
             wrong(measurements=MEASUREMENTS.replace("2.5 0.5", "2.5 0")),
             "tsv:6: the noise of 'seen' is 0",
         ),
-        (wrong(measurements=MEASUREMENTS.splitlines()[0]), "nothing was measured"),
-        (wrong(yaml=YAML.replace("model.xml", "m" * 5000)), "names the file 'mmm.*does not"),
+        (wrong(measurements=MEASUREMENTS.splitlines()[0]), "the measurement table has no rows"),
+        (wrong(yaml=YAML.replace("model.xml", "m" * 5000)), "the file 'mmm.*does not exist"),
     ],
 )
 def test_errors_are_reported_in_one_sentence_with_file_and_line(tmp_path, write, message):
@@ -284,7 +287,7 @@ def test_errors_are_reported_in_one_sentence_with_file_and_line(tmp_path, write,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ((b"\tnominalValue", b"\tlowerBound\tnominalValue"), "1: there are two columns 'lower"),
+        ((b"\tnominalValue", b"\tlowerBound\tnominalValue"), "1: two columns are named 'lower"),
         # The csv module of Python accepts no NUL in some versions, and no lone CR in others.
         ((b"0.5", b"0.5\r\r\rx"), "parameters.tsv:"),
         ((b"\t0.5", b'\t"0.5'), "parameters.tsv:"),
@@ -301,7 +304,7 @@ def test_malformed_tables_are_refused(tmp_path, change, message):
 def test_a_missing_file_is_named(tmp_path):
     file = write_problem(tmp_path)
     (tmp_path / "conditions.tsv").unlink()
-    with pytest.raises(cotree.SceneError, match=r"names the file 'conditions.tsv', which"):
+    with pytest.raises(cotree.SceneError, match=r"the file 'conditions.tsv' does not"):
         cotree.read_petab(file)
     with pytest.raises(cotree.SceneError, match="is not a file"):
         cotree.read_petab(tmp_path / "none.yaml")
@@ -347,7 +350,7 @@ def test_a_cell_may_name_a_constant_of_the_model(tmp_path):
 @pytest.mark.parametrize(
     ("conditions", "message"),
     [
-        ("conditionId A back\nfew back back\nmany 4 0\n", r"tsv:2: 'back' .* leads back to itself"),
+        ("conditionId A back\nfew back back\nmany 4 0\n", r"tsv:2: 'back' .* depends on itself"),
         ("conditionId A\nfew B\nmany 4\n", r"tsv:2: 'A' of condition 'few' is 'B', which is neith"),
         ("conditionId A\nfew backk\nmany 4\n", r"did you mean 'back'"),
     ],

@@ -142,9 +142,12 @@ def test_a_run_starts_from_a_steady_state_with_its_sensitivities():
     [
         ({"value": np.array([1, math.nan, 1, 1])}, "value 1 of 'power' in condition 'unknown' is"),
         ({"t": np.array([1.0, -2.0, 0.0, 3.0])}, "is at t = -2, but the run begins at t = 0"),
-        ({"observable": ("C.v", "powr", "C.v", "C.v")}, "'powr', which the model does not have"),
+        (
+            {"observable": ("C.v", "powr", "C.v", "C.v")},
+            "'powr', but the model has no such state or output",
+        ),
         ({"noise": (0.1, 0.0, 0.1, 0.1)}, "has the standard deviation 0.0"),
-        ({"noise": (0.1, 0.2)}, "4 values were measured, but 'noise' has 2 rows"),
+        ({"noise": (0.1, 0.2)}, "there are 4 values, but 'noise' has 2 rows"),
         ({"transformation": "log2"}, "the transformation of a measured value is 'log2'"),
     ],
 )

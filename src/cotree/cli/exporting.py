@@ -36,15 +36,17 @@ def export_scene(
     ] = [],  # noqa: B006
     integrator: Annotated[
         str | None,
-        typer.Option(help="Integrator of Co-Simulation: dopri5, rkf45, dop853; rodas5, rodas4 if stiff."),
+        typer.Option(
+            help="Integrator of Co-Simulation: dopri5, rkf45, dop853; rodas5, rodas4 if stiff."
+        ),
     ] = None,
     outside: Annotated[
         list[str],
         typer.Option(
             "--outside",
             metavar="INPUT",
-            help="Input that the importer sets, by default each one that is constant in the scene; "
-            "may be repeated.",
+            help="Input that the importer sets, by default each one that is constant in the "
+            "scene; may be repeated.",
         ),
     ] = [],  # noqa: B006
     platform: Annotated[

@@ -1,8 +1,8 @@
-"""Conditions of an estimation problem, and what was measured in them.
+"""Conditions of an estimation problem, and the values measured in them.
 
 A condition is a run of a compiled model, some of whose parameters and initial values are estimated.
-Whatever is compared with measurements is a state or an output of that model, and so is its standard
-deviation where it is no number: derivatives of all of them come from the compiled sensitivities.
+Measured values are compared with states or outputs of the model. A standard deviation that is not a
+number is a state or an output, too. The compiled sensitivities give the derivatives of all of them.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ DISTRIBUTIONS = ("normal", "laplace")
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """A run whose outcome was measured.
+    """A run in which values were measured.
 
     Attributes
     ----------
     name : str
-        Its name, for people.
+        Its name in messages and results.
     model : Model
         Compiled with sensitivities to all of its parameters and initial values that are estimated.
     parameters : mapping of str to str or float
-        What parameters of the model are: the name of an estimated parameter, or a number. Those
-        that are not named have the model's value.
+        Values of parameters of the model: the name of an estimated parameter, or a number. Other
+        parameters keep the model's value.
     initial : mapping of str to str or float
-        The same of initial values of states.
+        Initial values of states, in the same form.
     inputs : mapping of str to object
-        Inputs in place of the scene's: numbers and tables, as of ``simulate``.
+        Inputs that replace those of the scene: numbers and tables, as in ``simulate``.
     t_start : float
-        Where the run begins, [s].
+        Start of the run, [s].
     columns : mapping of str to str
         The state or output that each column of its data measures.
     before : Condition or None
-        A run to the steady state at which this one begins; it has the same model, and may begin at
-        a steady state itself. States named in ``initial`` begin at what that says.
+        A run to the steady state at which this one begins; it has the same model, and may itself
+        begin at a steady state. Values in ``initial`` take precedence over the steady state.
     """
 
     name: str
@@ -65,14 +65,14 @@ class Condition:
     before: Condition | None = None
 
     def quantity(self, name: str) -> str:
-        """Find a state or output by the name of a column that measures it, or by its own.
+        """Find a state or output by the name of a column that measures it, or by its own name.
 
         Raises
         ------
         ParameterError
             If there is none.
         """
-        # An output may have been made for a column that measures a state plainly.
+        # A column that measures a state may have an output of its own.
         if name in self.columns:
             return self.columns[name]
         known = {*self.model.states, *self.model.outputs}
@@ -83,12 +83,12 @@ class Condition:
         )
 
     def column(self, quantity: str) -> str:
-        """Give the name of the column that measures a state or output, or else its own name."""
+        """Return the name of the column that measures a state or output, or else its own name."""
         return next((name for name, own in self.columns.items() if own == quantity), quantity)
 
     @property
     def chain(self) -> tuple[Condition, ...]:
-        """The condition and those that lead to it, the first run last."""
+        """The condition itself and the ones before it, the first run last."""
         return (self, *(self.before.chain if self.before else ()))
 
 
@@ -99,21 +99,21 @@ class Measured:
     Attributes
     ----------
     condition : ndarray of int, shape (n,)
-        Number of the condition of each.
+        Index of the condition of each value.
     t : ndarray, shape (n,)
         Times, [s], not before the start of the condition.
     observable : sequence of str, n
         The state or output that was measured.
     value : ndarray, shape (n,)
-        Measured values, finite; on the scale of the observable, not transformed.
+        Measured values, finite, not transformed.
     noise : sequence of str or float, n
         Standard deviations of the transformed values (scales of Laplace distributions): a positive
-        number, a state or an output of the model, or else an estimated parameter, which the model
-        need not have.
+        number, a state or an output of the model, or an estimated parameter, which need not be a
+        parameter of the model.
     transformation : sequence of str, n
-        Each one of ``TRANSFORMATIONS``; a single one counts for all.
+        Each one of ``TRANSFORMATIONS``; a single one applies to all values.
     distribution : sequence of str, n
-        Each one of ``DISTRIBUTIONS``; a single one counts for all.
+        Each one of ``DISTRIBUTIONS``; a single one applies to all values.
     """
 
     condition: npt.NDArray[np.intp]
@@ -129,13 +129,13 @@ class Measured:
 
 
 def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
-    """Refuse a condition that names what is not there.
+    """Refuse a condition that contains unknown names.
 
     Raises
     ------
     ParameterError
-        For an unknown parameter, state or estimated name, and for an estimated one to which the
-        model was compiled without a sensitivity.
+        For an unknown parameter, state or estimated parameter, and for an estimated parameter to
+        which the model was compiled without a sensitivity.
     """
     model, what = condition.model, f"condition '{condition.name}'"
     for kind, given, known in (
@@ -151,26 +151,26 @@ def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
                 continue
             if value not in estimated:
                 raise ParameterError(
-                    f"{what} lets '{name}' be '{value}', which is not estimated"
+                    f"{what} sets '{name}' to '{value}', which is not an estimated parameter"
                     f"{nearest(value, estimated)}"
                 )
             if name not in model.sensitivities:
                 raise ParameterError(
-                    f"{what} estimates '{name}', to which the model was compiled without a "
-                    "sensitivity"
+                    f"{what} estimates '{name}', but the model was compiled without sensitivities "
+                    "to it"
                 )
 
 
 def check_measured(
     measured: Measured, conditions: Sequence[Condition], estimated: Sequence[str]
 ) -> None:
-    """Refuse measured rows that make no sense.
+    """Refuse invalid measured rows.
 
     Raises
     ------
     ParameterError
-        For lengths that differ, values that are not finite, times before the start, names that
-        the model does not have, and wrong transformations, distributions and deviations.
+        For columns of different lengths, values that are not finite, times before the start, names
+        that the model does not have, and invalid transformations, distributions and deviations.
     """
     n = len(measured)
     columns = {
@@ -186,7 +186,7 @@ def check_measured(
     }
     for name, values in columns.items():
         if len(values) != n:
-            raise ParameterError(f"{n} values were measured, but '{name}' has {len(values)} rows")
+            raise ParameterError(f"there are {n} values, but '{name}' has {len(values)} rows")
     for name, allowed in (("transformation", TRANSFORMATIONS), ("distribution", DISTRIBUTIONS)):
         for value in spread(getattr(measured, name), n):
             if value not in allowed:
@@ -197,7 +197,7 @@ def check_measured(
         condition, t = conditions[int(measured.condition[i])], float(measured.t[i])
         where = f"value {i} of '{measured.observable[i]}' in condition '{condition.name}'"
         if not np.isfinite(measured.value[i]):
-            raise ParameterError(f"{where} is {measured.value[i]}: leave the row out")
+            raise ParameterError(f"{where} is {measured.value[i]}: remove the row")
         if logs[i] != "lin" and not measured.value[i] > 0.0:
             raise ParameterError(f"{where} is {measured.value[i]:g}, which has no logarithm")
         if not (np.isfinite(t) and t >= condition.t_start):
@@ -209,12 +209,13 @@ def check_measured(
         for name in [measured.observable[i], *([str(noise)] if is_own else [])]:
             if name not in known:
                 raise ParameterError(
-                    f"{where} needs '{name}', which the model does not have{nearest(name, known)}"
+                    f"{where} needs '{name}', but the model has no such state or output"
+                    f"{nearest(name, known)}"
                 )
         if not isinstance(noise, str) and not (np.isfinite(noise) and noise > 0.0):
             raise ParameterError(f"{where} has the standard deviation {noise}: give a positive one")
 
 
 def spread(given: Sequence[str] | str, n: int) -> Sequence[str]:
-    """Give one entry for each row."""
+    """Return one entry for each row."""
     return [given] * n if isinstance(given, str) else given

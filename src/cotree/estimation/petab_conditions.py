@@ -1,4 +1,4 @@
-"""Conditions of a PEtab problem: what parameters and initial values of the model are in each.
+"""Conditions of a PEtab problem: values of parameters and initial values of the model in each.
 
 The condition table takes precedence over the parameter table, and both over the model. After a
 preequilibration each state keeps its value unless the condition sets it.
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from cotree.estimation.petab_tables import Cell, ConditionRow, MeasurementRow, Tables
 
-#: What something is: the name of an estimated parameter, or a number.
+#: A value: the name of an estimated parameter, or a number.
 Setting = str | float
 
 
@@ -28,15 +28,15 @@ class Entities:
     Attributes
     ----------
     parameters : mapping of str to str
-        Constants of the model, and parameters of formulas alone: parameters of the scene.
+        Constants of the model, and parameters that only formulas use: parameters of the scene.
     states : mapping of str to str
-        Quantities with a rate: states of the model.
+        Quantities that change with time: states of the model.
     initial : mapping of str to str
-        Parameters of the scene that hold initial values of some of these states as numbers.
+        Parameters of the scene that are the initial values of some of these states, as numbers.
     valueless : frozenset of str
-        Those of ``parameters`` and ``states`` that have no value of their own.
+        The entries of ``parameters`` and ``states`` to which the model gives no value.
     numbers : mapping of str to float
-        Values that the model itself gives to those of ``parameters`` that are numbers in it.
+        Values of the entries of ``parameters`` to which the model gives numbers.
     """
 
     parameters: Mapping[str, str]
@@ -48,7 +48,7 @@ class Entities:
 
 @dataclass(frozen=True)
 class Settings:
-    """Values that a condition sets, by names of the scene."""
+    """Values that a condition sets, by names in the scene."""
 
     parameters: dict[str, Setting] = field(default_factory=dict)
     initial: dict[str, Setting] = field(default_factory=dict)
@@ -56,14 +56,14 @@ class Settings:
 
 @dataclass(frozen=True)
 class Run:
-    """A run that measured rows ask for: a condition, its preequilibration, and whether to rest.
+    """A run that measured rows need: a condition, its preequilibration, and where it ends.
 
     Attributes
     ----------
     condition, before : str
-        Names in the condition table; ``before`` is empty for none.
+        Names in the condition table; ``before`` is empty without a preequilibration.
     is_at_rest : bool
-        Whether it was measured at the steady state that the condition itself leads to.
+        Whether values were measured at the steady state of the condition itself.
     """
 
     condition: str
@@ -72,24 +72,24 @@ class Run:
 
     @classmethod
     def of(cls, row: MeasurementRow) -> Run:
-        """Tell which run a measured row is of."""
+        """Return the run in which a row was measured."""
         return cls(row.condition, row.before, math.isinf(row.t))
 
     @property
     def name(self) -> str:
-        """Name the run of the condition itself for people."""
+        """Name of the run in messages."""
         return f"{self.condition} after {self.before}" if self.before else self.condition
 
 
 class ConditionReader:
-    """Reads what conditions set.
+    """Reads the values that conditions set.
 
     Parameters
     ----------
     tables : Tables
         The tables.
     entities : Entities
-        What can be set.
+        The quantities that can be set.
     """
 
     def __init__(self, tables: Tables, entities: Entities) -> None:
@@ -98,12 +98,13 @@ class ConditionReader:
             self._check(condition)
 
     def settings(self, name: str) -> Settings:
-        """Give what a condition sets where a run begins with it.
+        """Return the values that a condition sets at the start of its run.
 
         Raises
         ------
         SceneError
-            If it names what is not in the parameter table, or leaves open what the model does.
+            If it names a parameter that is not in the parameter table, or a quantity has no value
+            in the condition, the parameter table and the model.
         """
         condition, entities = self._tables.conditions[name], self._entities
         found = Settings(self._parameters(condition))
@@ -111,8 +112,8 @@ class ConditionReader:
             value = self._setting(condition, identifier)
             if value is None:
                 self._check_value(condition, identifier)
-            # What begins at a number of the model has a parameter for it, from which initial values
-            # of others may be derived.
+            # An initial value that is a number in the model is a parameter of the scene, from which
+            # other initial values may be derived.
             elif identifier in entities.initial:
                 found.parameters[entities.initial[identifier]] = value
             else:
@@ -120,10 +121,10 @@ class ConditionReader:
         return found
 
     def settings_after(self, name: str, before: Settings) -> Settings:
-        """Give what a condition sets after a preequilibration."""
+        """Return the values that a condition sets after a preequilibration."""
         condition, entities = self._tables.conditions[name], self._entities
         found = Settings(self._parameters(condition))
-        # Initial values acted before; that they are parameters still makes no difference now.
+        # Parameters that are initial values keep their value, which has no effect in this run.
         for parameter in entities.initial.values():
             if parameter in before.parameters:
                 found.parameters[parameter] = before.parameters[parameter]
@@ -135,14 +136,14 @@ class ConditionReader:
         return found
 
     def value(self, name: str) -> Setting | None:
-        """Give a parameter of the table: its name if it is estimated, else its number."""
+        """Return a parameter of the table: its name if it is estimated, else its number."""
         row = self._tables.parameters.get(name)
         if row is None:
             return None
         return name if row.is_estimated else row.nominal
 
     def _parameters(self, condition: ConditionRow) -> dict[str, Setting]:
-        """Give the parameters that a condition sets, by names of the scene."""
+        """Return the parameters that a condition sets, by names in the scene."""
         found = {}
         for identifier, parameter in self._entities.parameters.items():
             value = self._setting(condition, identifier)
@@ -155,8 +156,8 @@ class ConditionReader:
     def _check_value(self, condition: ConditionRow, identifier: str) -> None:
         if identifier in self._entities.valueless:
             raise condition.row.error(
-                f"'{identifier}' has no value in condition '{condition.name}': give it one, or put "
-                "it into the parameter table"
+                f"'{identifier}' has no value in condition '{condition.name}': set it there or in "
+                "the parameter table"
             )
 
     def _setting(self, condition: ConditionRow, identifier: str) -> Setting | None:
@@ -170,15 +171,15 @@ class ConditionReader:
         return self._of_model(condition, identifier, cell) if value is None else value
 
     def _of_model(self, condition: ConditionRow, identifier: str, cell: str) -> Setting:
-        """Give the value that a constant of the model has in a condition.
+        """Return the value of a constant of the model in a condition.
 
-        Constants that the parameter table does not list may stand in cells, too.
+        Cells may also name constants that the parameter table does not list.
         """
         numbers, named = self._entities.numbers, cell
         for _ in condition.cells:
             own = condition.cells.get(named)
             if own is None:
-                break  # the condition does not set it: the model's own value holds
+                break  # the condition does not set it: it keeps the model's value
             if not isinstance(own, str):
                 return own
             value = self.value(own)
@@ -187,7 +188,7 @@ class ConditionReader:
             named = own
         else:
             raise condition.row.error(
-                f"'{identifier}' of condition '{condition.name}' leads back to itself through the "
+                f"'{identifier}' of condition '{condition.name}' depends on itself through the "
                 f"column '{cell}': give a number or an entry of the parameter table"
             )
         if named in numbers:
@@ -195,7 +196,7 @@ class ConditionReader:
         hint = nearest(named, {*self._tables.parameters, *numbers})
         raise condition.row.error(
             f"'{identifier}' of condition '{condition.name}' is '{named}', which is neither in the "
-            f"parameter table nor a constant that the model gives a number{hint}"
+            f"parameter table nor a constant of the model with a number{hint}"
         )
 
     def _check(self, condition: ConditionRow) -> None:
@@ -203,6 +204,6 @@ class ConditionReader:
         for name in condition.cells:
             if name not in known:
                 raise condition.row.error(
-                    f"the column '{name}' is no parameter, compartment or species of the model "
+                    f"the column '{name}' is not a parameter, compartment or species of the model "
                     f"that can be set{nearest(name, known)}"
                 )

@@ -1,4 +1,4 @@
-"""The YAML file of a PEtab problem, version 1: which tables and which model it names."""
+"""The YAML file of a PEtab problem, version 1: it names the tables and the model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cotree.estimation.petab_tables import Tables, fill_tables
 from cotree.files import read_text
 from cotree.readers.source_line import LARGEST_FILE
 
-_MISSING = "reading PEtab problems needs PyYAML: pip install 'cotree[petab]' brings it"
+_MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]'`"
 
 
 def read_tables(path: str | Path) -> Tables:
@@ -19,12 +19,12 @@ def read_tables(path: str | Path) -> Tables:
     Parameters
     ----------
     path : str or Path
-        The YAML file; those that it names are looked for beside it.
+        The YAML file; paths in it are relative to its folder.
 
     Raises
     ------
     SceneError
-        If a file is missing or cannot be read, it is of another version, or a row makes no sense.
+        If a file is missing or cannot be read, has another version, or a row is invalid.
     Error
         If the extra ``petab`` is not installed.
     """
@@ -32,11 +32,11 @@ def read_tables(path: str | Path) -> Tables:
     version = str(_version(data)).strip()
     if version.split(".")[0] != "1":
         raise SceneError(
-            f"{path}: format_version is {brief(version)}, but cotree reads version 1 of PEtab"
+            f"{path}: format_version is {brief(version)}, but only version 1 of PEtab is supported"
         )
     problems = data.get("problems")
     if not isinstance(problems, list) or len(problems) != 1 or not isinstance(problems[0], dict):
-        raise SceneError(f"{path}: 'problems' must list one problem: give a file for each")
+        raise SceneError(f"{path}: 'problems' must list one problem: write a file for each")
     problem = problems[0]
     files = {
         kind: [_existing(path, folder, name) for name in _listed(path, problem, f"{kind}_files")]
@@ -46,7 +46,9 @@ def read_tables(path: str | Path) -> Tables:
         _existing(path, folder, name) for name in _listed(path, data, "parameter_file")
     ]
     if problem.get("mapping_files"):
-        raise SceneError(f"{path}: mapping_files are not read: use names of the model in tables")
+        raise SceneError(
+            f"{path}: mapping_files are not supported: use names of the model in the tables"
+        )
     model = _existing(path, folder, _model(path, problem))
     tables = Tables(str(path), model, tuple(files["measurement"]))
     fill_tables(tables, files)
@@ -84,18 +86,20 @@ def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:
 
 
 def _model(path: str | Path, problem: dict[str, Any]) -> str:
-    """Find the model: of version 1 an SBML file, or in its later form a table of models."""
+    """Find the model: ``sbml_files``, or ``model_files`` in later forms of version 1."""
     models = problem.get("model_files")
     if isinstance(models, dict) and not problem.get("sbml_files"):
         for model in models.values():
             language = model.get("language") if isinstance(model, dict) else None
             if language != "sbml":
-                raise SceneError(f"{path}: the model is in '{language}', but cotree reads SBML")
+                raise SceneError(
+                    f"{path}: the model is in '{language}', but only SBML is supported"
+                )
         names = [str(model.get("location")) for model in models.values()]
     else:
         names = _listed(path, problem, "sbml_files")
     if len(names) != 1:
-        raise SceneError(f"{path}: {len(names)} models: cotree reads problems of one SBML file")
+        raise SceneError(f"{path}: {len(names)} models are given, but only one is supported")
     return names[0]
 
 
@@ -106,7 +110,5 @@ def _existing(path: str | Path, folder: Path, name: str) -> Path:
     except OSError:  # the name is too long for the file system
         is_file = False
     if not is_file:
-        raise SceneError(
-            f"{path}: it names the file '{brief(name)}', which does not exist in '{folder}'"
-        )
+        raise SceneError(f"{path}: the file '{brief(name)}' does not exist in '{folder}'")
     return found

@@ -2,7 +2,7 @@
 
 PEtab writes ``a^b``, ``ln(x)``, ``log10(x)``, ``piecewise(value, condition, ..., otherwise)`` and
 ``&&`` where scenes write ``a**b``, ``log(x)``, ``log(x)/log(10)``, ``where(condition, value,
-otherwise)`` and ``and``. What is left has the grammar of scenes, which checks it afterwards.
+otherwise)`` and ``and``. The result is checked against the grammar of scenes.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
 
-_LONGEST = 4000  # characters, as of expressions of scenes
+_LONGEST = 4000  # characters, the limit of expressions in scenes
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|(?P<name>[A-Za-z_][A-Za-z0-9_]*)"
     r"|(?P<sign>&&|\|\||[<>=!]=|\*\*|[-+*/^()<>,!]))"
 )
 
-# What PEtab's functions are in those of scenes; ``{0}`` is the argument.
+# PEtab's functions in terms of those of scenes; ``{0}`` is the argument.
 _AS = {
     "ln": "log({0})",
     "log10": "log({0})/2.302585092994046",
@@ -55,22 +55,22 @@ _TIME = "time"
 
 
 class Formula:
-    """A formula, taken apart once, for any meaning of its names.
+    """A formula that is parsed once and can be written with different meanings of its names.
 
     Parameters
     ----------
     text : str
-        As PEtab writes it.
+        The formula in PEtab's syntax.
 
     Attributes
     ----------
     names : tuple of str
-        The names in it but for ``time``, in order.
+        The names in it except ``time``, in order.
 
     Raises
     ------
     ExpressionError
-        If it is none.
+        If the text is not a formula.
     """
 
     def __init__(self, text: str) -> None:
@@ -88,29 +88,29 @@ class Formula:
         self.names = tuple(name for name in dict.fromkeys(found) if name != _TIME)
 
     def expression(self, meaning: Callable[[str], str]) -> str:
-        """Write it as an expression of a scene.
+        """Write the formula as an expression of a scene.
 
         Parameters
         ----------
         meaning : callable
-            Gives the expression that a name stands for.
+            Returns the expression that a name stands for.
 
         Raises
         ------
         ExpressionError
-            If it holds what scenes do not have.
+            If scenes have no equivalent of a function in it.
         """
         tree: ast.expr = _Rewriting(meaning).visit(_copied(self._tree))
         return ast.unparse(ast.fix_missing_locations(tree))
 
 
 def number_of(expression: str, where: str) -> float | None:
-    """Give the value of an expression without names, else None.
+    """Return the value of an expression without names, else None.
 
     Raises
     ------
     ExpressionError
-        If it is no expression, or has no value.
+        If it is not an expression, or has no value.
     """
     checked = parse(expression, where)
     if checked.names:
@@ -123,12 +123,12 @@ def _unknown(name: str) -> Node:
 
 
 def _copied(tree: ast.expr) -> ast.expr:
-    # Rewriting changes trees in place; text and back is the shortest copy.
+    # Rewriting changes trees in place; writing and parsing the text is the simplest copy.
     return read_tree(ast.unparse(tree))
 
 
 def _python_text(text: str) -> str:
-    """Spell PEtab's operators as Python does."""
+    """Translate PEtab's operators to Python's."""
     if len(text) > _LONGEST:
         raise ExpressionError(f"is longer than {_LONGEST} characters")
     place, found = 0, []
@@ -137,7 +137,9 @@ def _python_text(text: str) -> str:
     while place < len(text):
         match = _TOKEN.match(text, place)
         if match is None:
-            raise ExpressionError(f"has '{text[place:].strip()[:1]}', which is not of PEtab")
+            raise ExpressionError(
+                f"contains '{text[place:].strip()[:1]}', which PEtab does not allow"
+            )
         place, token = match.end(), match[0].strip()
         if token == "(":
             joined.append(set())
@@ -146,10 +148,10 @@ def _python_text(text: str) -> str:
         elif token == ",":
             joined[-1].clear()
         elif token in ("&&", "||"):
-            # They are of equal rank in PEtab, and of two ranks in Python.
+            # They have equal precedence in PEtab, but not in Python.
             joined[-1].add(token)
             if len(joined[-1]) > 1:
-                raise ExpressionError("joins conditions by && and ||: put one kind in parentheses")
+                raise ExpressionError("mixes && and || in one condition: add parentheses")
         found.append(_SPELT.get(token, token))
     return " ".join(found)
 
@@ -183,7 +185,7 @@ class _Rewriting(ast.NodeTransformer):
         if name in (*_SAME, "log"):
             return _call(name, *args)
         raise ExpressionError(
-            f"'{brief(ast.unparse(node))}' is no function of PEtab, or has too many or too few "
+            f"'{brief(ast.unparse(node))}' is not a function of PEtab, or has the wrong number of "
             "arguments"
         )
 
@@ -192,7 +194,7 @@ class _Rewriting(ast.NodeTransformer):
         parts: list[ast.expr] = []
         for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True):
             if isinstance(op, (ast.Eq, ast.NotEq)):
-                # Scenes have no equality: neither side is the larger.
+                # Expressions of scenes have no equality; a <= b and a >= b is equivalent.
                 both = ast.BoolOp(
                     ast.And(), [_compared(a, ast.LtE(), b), _compared(a, ast.GtE(), b)]
                 )

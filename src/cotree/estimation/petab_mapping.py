@@ -1,4 +1,4 @@
-"""From the tables of a PEtab problem to conditions, measured rows and estimated parameters."""
+"""Mapping of PEtab's tables to conditions, measured values and estimated parameters."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from cotree.estimation.petab_conditions import Setting
     from cotree.estimation.petab_tables import ParameterRow, Tables
 
-#: Names and settings of the runs that lead to measured values, the last of which they are of.
+#: Names and settings of consecutive runs; values are measured in the last one.
 Chain = tuple[tuple[str, Settings], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """A PEtab problem in the terms of estimation.
+    """A PEtab problem in the form of an estimation problem.
 
     Attributes
     ----------
     scene : Scene
         The model with its outputs.
     estimated, conditions, measured
-        As of an estimation problem; measured rows are those of the measurement tables, in order.
+        As in an estimation problem; measured values are in the order of the measurement tables.
     nominal : dict of str to float
         Nominal values of estimated parameters.
     """
@@ -49,7 +49,7 @@ class Mapped:
 
 
 def mapped(tables: Tables) -> Mapped:
-    """Form the problem, and compile its model.
+    """Assemble the problem and compile its model.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ def mapped(tables: Tables) -> Mapped:
     Raises
     ------
     ModelError, FormulationError, BuildError
-        If a row makes no sense, or the model cannot be formed or compiled.
+        If a row is invalid, or the model cannot be formed or compiled.
     """
     rows = [row for row in tables.parameters.values() if row.is_estimated]
     if not rows:
-        raise SceneError(f"{tables.file}: no parameter is estimated: 'estimate' is 0 in all rows")
+        raise SceneError(f"{tables.file}: no parameter is estimated: set 'estimate' to 1 in a row")
     found = PetabModel(tables)
     outputs = Outputs(tables, found.meaning, found.new_name)
     pairs = [outputs.of_row(row) for row in tables.measurements]
@@ -93,13 +93,13 @@ def mapped(tables: Tables) -> Mapped:
 
 
 def _estimated(row: ParameterRow) -> Estimated:
-    # Nominal values may be out of bounds by a rounding, which a start may not.
+    # Rounding may put nominal values slightly out of bounds; starts must be within them.
     start = None if row.nominal is None else min(max(row.nominal, row.lower), row.upper)
     return Estimated(row.name, row.lower, row.upper, row.scale, start)
 
 
 def _chain(run: Run, reader: ConditionReader) -> Chain:
-    """Give the runs that lead to measured values, each from the steady state of the one before."""
+    """Return the runs up to the measured values; all but the last end at a steady state."""
     chain: Chain = ()
     if run.before:
         chain = ((run.before, reader.settings(run.before)),)
@@ -108,7 +108,7 @@ def _chain(run: Run, reader: ConditionReader) -> Chain:
         own = reader.settings(run.condition)
     chain = (*chain, (run.name, own))
     if run.is_at_rest:
-        # Values at rest are those at the start of a run that begins there and sets no states.
+        # Values at a steady state are those at the start of a run that begins there.
         chain = (*chain, (f"{run.name} at rest", Settings(own.parameters)))
     return chain
 
@@ -123,7 +123,7 @@ def _wanted(chains: Iterable[Chain]) -> list[str]:
 
 
 def _conditions(chains: Iterable[Chain], model: Model) -> tuple[Condition, ...]:
-    """Make the conditions; those that begin at the same steady state share the runs to it."""
+    """Make the conditions; those that begin at the same steady state share the runs before."""
     leading: dict[tuple[object, ...], Condition] = {}
     found = []
     for *before, (name, own) in chains:

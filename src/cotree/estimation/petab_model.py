@@ -1,4 +1,4 @@
-"""The model of a PEtab problem: an SBML file as a scene, with the outputs that were measured."""
+"""The model of a PEtab problem: a scene from an SBML file, with outputs for the measured values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class PetabModel:
-    """A scene, and what its parts are called in the tables.
+    """A scene, and the names that its quantities have in the tables.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ class PetabModel:
     scene : Scene
         The scene; outputs are added to it by :meth:`add_outputs`.
     entities : Entities
-        What conditions may set.
+        The quantities that conditions may set.
 
     Raises
     ------
     SceneError
-        If the SBML file cannot be read, or tables set what cannot be.
+        If the SBML file cannot be read, or the tables set a quantity that cannot be set.
     """
 
     def __init__(self, tables: Tables) -> None:
@@ -51,12 +51,12 @@ class PetabModel:
         self.entities = self._entities()
 
     def meaning(self, name: str) -> str | None:
-        """Give the expression of a name in the tables, or None."""
+        """Return the expression for a name in the tables, or None."""
         symbol = self._sbml.symbols.get(name)
         return self._added.get(name) if symbol is None else symbol.name
 
     def new_name(self, wish: str) -> str:
-        """Give an unused name of the scene."""
+        """Return an unused name of the scene, close to the wish."""
         return self._namer.own(wish)
 
     def add_outputs(self, outputs: Outputs) -> None:
@@ -65,7 +65,7 @@ class PetabModel:
         Raises
         ------
         SceneError
-            If one is not accepted.
+            If the scene does not accept one.
         """
         for name, expression in outputs.expressions.items():
             try:
@@ -74,7 +74,7 @@ class PetabModel:
                 raise SceneError(f"{self._tables.file}: {error}") from None
 
     def _added_parameters(self) -> dict[str, str]:
-        """Declare parameters that formulas of observables and noise have and the model has not."""
+        """Declare parameters of observables and noise that are not in the model."""
         tables = self._tables
         names: dict[str, None] = {}
         for observable in tables.observables.values():
@@ -96,7 +96,7 @@ class PetabModel:
         return added
 
     def _entities(self) -> Entities:
-        """List what can be set."""
+        """List the quantities that can be set."""
         parameters, states, initial = dict(self._added), {}, {}
         tables = self._tables
         used = {c for row in tables.conditions.values() for c in row.cells} | {*tables.parameters}
@@ -105,8 +105,8 @@ class PetabModel:
             if symbol.state:
                 if symbol.factor and identifier in used:
                     raise SceneError(
-                        f"{tables.file}: '{identifier}' is in a compartment whose size changes: "
-                        "its initial value cannot be set"
+                        f"{tables.file}: the initial value of '{identifier}' cannot be set, since "
+                        "the size of its compartment changes"
                     )
                 states[identifier] = symbol.state
                 if symbol.initial and self._is_number(symbol.initial):
@@ -123,7 +123,7 @@ class PetabModel:
                 parameters[identifier] = symbol.name
             elif identifier in tables.parameters:
                 raise tables.parameters[identifier].row.error(
-                    f"'{identifier}' is determined by the model: it cannot be set"
+                    f"'{identifier}' cannot be set, since a rule of the model determines it"
                 )
         columns = {c for row in tables.conditions.values() for c in row.cells}
         valueless = {name for name in self._added if name in columns} | freed | self._sbml.assumed
@@ -141,7 +141,7 @@ def _names_in(text: str) -> tuple[str, ...]:
 
 
 def _values(tables: Tables) -> dict[str, float]:
-    """Give values to quantities for which the model may have none, as tables do."""
+    """Collect values from the tables for quantities to which the model may give none."""
     found: dict[str, float] = {}
     for condition in tables.conditions.values():
         for name, cell in condition.cells.items():

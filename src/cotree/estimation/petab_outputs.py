@@ -28,9 +28,9 @@ class Outputs:
     tables : Tables
         The tables.
     meaning : callable
-        Gives the expression of a name of the model or of the parameter table, or None.
+        Returns the expression for a name of the model or of the parameter table, or None.
     name : callable
-        Gives an unused name of the scene as close to a wish as is free.
+        Returns an unused name of the scene, close to the one wished for.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Outputs:
         self.expressions: dict[str, str] = {}
 
     def of_row(self, row: MeasurementRow) -> tuple[str, str | float]:
-        """Give the outputs of the observable and the noise of a row; constant noise is a number.
+        """Return the outputs of a row's observable and noise; constant noise is a number.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Outputs:
         return name, number
 
     def _output(self, wish: str, expression: str) -> str:
-        """Give the output of an expression; equal expressions share one."""
+        """Return the output of an expression; equal expressions share one."""
         if expression not in self._by_expression:
             name = self._name(wish)
             self._by_expression[expression] = name
@@ -137,7 +137,7 @@ class Outputs:
             raise observable.row.error(str(error)) from None
 
     def _overrides(self, row: MeasurementRow, observable: ObservableRow) -> dict[str, str]:
-        """Give the expressions that replace the placeholders, by name."""
+        """Return the expressions that replace the placeholders, by name."""
         found = {}
         for kind, given, column in (
             ("observable", row.observable_parameters, "observableFormula"),

@@ -1,4 +1,4 @@
-"""Computed values as PEtab's simulation table."""
+"""Predictions in the form of PEtab's simulation table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def measurement_frame(files: Sequence[Path], values: npt.NDArray[np.float64]) -> Any:
-    """Put values in place of those that were measured.
+    """Replace measured values by predictions.
 
     Parameters
     ----------
@@ -29,10 +29,10 @@ def measurement_frame(files: Sequence[Path], values: npt.NDArray[np.float64]) ->
     """
     import pandas
 
-    # Read again as other tools of PEtab do it, so that its cells equal theirs; this engine keeps
+    # Read with pandas as other tools for PEtab do, so that the cells are equal; this engine keeps
     # all digits of numbers in every version.
     tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
-    # Rows of separators alone are none.
+    # Rows that contain only separators are skipped.
     table = pandas.concat(tables, ignore_index=True).dropna(how="all").reset_index(drop=True)
     table["measurement"] = values
     return table.rename(columns={"measurement": "simulation"})

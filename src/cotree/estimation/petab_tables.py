@@ -1,6 +1,7 @@
-"""The files of a PEtab problem, version 1: rows of its tables, checked one by one.
+"""The tables of a PEtab problem, version 1, read and checked row by row.
 
-In: the YAML file. Out: ``Tables``, in which every row knows its file and line. Formulas stay texts.
+In: the files of the tables. Out: ``Tables``, in which every row has its file and line. Formulas
+remain texts.
 
 Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
 """
@@ -26,7 +27,7 @@ _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
 _Named = TypeVar("_Named", "ParameterRow", "ObservableRow", "ConditionRow")
 
-#: A cell of the condition table: a number, the name of something else, or None for "as it is".
+#: A cell of the condition table: a number, a name, or None to keep the model's value.
 Cell = float | str | None
 
 
@@ -46,16 +47,16 @@ class Row:
     cells: Mapping[str, str]
 
     def error(self, message: str) -> SceneError:
-        """Make the error that something is wrong in this row."""
+        """Make an error whose message begins with the file and line of this row."""
         return self.line.error(message)
 
     def text(self, column: str, default: str = "") -> str:
-        """Give a cell, or the default where it is empty or the table has no such column."""
+        """Return a cell, or the default if it is empty or the table has no such column."""
         value = (self.cells.get(column) or "").strip()
         return default if value in ("", "NaN", "nan", "NA") else value
 
     def number(self, column: str, default: float | None = None) -> float:
-        """Give a number; refuse an empty cell where there is no default."""
+        """Return a number; refuse an empty cell if there is no default."""
         text = self.text(column)
         if not text:
             if default is None:
@@ -63,28 +64,28 @@ class Row:
             return default
         value = as_number(text)
         if value is None:
-            raise self.error(f"'{column}' is '{brief(text)}', which is no number")
+            raise self.error(f"'{column}' is '{brief(text)}', which is not a number")
         return value
 
     def choice(self, column: str, known: Sequence[str]) -> str:
-        """Give one of some words, the first where the cell is empty."""
+        """Return one of the known words, the first if the cell is empty."""
         text = self.text(column, known[0])
         if text not in known:
             raise self.error(f"'{column}' is '{brief(text)}'{nearest(text, known)}")
         return text
 
     def identifier(self, column: str) -> str:
-        """Give a name."""
+        """Return an identifier."""
         text = self.text(column)
         if not _IDENTIFIER.match(text):
             raise self.error(
-                f"'{column}' is '{brief(text)}': give letters, digits and underscores, no digit "
-                "first"
+                f"'{column}' is '{brief(text)}': use letters, digits and underscores, and no digit "
+                "at the beginning"
             )
         return text
 
     def listed(self, column: str) -> tuple[str | float, ...]:
-        """Give what is separated by semicolons: numbers, or names."""
+        """Return the numbers or names in a cell, separated by semicolons."""
         text = self.text(column)
         parts = [part.strip() for part in text.split(";")] if text else []
         found: list[str | float] = []
@@ -107,7 +108,7 @@ class PriorRow:
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A row of the parameter table; bounds and nominal value are not on the scale."""
+    """A row of the parameter table; bounds and nominal value are not scaled."""
 
     name: str
     row: Row
@@ -122,7 +123,7 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class ObservableRow:
-    """A row of the table of observables."""
+    """A row of the observable table."""
 
     name: str
     row: Row
@@ -134,7 +135,7 @@ class ObservableRow:
 
 @dataclass(frozen=True)
 class MeasurementRow:
-    """A measured value; ``before`` is the preequilibration, empty for none."""
+    """A row of the measurement table; ``before`` is the preequilibration, empty without one."""
 
     row: Row
     observable: str
@@ -148,7 +149,7 @@ class MeasurementRow:
 
 @dataclass(frozen=True)
 class ConditionRow:
-    """A row of the condition table: what it sets, by name."""
+    """A row of the condition table: the values that it sets, by name."""
 
     name: str
     row: Row
@@ -166,9 +167,9 @@ class Tables:
     model : Path
         The SBML file.
     measurement_files : tuple of Path
-        Files of measurements, in order.
+        The measurement tables, in order.
     parameters, observables, conditions, measurements
-        Rows, the first three by name.
+        Rows of the tables, the first three by name.
     """
 
     file: str
@@ -188,8 +189,8 @@ _PRIORS = (
 
 
 def as_number(text: str) -> float | None:
-    """Give the number of a text, or None; ``nan`` is none."""
-    # Python would take underscores between digits, too.
+    """Return the number of a text, or None if it is not a number or ``nan``."""
+    # Python would accept underscores between digits.
     try:
         value = math.nan if "_" in text else float(text)
     except ValueError:
@@ -203,14 +204,14 @@ def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
     Parameters
     ----------
     tables : Tables
-        Takes the rows.
+        Receives the rows.
     files : mapping of str to paths
         Files by kind: parameter, observable, condition, measurement.
 
     Raises
     ------
     SceneError
-        If a file cannot be read or a row makes no sense; the message begins with file and line.
+        If a file cannot be read or a row is invalid; the message begins with file and line.
     """
     for row in _rows(files["parameter"], "parameterId", "parameterScale", "nominalValue"):
         _put(tables.parameters, _parameter(row), "parameter")
@@ -222,11 +223,11 @@ def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
     for row in _rows(files["measurement"], *wanted):
         tables.measurements.append(_measurement(row, tables))
     if not tables.measurements:
-        raise SceneError(f"{tables.file}: nothing was measured: the measurement table has no rows")
+        raise SceneError(f"{tables.file}: the measurement table has no rows: add measured values")
 
 
 def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
-    """Keep a row under its name, which no other may have."""
+    """Store a row by its name, which must be unique."""
     if found.name in known:
         line = known[found.name].row.line
         raise found.row.error(f"{what} '{brief(found.name)}' is defined twice, first in {line}")
@@ -234,20 +235,20 @@ def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
 
 
 def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
-    """Give the rows of tables, with their columns checked."""
+    """Read the rows of tables that have the required columns."""
     for path in paths:
-        # With `newline=""` csv sees line ends as they are in the file.
+        # With `newline=""` the csv module receives the line ends of the file unchanged.
         text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
         reader = csv.DictReader(text, delimiter="\t")
         try:
             yield from _checked_rows(path, reader, wanted)
         except csv.Error as error:
             line = SourceLine(str(path), max(1, reader.line_num))
-            raise line.error(f"not a table of tab-separated values: {error}") from None
+            raise line.error(f"not a table with tab-separated columns: {error}") from None
 
 
 def _checked_rows(path: Path, reader: csv.DictReader[str], wanted: Sequence[str]) -> Iterable[Row]:
-    """Give the rows of one table that are not empty."""
+    """Read the rows of one table that are not empty."""
     columns = reader.fieldnames or []
     for name in wanted:
         if name not in columns:
@@ -255,12 +256,12 @@ def _checked_rows(path: Path, reader: csv.DictReader[str], wanted: Sequence[str]
             raise SceneError(f"{path}:1: no column '{name}'{hint}")
     for name in columns:
         if columns.count(name) > 1:
-            raise SceneError(f"{path}:1: there are two columns '{brief(name)}': keep one of them")
+            raise SceneError(f"{path}:1: two columns are named '{brief(name)}': remove one of them")
     for cells in reader:
         row = Row(SourceLine(str(path), reader.line_num), cells)
         # The csv module puts cells beyond the header under the key None.
         if None in cells:
-            raise row.error(f"more cells than the {len(columns)} columns of the first line")
+            raise row.error(f"the row has more cells than the {len(columns)} columns of the header")
         if any(row.text(name) for name in columns):
             yield row
 
@@ -276,7 +277,8 @@ def _parameter(row: Row) -> ParameterRow:
         lower, upper = row.number("lowerBound"), row.number("upperBound")
         if not lower < upper:
             raise row.error(
-                f"the bounds {lower:g} and {upper:g} of '{brief(name)}' are not in order"
+                f"the lower bound {lower:g} of '{brief(name)}' is not below the upper bound "
+                f"{upper:g}"
             )
         if scale != "lin" and lower < 0.0:
             raise row.error(
@@ -305,14 +307,16 @@ def _prior(row: Row, column: str) -> PriorRow | None:
     kind = row.choice(f"{column}Type", _PRIORS)
     numbers = [value for value in given if not isinstance(value, str)]
     if kind == "parameterScaleUniform" and not given:
-        return None  # between the bounds, as without a prior
+        return None  # uniform within the bounds, as without a prior
     if len(numbers) != 2 or len(given) != 2:
-        raise row.error(f"'{column}Parameters' of a {kind} prior are two numbers, as in 0;1")
+        raise row.error(f"'{column}Parameters' of a {kind} prior must be two numbers, as in 0;1")
     first, second = numbers
     if kind.lower().endswith("uniform") and not first < second:
-        raise row.error(f"the ends {first:g} and {second:g} of a {kind} prior are not in order")
+        raise row.error(
+            f"the lower end {first:g} of a {kind} prior is not below the end {second:g}"
+        )
     if not kind.lower().endswith("uniform") and not second > 0.0:
-        raise row.error(f"the width {second:g} of a {kind} prior is not positive")
+        raise row.error(f"the scale {second:g} of a {kind} prior is not positive")
     return PriorRow(kind, first, second)
 
 
@@ -357,11 +361,11 @@ def _measurement(row: Row, tables: Tables) -> MeasurementRow:
         raise row.error(f"unknown preequilibrationConditionId '{brief(before)}'{hint}")
     value, t = row.number("measurement"), row.number("time")
     if not math.isfinite(value):
-        raise row.error(f"the measurement is {value}: leave the row out")
+        raise row.error(f"the measurement is {value}: remove the row")
     if tables.observables[observable].transformation != "lin" and not value > 0.0:
         raise row.error(f"the measurement {value:g} of '{brief(observable)}' has no logarithm")
     if not t >= 0.0:
-        raise row.error(f"the time is {t:g}: PEtab counts from 0")
+        raise row.error(f"the time is {t:g}: times must not be negative")
     return MeasurementRow(
         row,
         observable,
