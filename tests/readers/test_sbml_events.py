@@ -75,7 +75,9 @@ def test_a_concentration_of_a_rate_rule_is_diluted_when_its_compartment_is_set()
 def test_a_concentration_of_a_rate_rule_that_a_rule_would_dilute_is_refused():
     species = [A, species_text("C", initialConcentration=1, boundaryCondition="true")]
     events = event_text("time >= 1", {"n": "2"})
-    with pytest.raises(cotree.SceneError, match="rate rule of 'C' is for a concentration in 'V'"):
+    with pytest.raises(
+        cotree.SceneError, match="rate rule of 'C' determines a concentration in 'V'"
+    ):
         scene_of(events, species, rates={"C": "1"}, assignments={"V": "n + 1"})
 
 
@@ -92,7 +94,7 @@ def test_a_trigger_at_the_start_follows_its_initial_value():
     assert run(scene_of(event_text("A > 1", {"n": "4"})), 4.0)["n"][-1] == 0.0
     for trigger, initial in (("A > 1", "false"), ("time >= 0", "true")):
         with pytest.raises(
-            cotree.SceneError, match=r"m\.xml:\d+: the trigger of event 'e' holds at"
+            cotree.SceneError, match=r"m\.xml:\d+: the trigger of event 'e' is true at"
         ):
             scene_of(event_text(trigger, {"n": "4"}, initial=initial))
 
@@ -177,7 +179,7 @@ def test_events_at_equal_constant_times_with_different_triggers_are_refused():
         "</listOfParameters>", '<parameter id="T" value="2" constant="true"/></listOfParameters>'
     )
     events = pair("time > T", {"n": "1"}, {"k": "n"}, other="time > 2")
-    with pytest.raises(cotree.SceneError, match="'e' and 'f' happen at the same time"):
+    with pytest.raises(cotree.SceneError, match="'e' and 'f' occur at the same time"):
         read_sbml_text(model_text(parts, reactions=DECAY, events=events), "m.xml", cotree.Scene)
 
 

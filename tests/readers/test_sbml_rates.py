@@ -78,10 +78,10 @@ def test_events_depend_on_rates():
 @pytest.mark.parametrize(
     ("rates", "functions", "law", "said"),
     [
-        ({}, "", "rateOf(q)", "but 'q' has an assignment rule: write the derivative of the rule"),
-        ({"k": "rateOf(k)"}, "", "A", "rule of 'k' leads back to itself: rateOf(k) -> rateOf(k)"),
+        ({}, "", "rateOf(q)", "but 'q' has an assignment rule: replace rateOf by the derivative"),
+        ({"k": "rateOf(k)"}, "", "A", "rule of 'k' depends on itself: rateOf(k) -> rateOf(k)"),
         ({"k": "rateOf(p)", "p": "rateOf(k)"}, "", "A", "rateOf(k) -> rateOf(p) -> rateOf(k)"),
-        ({}, "lambda(q, rateOf(q))", "f(A)", "holds rateOf of an argument of function 'f'"),
+        ({}, "lambda(q, rateOf(q))", "f(A)", "contains rateOf of an argument of function 'f'"),
     ],
 )
 def test_rates_that_cannot_be_told(rates, functions, law, said):

@@ -1,7 +1,7 @@
-"""SBML models to scenes.
+"""Scenes from SBML models.
 
-Species become edges of their name, reactions an output for their rate and a molar flow for each
-species that they change; rules become outputs and states. See docs/sbml.md.
+A species becomes an edge with its name; a reaction becomes an output, its rate, and a molar flow
+for each species that it changes; rules become outputs and states. See docs/sbml.md.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     source : str or Path
         Path of the file.
     scene_type : type
-        The class to make.
+        Class of the scene.
 
     Raises
     ------
     Error
         If python-libsbml is not installed.
     SceneError
-        If the file cannot be read, or holds what is not known; the message begins with file and
-        line.
+        If the file cannot be read, or contains something that is not supported; the message begins
+        with file and line.
     """
     return read_sbml_model(source, scene_type).scene
 
@@ -49,16 +49,16 @@ def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 def read_sbml_model(
     source: str | Path, scene_type: type[_Scene], values: Mapping[str, float] | None = None
 ) -> SbmlModel[_Scene]:
-    """Read a model, and tell what became of its quantities.
+    """Read a model as a scene, with the quantities of the scene by identifiers of the model.
 
     Parameters
     ----------
     source : str or Path
         Path of the file.
     scene_type : type
-        The class to make.
+        Class of the scene.
     values : mapping of str to float, optional
-        Values of quantities, by identifier, where the file gives none.
+        Values of quantities, by identifier, for which the file gives none.
 
     Raises
     ------

@@ -21,16 +21,16 @@ def assigned_values(
     roles: Roles,
     names: Mapping[str, str],
 ) -> dict[str, str]:
-    """Give the states and modes that events with one trigger set, and the expressions of these.
+    """Return the states and modes that events with one trigger set, with their expressions.
 
-    A concentration is set by the amount that it means in the size that the compartment has before
-    the event, and a change of size keeps amounts (SBML test suite, case 01779).
+    A concentration is set through the amount to which it corresponds at the compartment's size
+    before the event, and a change of size conserves amounts (SBML test suite, case 01779).
 
     Parameters
     ----------
     events : iterable of mapping of str to str
-        What each sets, by identifier: expressions of the values before all of them. The events
-        act in this order.
+        Assignments of each event, by identifier: expressions of the values before all of them. The
+        events act in this order.
     content : SbmlContent
         The model.
     roles : Roles
@@ -39,7 +39,7 @@ def assigned_values(
         Names of the scene by identifier.
     """
     found: dict[str, str] = {}
-    sizes: dict[str, str] = {}  # what has been set by earlier events, compartments among it
+    sizes: dict[str, str] = {}  # values that earlier events have set, including compartments
     for texts in events:
         for id, text in texts.items():
             state = names[id] if roles.of[id] is Role.MODE else f"{names[id]}.c"
@@ -58,7 +58,7 @@ def assigned_values(
 
 
 def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
-    """Refuse concentrations of rate rules in compartments whose rules depend on what events set.
+    """Refuse concentrations with rate rules in compartments whose size events change indirectly.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) 
             continue
         if set_by_events & dependencies.of(content.assignments[place].node):
             raise formula.at.error(
-                f"the {formula.what} is for a concentration in '{brief(place)}', whose rule "
-                "depends on what events set: give the species hasOnlySubstanceUnits, or let the "
-                "events set the compartment"
+                f"the {formula.what} determines a concentration in '{brief(place)}', whose size "
+                "changes at events through its assignment rule, which is not supported: set "
+                "hasOnlySubstanceUnits of the species, or let the events set the compartment"
             )

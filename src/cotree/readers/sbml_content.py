@@ -1,4 +1,4 @@
-"""The content of an SBML model in plain data; formulas stay libsbml's trees."""
+"""The content of an SBML model as plain data; formulas remain libsbml's trees."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Formula:
     node : libsbml.ASTNode
         Its tree.
     at : SourceLine
-        Where it stands.
+        Its file and line.
     what : str
-        What it belongs to, for messages: ``kinetic law of reaction 'R1'``.
+        Its description in messages: ``kinetic law of reaction 'R1'``.
     """
 
     node: Any = field(repr=False)
@@ -37,23 +37,23 @@ class Quantity:
     Attributes
     ----------
     kind, id, title : str
-        Its kind, identifier and name for people.
+        Its kind, identifier and descriptive name.
     at : SourceLine
-        Where it stands.
+        Its file and line.
     value : float or None
-        The number given as its value at the start.
+        Its initial value, if the file gives a number.
     is_constant : bool
-        Whether nothing may change it.
+        Whether it is declared constant.
     compartment : str
-        Of a species: where it is.
+        Compartment of a species.
     is_amount : bool
-        Of a species: whether its identifier means an amount, not a concentration.
+        Whether the identifier of a species denotes an amount instead of a concentration.
     gives_amount : bool
-        Of a species: whether ``value`` is an amount.
+        Whether ``value`` of a species is an amount.
     is_boundary : bool
-        Of a species: whether reactions leave it as it is.
+        Whether reactions do not change a species.
     conversion : str
-        Of a species: the parameter by which reactions' extents become amounts of it.
+        Conversion factor of a species: the parameter that converts extents of reactions to amounts.
     """
 
     kind: str
@@ -70,7 +70,7 @@ class Quantity:
 
     @property
     def whose(self) -> str:
-        """Name it in messages."""
+        """Its kind and identifier, for messages."""
         return f"{self.kind} '{brief(self.id)}'"
 
 
@@ -81,13 +81,13 @@ class Part:
     Attributes
     ----------
     species : str
-        Which it is.
+        Its identifier.
     sign : int
         -1 for a reactant, 1 for a product.
     stoichiometry : float or str or Formula
         Its stoichiometry: a number, the identifier of a quantity, or a formula.
     at : SourceLine
-        Where it stands.
+        Its file and line.
     """
 
     species: str
@@ -108,24 +108,24 @@ class Reaction:
 
 @dataclass(frozen=True)
 class SbmlEvent:
-    """An event: when it happens, and the values that it sets.
+    """An event: its trigger and its assignments.
 
     Attributes
     ----------
     id : str
-        Its identifier, or a name made of its number.
+        Its identifier, or a name made from its number.
     trigger : Formula
-        The condition; the event happens when it turns true.
+        The condition; the event occurs when it becomes true.
     sets : dict of str to Formula
-        The value of each quantity that it sets.
+        The assigned values by identifier.
     is_initially_true : bool
         Whether the trigger counts as true before the start.
     priority : float
-        Of events at the same time, those of higher priority act first.
+        Of simultaneous events, those with higher priority act first.
     is_persistent : bool
-        Whether it happens even if an event at the same time turns its trigger false again.
+        Whether it occurs even if a simultaneous event makes its trigger false again.
     uses_trigger_values : bool
-        Whether values are those before events at the same time act, or those that they leave.
+        Whether assigned values are evaluated before simultaneous events act, or after them.
     """
 
     id: str
@@ -146,15 +146,15 @@ class SbmlContent:
     id : str
         The model's identifier.
     quantities : dict of str to Quantity
-        Compartments, species, parameters and stoichiometries with an identifier.
+        Compartments, species, parameters, and stoichiometries with an identifier.
     functions : dict of str to node
         Trees of the function definitions.
     initials, assignments, rates : dict of str to Formula
-        Initial assignments, assignment rules and rate rules by what they determine.
+        Initial assignments, assignment rules and rate rules, by identifier of their target.
     reactions, events : list
         The reactions and events.
     notes : list of str
-        What is not read.
+        Elements that are ignored.
     """
 
     id: str
@@ -166,4 +166,4 @@ class SbmlContent:
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    _document: Any = None  # libsbml's trees live as long as their document
+    _document: Any = None  # kept alive, since it owns libsbml's trees

@@ -1,6 +1,6 @@
-"""Models in SBML files: read by libsbml, checked, and told in plain data.
+"""Reading of SBML files: libsbml parses them, and their content is checked and kept as plain data.
 
-Formulas stay libsbml's trees. See docs/sbml.md for what is known.
+Formulas remain libsbml's trees. docs/sbml.md lists what is supported.
 """
 
 from __future__ import annotations
@@ -37,32 +37,32 @@ def read_document(text: str, where: str) -> SbmlContent:
     text : str
         The file's text.
     where : str
-        Names it in messages.
+        Its name in messages.
 
     Raises
     ------
     Error
         If python-libsbml is not installed.
     SceneError
-        If the text is no XML or no SBML, or the model holds what is not known.
+        If the text is not valid XML or SBML, or the model contains something that is not supported.
     """
-    # The text's own check comes first: it refuses document types, whose entities libsbml follows.
+    # This check comes first, since it refuses document types, whose entities libsbml would follow.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":
         raise root.at.error(f"not SBML: its outermost element is <{brief(root.tag)}>, not <sbml>")
-    # Packages of Level 3 say so where they change the meaning of a model.
+    # Packages of Level 3 that change the meaning of a model are declared as required.
     for attribute, value in root.attributes.items():
         package, _, word = attribute.rpartition(":")
         if package and word == "required" and value in ("true", "1"):
             raise root.at.error(
-                f"the package '{brief(package)}' changes what the model means, and is not read: "
-                "convert the file to core SBML"
+                f"the package '{brief(package)}' changes the meaning of the model, and is not "
+                "supported: convert the file to core SBML"
             )
     try:
         import libsbml
     except ImportError:
         raise Error("reading SBML needs python-libsbml: run `pip install cotree[sbml]`") from None
-    # The text has been decoded by now, whatever its first line says of that.
+    # The text is decoded already, whatever encoding its first line declares.
     document = libsbml.readSBMLFromString(_DECLARATION.sub(_UTF_8, text, count=1))
     return _Reader(document, where, libsbml).read()
 
@@ -94,7 +94,7 @@ class _Reader:
         for i, event in enumerate(model.getListOfEvents(), 1):
             self._event(event, i)
         if model.getNumConstraints():
-            self.content.notes.append("not read: constraints")
+            self.content.notes.append("ignored: constraints")
         return self.content
 
     def _check(self) -> None:
@@ -114,7 +114,7 @@ class _Reader:
         for c in model.getListOfCompartments():
             value = c.getSize() if c.isSetSize() else None
             if value is None and c.isSetVolume():
-                value = c.getVolume()  # Level 2 gives one where the file says nothing
+                value = c.getVolume()  # in Level 2 the default is one
             add(Quantity("compartment", c.getId(), c.getName(), self.at(c), value, c.getConstant()))
         for s in model.getListOfSpecies():
             add(self._species(s))
@@ -130,10 +130,10 @@ class _Reader:
         place = self.model.getCompartment(s.getCompartment())
         if place is None:
             raise self.at(s).error(
-                f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is no "
-                "compartment"
+                f"species '{brief(s.getId())}' is in '{brief(s.getCompartment())}', which is not "
+                "a compartment"
             )
-        # A place of no extent has no concentrations.
+        # There are no concentrations in a compartment without dimensions.
         is_point = place.isSetSpatialDimensions() and place.getSpatialDimensions() == 0
         is_amount = s.getHasOnlySubstanceUnits() or is_point
         conversion = s.getConversionFactor() or self.model.getConversionFactor()
@@ -185,8 +185,8 @@ class _Reader:
         whose = f"reaction '{brief(r.getId())}'"
         if r.isSetFast() and r.getFast():
             raise self.at(r).error(
-                f"{whose} is fast, which would make an algebraic equation of it, and is not read: "
-                "give it a large rate"
+                f"{whose} is fast, which is not supported, since it would be an algebraic "
+                "equation: replace it by a reaction with a large rate"
             )
         law = r.getKineticLaw()
         if law is None or not law.isSetMath():
@@ -206,9 +206,11 @@ class _Reader:
                 species = s.getSpecies()
                 known = self.content.quantities.get(species)
                 if known is None or known.kind != "species":
-                    raise self.at(s).error(f"{whose} names '{brief(species)}', which is no species")
+                    raise self.at(s).error(
+                        f"{whose} names '{brief(species)}', which is not a species"
+                    )
                 number = s.getStoichiometry() if s.isSetStoichiometry() else None
-                # Level 2 takes one where the file says nothing, and may have a formula instead.
+                # In Level 2 the default is one, and a formula may be given instead.
                 if number is None and self.document.getLevel() < 3:
                     number = 1.0
                 made: float | str | Formula
@@ -222,7 +224,8 @@ class _Reader:
                     self._add(Quantity(kind, id, "", self.at(s), number, fixed))
                 elif number is None:
                     raise self.at(s).error(
-                        f"the stoichiometry of '{brief(species)}' in {whose} is not given"
+                        f"the stoichiometry of '{brief(species)}' in {whose} is missing: give a "
+                        "number"
                     )
                 else:
                     made = number
@@ -268,13 +271,13 @@ class _Reader:
         value = _number_of(priority)
         if value is None:
             raise self.at(priority).error(
-                f"{whose} has a priority that is a formula, which is not read: give a number"
+                f"{whose} has a priority that is a formula, which is not supported: give a number"
             )
         return value
 
 
 def _number_of(element: Any) -> float | None:
-    """Give the number that is the formula of an element, which may have a sign; None for others."""
+    """Return the number that an element's formula consists of, perhaps with a sign, or None."""
     node, sign = element.getMath(), 1.0
     if node.isUMinus():
         node, sign = node.getChild(0), -1.0

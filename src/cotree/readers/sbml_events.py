@@ -1,4 +1,4 @@
-"""Triggers of SBML's events: what passes through zero, and whether it may at the start."""
+"""Triggers of SBML's events as zero crossings, and checks of their values at the start."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Crossing:
-    """An expression that passes through zero where a condition begins to hold.
+    """An expression that crosses zero where a condition becomes true.
 
     Attributes
     ----------
     text : str
         The expression.
     direction : int
-        1 where it rises, 0 where it may pass either way.
+        1 for a rising crossing, 0 for either direction.
     holds_at_zero : bool
-        Whether the condition holds at zero itself.
+        Whether the condition is true at zero.
     """
 
     text: str
@@ -36,7 +36,7 @@ class Crossing:
 
 
 def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
-    """Turn a condition into what passes through zero where it begins to hold.
+    """Convert a condition to an expression that crosses zero where it becomes true.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
         a, b = (reader.read(part) for part in children(node))
         if relation in ("LT", "LEQ"):
             a, b = b, a
-        # Two values that change continuously are equal only where one passes the other.
+        # Two values that change continuously become equal where their difference crosses zero.
         is_either = relation == "EQ"
         text = reader.make.operate(a, "-", b).text
         return Crossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
@@ -57,30 +57,30 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
 
 
 def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> float:
-    """Evaluate what a trigger's crossing is at the start."""
+    """Evaluate the expression of a trigger at the start."""
     return _at_start(scene, event, begin)[0]
 
 
 def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
-    """Refuse an event at the start that a run would not have, or have though it must not."""
+    """Refuse an event whose occurrence at the start would be wrong in a run."""
     value, is_known = _at_start(scene, event, begin)
-    # A run has an event at its start where the value is zero and about to rise, as that of a
-    # comparison with the time is; whether another one rises is not known here.
+    # An event occurs at the start of a run if its value is zero and about to rise. That of a
+    # comparison with the time rises; of others this is not known here.
     is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
     is_early = value == 0.0 and begin.holds_at_zero
     if is_early if event.is_initially_true else is_late:
         raise event.trigger.at.error(
-            f"the {event.trigger.what} holds at the start, where initialValue="
-            f"{str(event.is_initially_true).lower()} decides whether the event happens: "
-            "write what it sets into the initial values"
+            f"the {event.trigger.what} is true at the start with initialValue="
+            f"{str(event.is_initially_true).lower()}, which is not supported: include the event's "
+            "assignments in the initial values"
         )
 
 
 def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tuple[float, bool]:
-    """Evaluate a crossing at the start, and tell whether it depends on no parameter."""
+    """Evaluate a trigger's expression at the start; also return whether it has no parameters."""
     rows = dict(scene.parameters)
     with located(event.trigger.at):
-        # No parameter of a scene has a name of several words.
+        # The description contains spaces, so that it differs from all names of the scene.
         row = make_parameter(event.trigger.what, begin.text, "", "", True)
         rows[row.name] = row
         value = parameter_values(rows)[row.name]

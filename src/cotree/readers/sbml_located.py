@@ -1,4 +1,4 @@
-"""Messages on SBML models: file and line first, then the element."""
+"""Messages about SBML models: they begin with file and line, and name the element."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def explained(formula: Formula) -> Iterator[None]:
-    """Begin messages on a formula with its name."""
+    """Begin error messages about a formula with its description."""
     try:
         yield
     except ExpressionError as error:
@@ -25,7 +25,7 @@ def explained(formula: Formula) -> Iterator[None]:
 
 @contextmanager
 def located(at: SourceLine) -> Iterator[None]:
-    """Begin messages of the scene with file and line."""
+    """Begin error messages of the scene with file and line."""
     try:
         yield
     except ModelError as error:

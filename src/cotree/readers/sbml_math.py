@@ -65,7 +65,7 @@ RELATIONS: dict[str, type[ast.cmpop]] = {
     "GEQ": ast.GtE,
 }
 
-#: Operations that are refused, with the text of the message.
+#: Operations that are not supported, with the text of the message.
 _REFUSED = {
     "FUNCTION_DELAY": (
         "delay, which is not supported: approximate it by a chain of species or rate rules"
@@ -83,13 +83,13 @@ class FormulaReader:
     functions : mapping of str to node
         The model's functions by id: the trees of their lambdas.
     symbol : callable
-        Gives the term of an identifier.
+        Returns the term of an identifier.
     time : Term
         The time: ``t``, or zero at the start.
     make : TermMaker
         Makes terms.
     rate : callable
-        Gives the term of the rate of change of a quantity, whose formulas the reader reads.
+        Returns the term of the rate of change of a quantity, read by the given reader.
     """
 
     functions: Mapping[str, Any]
@@ -104,7 +104,7 @@ class FormulaReader:
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
-        """Read a formula that gives a number.
+        """Read a formula whose value is a number.
 
         Parameters
         ----------
@@ -116,12 +116,12 @@ class FormulaReader:
         Raises
         ------
         ExpressionError
-            If a scene cannot express it; the message continues after the name of the formula.
+            If scenes have no equivalent; the message continues the description of the formula.
         """
         return self._inner(bound or {})._value(node)
 
     def condition(self, node: Any) -> Term:
-        """Read a formula that is true or false.
+        """Read a formula whose value is Boolean.
 
         Raises
         ------
@@ -142,11 +142,11 @@ class FormulaReader:
         if self._depth > _DEEPEST:
             raise ExpressionError(f"is nested deeper than {_DEEPEST} levels")
         if self._count[0] > _MOST:
-            raise ExpressionError(f"is longer than {_MOST} operations, functions written out")
+            raise ExpressionError(f"has more than {_MOST} operations with functions expanded")
         if self._total[0] > _MOST_OF_ALL:
-            raise ExpressionError(f"makes all formulas longer than {_MOST_OF_ALL} operations")
+            raise ExpressionError(f"brings all formulas to more than {_MOST_OF_ALL} operations")
         if node is None:
-            raise ExpressionError("holds an operation without an operand")
+            raise ExpressionError("contains an operation without an operand")
         return kind_of(node)
 
     def _value(self, node: Any) -> Term:
@@ -176,7 +176,7 @@ class FormulaReader:
     def _operation(self, kind: str, node: Any) -> Term:
         parts, make = children(node), self.make
         if kind in _REFUSED:
-            raise ExpressionError(f"holds {_REFUSED[kind]}")
+            raise ExpressionError(f"contains {_REFUSED[kind]}")
         if kind == "FUNCTION_RATE_OF":
             return self._rate(parts)
         if kind == "FUNCTION_PIECEWISE":
@@ -187,7 +187,7 @@ class FormulaReader:
             "CONSTANT_TRUE",
             "CONSTANT_FALSE",
         ):
-            # A Boolean counts as one or zero where a number is expected.
+            # A Boolean counts as one or zero if a number is expected.
             return make.where(self._condition_of(kind, node), number(1.0), number(0.0))
         if kind in ("PLUS", "TIMES"):
             parts = _chain(node, kind)
@@ -224,10 +224,10 @@ class FormulaReader:
                 return make.balanced(lambda a, b: make.call(function.lower(), a, b), terms)
             case _, [one]:
                 return self._of_one(function, one)
-        raise ExpressionError(f"holds '{_told(kind, node)}', which is not known here")
+        raise ExpressionError(f"contains '{_told(kind, node)}', which is not supported")
 
     def _quotient(self, left: Term, right: Term) -> Term:
-        """Divide, and round towards zero: the remainder has the sign of what is divided."""
+        """Divide, and round towards zero: the remainder has the sign of the dividend."""
         make = self.make
         ratio = make.operate(left, "/", right)
         up = make.negated(make.call("floor", make.negated(ratio)))
@@ -255,17 +255,17 @@ class FormulaReader:
         if function == "ARCTANH":
             ratio = make.operate(make.operate(unit, "+", one), "/", make.operate(unit, "-", one))
             return make.operate(make.call("log", ratio), "/", number(2.0))
-        raise ExpressionError(f"holds '{function.lower()}', which is not known here")
+        raise ExpressionError(f"contains '{function.lower()}', which is not supported")
 
     def _rate(self, parts: list[Any]) -> Term:
         identifier = parts[0].getName() if len(parts) == 1 else None
         if not identifier or kind_of(parts[0]) != "NAME":
-            raise ExpressionError("holds rateOf of something that is not an identifier")
+            raise ExpressionError("contains rateOf of something that is not an identifier")
         if identifier not in self._bound:
             return self.rate(identifier, replace(self, _bound={}, _calls=()))
         if self._calls:
             raise ExpressionError(
-                f"holds rateOf of an argument of function '{self._calls[-1]}', which is not "
+                f"contains rateOf of an argument of function '{self._calls[-1]}', which is not "
                 "supported: write rateOf in the formula that calls the function"
             )
         return number(0.0)  # a local parameter
@@ -274,7 +274,7 @@ class FormulaReader:
         # Values and conditions alternate; the value of otherwise comes last.
         if len(parts) % 2 == 0:
             raise ExpressionError(
-                "holds piecewise without otherwise, which has no value where no condition holds: "
+                "contains piecewise without otherwise, which has no value if no condition is true: "
                 "add otherwise"
             )
         found = self._value(parts[-1])
@@ -285,13 +285,13 @@ class FormulaReader:
     def _call(self, function: str, arguments: list[Term]) -> Term:
         if function not in self.functions:
             hint = nearest(function, self.functions)
-            raise ExpressionError(f"calls '{brief(function)}', which is no function{hint}")
+            raise ExpressionError(f"calls '{brief(function)}', which is not a function{hint}")
         if function in self._calls:
             raise ExpressionError(f"calls '{function}', which calls itself")
         *names, body = children(self.functions[function])
         if len(names) != len(arguments):
             raise ExpressionError(
-                f"calls '{function}' with {len(arguments)} arguments in place of {len(names)}"
+                f"calls '{function}' with {len(arguments)} arguments instead of {len(names)}"
             )
         bound = dict(zip((n.getName() for n in names), arguments, strict=True))
         return self._inner(bound, function)._value(body)
@@ -328,13 +328,15 @@ class FormulaReader:
                 sides = [combine(ast.And, [a, contrary(b)]), combine(ast.And, [contrary(a), b])]
                 return combine(ast.Or, sides)
         raise ExpressionError(
-            f"has '{_told(kind, node)}' where a condition is needed: compare two values"
+            f"contains '{_told(kind, node)}' instead of a condition: compare two values"
         )
 
     def _called_condition(self, function: str, lambda_parts: list[Any], given: list[Any]) -> Term:
         *names, body = lambda_parts
         if function in self._calls or len(names) != len(given):
-            raise ExpressionError(f"calls '{function}' with itself or a wrong number of arguments")
+            raise ExpressionError(
+                f"calls '{function}' recursively or with the wrong number of arguments"
+            )
         terms = [self._value(part) for part in given]
         bound = dict(zip((n.getName() for n in names), terms, strict=True))
         return self._inner(bound, function)._condition(body)

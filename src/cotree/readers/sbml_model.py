@@ -1,4 +1,4 @@
-"""Names and factors by which the quantities of an SBML model stand in its scene."""
+"""The quantities of an SBML model in its scene: their names, states and factors."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ class SbmlSymbol:
     kind : str
         ``compartment``, ``species``, ``parameter``, ``stoichiometry`` or ``reaction``.
     name : str
-        The parameter, mode or output of the scene that has its value, in the unit in which
-        formulas of the model have it: that of a species is its amount or its concentration.
+        The parameter, mode or output of the scene that has its value, in the unit that formulas
+        of the model use: the value of a species is its amount or its concentration.
     state : str
-        The state that holds it: ``A.c``, or the mode; nothing where it has none.
+        Its state: ``A.c``, or the mode; empty without a state.
     factor : str
-        What its value is to be multiplied by to give the state: an expression of outputs and
-        parameters, or nothing for one. States of species in a compartment whose size changes
-        are amounts.
+        The factor from its value to the state: an expression of outputs and parameters, or empty
+        for one. States of species in a compartment whose size changes are amounts.
     initial : str
-        The parameter that holds its value at the start, in the unit of ``name``: a number or
-        derived from others. That of a constant is its own parameter. Nothing for reactions and
-        for what an assignment rule determines.
+        The parameter with its initial value, in the unit of ``name``: a number, or derived from
+        others. For a constant it is the parameter itself. Empty for reactions and for quantities
+        with an assignment rule.
     """
 
     kind: str
@@ -45,7 +44,7 @@ class SbmlSymbol:
 
 @dataclass(frozen=True)
 class SbmlModel(Generic[_Scene]):
-    """A scene that was read from an SBML model, and where its quantities are.
+    """A scene read from an SBML model, with the quantities of the model.
 
     Attributes
     ----------
@@ -56,7 +55,7 @@ class SbmlModel(Generic[_Scene]):
     local : mapping of (str, str) to str
         Parameters of the scene by reaction and identifier of the local parameter.
     assumed : frozenset of str
-        Quantities to which the model gives no value, and the caller of the reader did.
+        Quantities without a value in the model, whose value the caller gave.
     """
 
     scene: _Scene

@@ -17,7 +17,7 @@ TIME = "time of the run"
 
 
 def rate_name(identifier: str) -> str:
-    """Give the entry of the rate of a quantity in lists of names; no identifier is like it."""
+    """Return the entry for the rate of a quantity in lists of names; no identifier equals it."""
     return f"rateOf({identifier})"
 
 

@@ -12,15 +12,15 @@ def _kinds() -> dict[int, str]:
     import libsbml
 
     names = (n for n in dir(libsbml) if n.startswith("AST_"))
-    # Some types have two names: of those, the first in the alphabet is assigned last and stays.
+    # Of types with two names, the alphabetically first is assigned last and remains.
     return {getattr(libsbml, n): n.removeprefix("AST_") for n in sorted(names, reverse=True)}
 
 
 def kind_of(node: Any) -> str:
-    """Give the type of a node of libsbml: ``PLUS``, ``FUNCTION_SIN``."""
+    """Return the type of a node of libsbml: ``PLUS``, ``FUNCTION_SIN``."""
     return _kinds().get(node.getType(), "UNKNOWN")
 
 
 def children(node: Any) -> list[Any]:
-    """List the nodes below one."""
+    """List the children of a node."""
     return [node.getChild(i) for i in range(node.getNumChildren())]

@@ -1,4 +1,4 @@
-"""Rates of change of the quantities of an SBML model, which formulas name by ``rateOf``."""
+"""Rates of change of the quantities of an SBML model, for ``rateOf`` in formulas."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Rates:
-    """Terms of the rates of change that formulas name.
+    """Terms of the rates of change that formulas contain.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Rates:
         self._open: list[str] = []
 
     def of(self, id: str, reader: FormulaReader) -> Term:
-        """Give the rate of change of a quantity, in units of its identifier per time.
+        """Return the rate of change of a quantity, in units of its identifier per time.
 
         Raises
         ------
@@ -64,14 +64,14 @@ class Rates:
         make, content = reader.make, self._content
         if id not in content.quantities:
             raise ExpressionError(
-                f"holds rateOf({brief(id)}), but '{brief(id)}' is no compartment, species or "
+                f"contains rateOf({brief(id)}), but '{brief(id)}' is not a compartment, species or "
                 f"parameter{nearest(id, content.quantities)}"
             )
         quantity, role = content.quantities[id], self._roles.of[id]
         if id in content.assignments and role is not Role.FIXED:
             raise ExpressionError(
-                f"holds rateOf({brief(id)}), but '{brief(id)}' has an assignment rule: write the "
-                "derivative of the rule in place of rateOf"
+                f"contains rateOf({brief(id)}), but '{brief(id)}' has an assignment rule: replace "
+                "rateOf by the derivative of the rule"
             )
         if role is Role.RATE:
             formula = content.rates[id]
@@ -93,7 +93,7 @@ class Rates:
         return make.operate(flow, "/", size)
 
     def _flow(self, id: str, reader: FormulaReader) -> Term:
-        """Sum what reactions add to an amount per time."""
+        """Return the sum of the molar flows of all reactions to a species."""
         make, terms = reader.make, []
         for reaction in self._content.reactions:
             for part in reaction.parts:

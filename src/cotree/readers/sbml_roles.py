@@ -7,6 +7,7 @@ from enum import Enum
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
+from cotree.errors import brief
 from cotree.readers.sbml_content import Formula
 from cotree.readers.sbml_names import names_of, rate_dependencies, rate_name
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Role(Enum):
-    """The statement that a quantity becomes in a scene."""
+    """The kind of element that represents a quantity in the scene."""
 
     FIXED = "parameter"
     DILUTED = "a constant amount in a compartment that changes"
@@ -25,12 +26,12 @@ class Role(Enum):
     CONCENTRATION = "state, a concentration"
     AMOUNT = "state, an amount"
     RATE = "state of a rate rule"
-    MODE = "mode, which events set"
-    UNNAMED = "stoichiometry that no formula names"
+    MODE = "mode, set by events"
+    UNNAMED = "stoichiometry that no formula contains"
 
     @property
     def is_state(self) -> bool:
-        """Whether the quantity is a state that is integrated."""
+        """Whether the quantity is an integrated state."""
         return self in (Role.CONCENTRATION, Role.AMOUNT, Role.RATE)
 
 
@@ -43,7 +44,7 @@ class Roles:
     of : dict of str to Role
         By identifier.
     order : tuple of str
-        Quantities of assignment rules that become outputs, each after those that it depends on.
+        Quantities of assignment rules that become outputs, in order of their dependencies.
     reactions : dict of str to Reaction
         The reactions by identifier.
     """
@@ -54,7 +55,7 @@ class Roles:
 
     @property
     def unnamed(self) -> frozenset[str]:
-        """Stoichiometries that no formula names."""
+        """Stoichiometries that no formula contains."""
         return frozenset(id for id, role in self.of.items() if role is Role.UNNAMED)
 
 
@@ -89,7 +90,7 @@ def roles_of(content: SbmlContent) -> Roles:
         else:
             found[id] = Role.MODE if id in set_by_events else Role.FIXED
     order = _order(uses | rate_dependencies(content), content)
-    # A rule that depends on constants only makes a constant; species in such a compartment need
+    # A rule that depends only on constants defines a constant; species in such a compartment need
     # not become amounts.
     for id in order:
         if id in content.assignments and all(found.get(n) is Role.FIXED for n in uses[id]):
@@ -104,14 +105,14 @@ def roles_of(content: SbmlContent) -> Roles:
 
 
 def _in_changing_place(role: Role, species: Quantity) -> Role:
-    """Give the role of a species whose compartment changes its size."""
+    """Return the role of a species whose compartment changes its size."""
     if role is Role.CONCENTRATION or (role is Role.MODE and not species.is_amount):
         return Role.AMOUNT
     return Role.DILUTED if role is Role.FIXED and not species.is_amount else role
 
 
 def _named(content: SbmlContent, uses: Iterable[frozenset[str]]) -> frozenset[str]:
-    """List the identifiers that formulas name or determine."""
+    """List the identifiers that formulas contain or determine."""
     functions = content.functions
     formulas = [*content.initials.values(), *content.rates.values()]
     for event in content.events:
@@ -138,7 +139,7 @@ def _order(uses: dict[str, frozenset[str]], content: SbmlContent) -> list[str]:
         formulas |= content.assignments
         formula = next(formulas[name] for name in way if name in formulas)
         raise formula.at.error(
-            f"the {formula.what} leads back to itself: {' -> '.join(way)}"
+            f"the {formula.what} depends on itself: {' -> '.join(way)}"
         ) from None
 
 
@@ -151,18 +152,22 @@ def _check(content: SbmlContent) -> None:
     for id, formula in targets:
         if id not in content.quantities:
             raise formula.at.error(
-                f"the {formula.what} is for what is no compartment, species or parameter"
+                f"the {formula.what} determines '{brief(id)}', which is not a compartment, species "
+                "or parameter"
             )
         if content.quantities[id].is_constant and content.initials.get(id) is not formula:
             raise formula.at.error(
-                f"the {formula.what} is for what is constant: say that it is not, or leave it out"
+                f'the {formula.what} determines a constant: declare it constant="false", or '
+                "remove the formula"
             )
     for id, formula in (*content.assignments.items(), *content.rates.items()):
         row = content.quantities[id]
         if id in content.assignments and id in content.rates:
-            raise formula.at.error(f"{row.whose} has an assignment rule and a rate rule: keep one")
+            raise formula.at.error(
+                f"{row.whose} has an assignment rule and a rate rule: remove one of them"
+            )
         if row.kind == "species" and id in changed and not row.is_boundary:
             raise formula.at.error(
                 f"{row.whose} has a rule, and reactions change it: set its boundaryCondition, or "
-                "take it out of one of them"
+                "remove it from one of them"
             )

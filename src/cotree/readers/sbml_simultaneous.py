@@ -1,8 +1,8 @@
-"""Events of an SBML model that happen at the same time: their order, and which become one event.
+"""Simultaneous events of an SBML model: their order, and which of them become one event.
 
-SBML evaluates what an event assigns when its trigger turns true, before any other event acts
-(Level 3, section 4.11). Events of a scene act one after the other, each on the values that the
-one before left. Events with the same trigger therefore become one event of the scene.
+SBML evaluates the assigned values when the trigger of an event becomes true, before any other event
+acts (Level 3, section 4.11). Events of a scene act one after the other, each on the values that the
+previous one leaves. Events with the same trigger therefore become one event of the scene.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Triggered:
-    """An event, and what passes through zero when it happens: in a run, and at its start."""
+    """An event, and the expressions that cross zero when it occurs: in a run and at its start."""
 
     event: SbmlEvent
     crossing: Crossing
@@ -69,24 +69,24 @@ class Dependencies:
 
 
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
-    """Sort events by priority, and put those that become one event of the scene together.
+    """Sort events by priority, and group those that become one event of the scene.
 
     Parameters
     ----------
     rows : sequence of Triggered
         The events in the order of the file.
     dependencies : Dependencies
-        Of the same model.
+        Dependencies of the same model.
 
     Returns
     -------
     list of list of Triggered
-        Events of equal priority stay in the order of the file, as SBML leaves that order open.
+        Events of equal priority remain in the order of the file, since SBML leaves it undefined.
 
     Raises
     ------
     SceneError
-        If events with one trigger act on each other in a way that a scene does not have.
+        If events with one trigger affect each other in a way that a scene cannot represent.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
@@ -99,7 +99,7 @@ def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[lis
 
 
 def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
-    """Give events of one trigger as one event, or as several where they see each other's values."""
+    """Group events of one trigger, or separate them if they depend on each other's values."""
     _check_order(group)
     changed: set[str] = set()
     is_in_turn = False
@@ -108,7 +108,7 @@ def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Trig
         if changed & dependencies.of(event.trigger.node) and not event.is_persistent:
             raise event.trigger.at.error(
                 f"event '{brief(event.id)}' is not persistent, and an event with the same "
-                "trigger may turn it false: combine them into one event"
+                "trigger may make it false: combine them into one event"
             )
         if changed & dependencies.read_by(event) and not event.uses_trigger_values:
             is_in_turn = True
@@ -120,7 +120,7 @@ def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Trig
 
 
 def _check_order(group: Sequence[Triggered]) -> None:
-    """Refuse events of one trigger that set the same quantity in an order that SBML leaves open."""
+    """Refuse events of one trigger that set the same quantity in an undefined order."""
     for first, second in combinations((row.event for row in group), 2):
         both = sorted(first.sets.keys() & second.sets.keys())
         if both and first.priority == second.priority:
@@ -131,7 +131,7 @@ def _check_order(group: Sequence[Triggered]) -> None:
 
 
 def _check_in_turn(group: list[Triggered], dependencies: Dependencies) -> None:
-    """Refuse events of one trigger that a scene's order of events would treat wrongly."""
+    """Refuse events of one trigger for which the order of events in a scene would be wrong."""
     changed: set[str] = set()
     for row in group:
         event = row.event
@@ -140,9 +140,9 @@ def _check_in_turn(group: list[Triggered], dependencies: Dependencies) -> None:
             needed |= dependencies.read_by(event)
         if changed & needed:
             raise event.trigger.at.error(
-                f"event '{brief(event.id)}' has the same trigger as others, which change what it "
-                "depends on, and useValuesFromTriggerTime differs or the trigger changes: "
-                "combine them into one event"
+                f"event '{brief(event.id)}' has the same trigger as others that change values it "
+                "depends on, and useValuesFromTriggerTime differs or the trigger changes: combine "
+                "them into one event"
             )
         changed |= event.sets.keys()
 
@@ -153,23 +153,23 @@ def check_coincidences(
     is_fixed: Callable[[str], bool],
     start_value: Callable[[Triggered], float],
 ) -> None:
-    """Refuse events at the same fixed time that have different triggers and affect each other.
+    """Refuse events with different triggers at the same fixed time that affect each other.
 
     Parameters
     ----------
     groups : iterable of sequence of Triggered
         From :func:`groups_of`.
     dependencies : Dependencies
-        Of the same model.
+        Dependencies of the same model.
     is_fixed : callable
-        Tells whether an identifier is that of a constant.
+        Returns whether an identifier denotes a constant.
     start_value : callable
-        Gives the value of the trigger's crossing at the start.
+        Returns the initial value of the expression of a trigger.
 
     Raises
     ------
     SceneError
-        If there are such events: the second would see the values that the first left.
+        If there are such events: the second would use the values after the first.
     """
     timed = [
         (row, start_value(row))
@@ -187,6 +187,6 @@ def check_coincidences(
         if changed & needed:
             names = " and ".join(f"'{brief(row.event.id)}'" for row in (first, second))
             raise second.event.trigger.at.error(
-                f"events {names} happen at the same time, and one changes what the other depends "
-                "on: give them the same trigger"
+                f"events {names} occur at the same time, and one changes values that the other "
+                "depends on: give them the same trigger"
             )

@@ -1,7 +1,7 @@
-"""Expressions of scenes as syntax trees, made node by node with a bound on size and depth.
+"""Expressions of scenes as syntax trees, built node by node with a limit on size and depth.
 
-A text that grows too long for one expression is cut: the part becomes a quantity of its own, which
-the rest names.
+A part that becomes too long for one expression is cut off: it becomes a separate quantity of the
+scene, and the rest contains its name.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _OPERATORS: dict[str, type[ast.operator]] = {
 
 @dataclass(frozen=True)
 class Term:
-    """An expression in the making.
+    """A partly built expression.
 
     Attributes
     ----------
     tree : ast.expr
         The expression.
     size, height : int
-        Nodes and levels of it.
+        Its numbers of nodes and levels.
     """
 
     tree: ast.expr
@@ -48,7 +48,7 @@ class Term:
 
     @property
     def text(self) -> str:
-        """The expression as a scene has it."""
+        """The expression in the syntax of scenes."""
         return ast.unparse(self.tree)
 
 
@@ -61,14 +61,14 @@ def number(value: float) -> Term:
         If it is not finite.
     """
     if not math.isfinite(value):
-        raise ExpressionError(f"holds {value}, which is no finite number")
-    # Whole numbers read better without a point.
+        raise ExpressionError(f"contains {value}, which is not finite")
+    # Integers are written without a decimal point.
     is_whole = value == int(value) and abs(value) < 1e15
     return Term(number_tree(int(value) if is_whole else value))
 
 
 def name(identifier: str) -> Term:
-    """Make a name, which may have a dot."""
+    """Make a name, which may contain a dot."""
     edge, _, variable = identifier.partition(".")
     tree: ast.expr = ast.Name(edge)
     return Term(ast.Attribute(tree, variable) if variable else tree)
@@ -76,7 +76,7 @@ def name(identifier: str) -> Term:
 
 @dataclass
 class TermMaker:
-    """Makes terms of others, cutting off what has grown too large.
+    """Combines terms, and cuts off parts that have become too large.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From the content of an SBML model to a scene; see docs/sbml.md for what becomes of each part."""
+"""Writing of a scene from the content of an SBML model; docs/sbml.md has the mapping."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 
 class SceneWriter(Generic[_Scene]):
-    """Adds the parts of a model to a scene.
+    """Adds the elements of a model to a scene.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class SceneWriter(Generic[_Scene]):
     file : str
         The name of its file, for messages.
     values : mapping of str to float
-        Values of quantities, by identifier, where the file gives none.
+        Values of quantities, by identifier, for which the file gives none.
     """
 
     def __init__(
@@ -59,12 +59,12 @@ class SceneWriter(Generic[_Scene]):
         values: Mapping[str, float],
     ) -> None:
         self.content, self.file, self.values = content, file, values
-        # A scene's name begins with a letter; a model's may begin with a low line, or be missing.
+        # A scene's name begins with a letter; a model's may begin with an underscore or be missing.
         stem = Namer().own(content.id or Path(file).stem).lstrip("_") or "model"
         self.scene = scene_type(stem if stem[0].isalpha() else f"model_{stem}")
         self.namer = Namer()
         self.roles = roles_of(content)
-        # Identifiers of the model keep their names; those that the reader adds must differ.
+        # Identifiers of the model keep their names; names that the reader adds must differ.
         rows = content.quantities.items()
         self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
         for reaction in content.reactions:
@@ -84,12 +84,12 @@ class SceneWriter(Generic[_Scene]):
         return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
 
     def write(self) -> SbmlModel[_Scene]:
-        """Declare everything, and tell what became of the quantities of the model.
+        """Declare everything, and return the scene with the quantities of the model.
 
         Raises
         ------
         SceneError
-            If the model holds what a scene does not have; the message begins with file and line.
+            If scenes have no equivalent of an element; the message begins with file and line.
         """
         for id, quantity in self.content.quantities.items():
             with located(quantity.at):
@@ -101,15 +101,15 @@ class SceneWriter(Generic[_Scene]):
         for id in self.content.rates:
             self._rate(id)
         checks = self._events()
-        # Initial values are declared on demand; each of them may need others.
+        # Initial values are declared on demand, and may require others.
         while self.waiting:
             self._start_of(self.waiting.pop())
         for check in checks:
             check()
         if not any(edge.component.name == "species" for edge in self.scene.edges.values()):
             raise SceneError(
-                f"{self.file}: nothing in the model changes with time: it has no species that "
-                "reactions change, and no rate rules"
+                f"{self.file}: nothing in the model changes with time, since it has no rate rules "
+                "and no species that reactions change"
             )
         self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
@@ -124,8 +124,8 @@ class SceneWriter(Generic[_Scene]):
     def _known(self, id: str) -> None:
         if id not in self.names:
             raise ExpressionError(
-                f"names '{brief(id)}', which is no compartment, species, parameter or reaction"
-                f"{nearest(id, self.names)}"
+                f"contains '{brief(id)}', which is not a compartment, species, parameter or "
+                f"reaction{nearest(id, self.names)}"
             )
 
     def _running_symbol(self, id: str) -> Term:
@@ -137,7 +137,7 @@ class SceneWriter(Generic[_Scene]):
         return name(self._initial_name(id))
 
     def _initial_name(self, id: str) -> str:
-        """Give the parameter that holds a value at the start, and have it declared."""
+        """Return the parameter with an initial value, and schedule its declaration."""
         if self.roles.of.get(id) is Role.FIXED:
             return self.names[id]
         if id not in self.initial:
@@ -164,14 +164,14 @@ class SceneWriter(Generic[_Scene]):
     # Quantities.
 
     def _quantity(self, id: str, quantity: Quantity) -> None:
-        """Declare a constant, or the state of what changes."""
+        """Declare a constant or a state."""
         own = self.names[id]
         match self.roles.of[id]:
             case Role.FIXED:
                 self.initial[id] = own
                 self._start_of(id)
             case Role.DILUTED:
-                # An amount that nothing changes, in a compartment whose size does.
+                # A constant amount in a compartment whose size changes.
                 place = quantity.compartment
                 begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
                 self.scene.output(own, f"{begin}/{self.names[place]}")
@@ -185,7 +185,7 @@ class SceneWriter(Generic[_Scene]):
                 self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
 
     def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
-        """Declare a state, and the output that has the value that formulas mean."""
+        """Declare a state, and the output with the value that formulas refer to."""
         own, begin = self.names[id], self._initial_name(id)
         value = f"{own}.c"
         if not own_value:
@@ -198,7 +198,7 @@ class SceneWriter(Generic[_Scene]):
         self.scene.output(own, value)
 
     def _start_of(self, id: str) -> None:
-        """Declare the parameter that holds a value at the start."""
+        """Declare the parameter with an initial value."""
         own, content = self.initial[id], self.content
         quantity = content.quantities.get(id)
         formula = content.assignments.get(id) or content.initials.get(id)
@@ -217,12 +217,12 @@ class SceneWriter(Generic[_Scene]):
             if quantity.kind == "species" and quantity.gives_amount != quantity.is_amount:
                 value = self._converted(own, quantity, value)
         with located(at):
-            # A text that is only a number is declared as a number.
+            # A text that consists of a number is declared as a number.
             value = _plain(value)
             self.scene.parameter(own, value, doc=quantity.title[:1000])
 
     def _converted(self, own: str, quantity: Quantity, value: float) -> str:
-        """Declare an amount that is given as a concentration, or the other way round."""
+        """Declare an amount that is given as a concentration, or vice versa."""
         place = self._initial_name(quantity.compartment)
         word, sign = ("amount", "/") if quantity.gives_amount else ("concentration", "*")
         given = self.namer.own(f"{own}_{word}")
@@ -244,14 +244,14 @@ class SceneWriter(Generic[_Scene]):
         )
 
     def _assigned(self, id: str) -> None:
-        """Declare the output of what a rule determines at all times."""
+        """Declare the output of an assignment rule."""
         formula = self.content.assignments[id]
         text = self._text(formula, self.running)
         with located(formula.at):
             self.scene.output(self.names[id], text)
 
     def _rate(self, id: str) -> None:
-        """Declare the flow that a rate rule means."""
+        """Declare the flow of a rate rule."""
         formula, own = self.content.rates[id], self.names[id]
         text = self._text(formula, self.running)
         edge = self.namer.own(f"{own}_rate")
@@ -261,7 +261,7 @@ class SceneWriter(Generic[_Scene]):
     # Reactions.
 
     def _bound(self, reaction: Reaction) -> dict[str, Term]:
-        """Declare the local parameters of a reaction, and give their terms."""
+        """Declare the local parameters of a reaction, and return their terms."""
         for id, quantity in reaction.local.items():
             if (reaction.id, id) not in self.local:
                 own = self.namer.give("local parameter", f"{reaction.id}_{id}")
@@ -281,7 +281,7 @@ class SceneWriter(Generic[_Scene]):
                 continue
             count = self._stoichiometry(part.stoichiometry)
             if isinstance(count, float):
-                # A species that is both reactant and product changes by the difference.
+                # The flow of a species that is both reactant and product is the difference.
                 numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
             else:
                 self._flow(own, part.species, f"{_factor(count)}*{own}", part.sign, part.at)
@@ -321,7 +321,7 @@ class SceneWriter(Generic[_Scene]):
     # Events.
 
     def _events(self) -> list[Callable[[], None]]:
-        """Declare the events, and give checks to be made when all parameters are declared."""
+        """Declare the events, and return checks that need all parameters to be declared."""
         dependencies = Dependencies(self.content)
         check_sizes(self.content, self.roles, dependencies)
         groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
@@ -347,7 +347,7 @@ class SceneWriter(Generic[_Scene]):
             )
 
     def _event(self, group: Sequence[Triggered]) -> None:
-        """Declare events with the same trigger as one event, the last of which has the last say."""
+        """Declare events with the same trigger as one event; later assignments take precedence."""
         first = group[0]
         for id, formula in (pair for row in group for pair in row.event.sets.items()):
             self._check_target(id, formula)
@@ -365,11 +365,11 @@ class SceneWriter(Generic[_Scene]):
             self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
 
     def _check_target(self, id: str, formula: Formula) -> None:
-        """Refuse an event that sets what is constant, or what a rule determines."""
+        """Refuse an event that sets a constant or a quantity with an assignment rule."""
         role = self.roles.of[id]
         if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
             raise formula.at.error(
-                f"the {formula.what} is for what is constant, or what a rule determines"
+                f"the {formula.what} sets a constant, or a quantity that a rule determines"
             )
 
     def _symbols(self) -> dict[str, SbmlSymbol]:
@@ -393,7 +393,7 @@ def _factor(text: str) -> str:
 
 
 def _plain(value: float | str) -> float | str:
-    """Give the number that a text is, or the text."""
+    """Return the number that a text consists of, or the text."""
     try:
         return float(value)
     except ValueError:
