@@ -56,7 +56,9 @@ def functions(request):
         pytest.skip("there is no compiler")
     library = {"tanh": "tanh", "floor": "floor", "atan": "atan"}
     width, is_fused = request.param
-    model = SimpleNamespace(library=library, packs_sines=False, tables=[], is_fused=is_fused)
+    model = SimpleNamespace(
+        library=library, packs_sines=False, tables=[], is_fused=is_fused, width=width
+    )
     text = f"#define LANES {width}\n{_SOURCE}"
     if {"avx2", "fma"} <= set(cpu_features().split()) and not toolchain.is_clang:
         text = f'#pragma GCC target("avx2,fma")\n{text}'
