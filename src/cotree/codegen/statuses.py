@@ -130,6 +130,12 @@ EVENT_STATUSES = (
         "no modes of dry friction agree with each other",
         "has_fired tells whose",
     ),
+    Status(
+        "EVENTS_SHARED",
+        45,
+        "dry friction that sticks shares forces that nothing tells apart, though losses depend on them",
+        "has_fired tells whose",
+    ),
     Status("EVENTS_BACKWARD", 44, "a one-way clutch turns the way that it locks"),
 )
 

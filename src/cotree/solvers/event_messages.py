@@ -59,6 +59,11 @@ VERDICTS = {
         "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
         "whichever of them stick or slide, a force passes its limit or a motion goes against it"
     ),
+    "EVENTS_SHARED": (
+        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the gear"
+        " loses depends on how they share the force, which nothing decides; let the gear be ideal, "
+        "or put an elastic shaft between them"
+    ),
     "EVENTS_BACKWARD": (
         "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
         "at a relative speed of zero or more"
@@ -84,9 +89,9 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     fired : sequence of str
         Those that happened at that time.
     """
-    listed = fired if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES") else [event]
+    listed = fired if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_SHARED") else [event]
     # An edge with friction has an event of its name that looks at its speed.
-    is_edge = name in ("EVENTS_MODES", "EVENTS_BACKWARD")
+    is_edge = name in ("EVENTS_MODES", "EVENTS_SHARED", "EVENTS_BACKWARD")
     return [row.removesuffix(" stops") for row in listed] if is_edge else listed
 
 
