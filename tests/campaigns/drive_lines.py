@@ -339,16 +339,19 @@ def run_line(seed, n_runs):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of runs that end early: they are counted
             result = model.simulate((0, SPAN), parameters=values, method="dop853", rtol=RTOL, max_events=MOST_EVENTS)
-        look_at(line, result, run, tally)
+        tally.runs += 1
+        if not result.success:
+            sentence = re.sub(r"'[^']*'(, '[^']*')*", "NAMES", result.message)
+            sentence = re.sub(r"-?\d[\d.e+-]*", "#", sentence)
+            tally.stops.setdefault(sentence, []).append(run)
+        # Nothing can be evaluated at a start that is refused.
+        if result.success or len(result.t) > 1:
+            look_at(line, result, run, tally)
     return tally
 
 
 def look_at(line, result, run, tally):
     """Note what was seen in one run."""
-    tally.runs += 1
-    if not result.success:
-        sentence = re.sub(r"-?\d[\d.e+-]*", "#", result.message)
-        tally.stops.setdefault(sentence, []).append(run)
     if not line.is_driven:
         energy = result["energy"]
         growth = np.max(np.diff(energy), initial=0.0) / (np.max(energy) + 1.0)
