@@ -235,7 +235,10 @@ def _friction(line, pair, own, rng):
         line.scene.edge(name, f"{own.prefix}_dry_friction", *pair, **law)
         line.rub(name, name, own)
         return
-    faces = {"normal_force": _pressing(line, n, rng), "friction": line.number(f"mu_{n}", "friction")}
+    faces = {
+        "normal_force": _pressing(line, n, rng),
+        "friction": line.number(f"mu_{n}", "friction"),
+    }
     if rng.random() < 0.5:
         faces["peak"] = line.number(f"up_{n}", "raise")
         if rng.random() < 0.4:
@@ -339,7 +342,9 @@ def run_line(seed, n_runs):
         values = line.draw(np.random.default_rng(run))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of runs that end early: they are counted
-            result = model.simulate((0, SPAN), parameters=values, method="dop853", rtol=RTOL, max_events=MOST_EVENTS)
+            result = model.simulate(
+                (0, SPAN), parameters=values, method="dop853", rtol=RTOL, max_events=MOST_EVENTS
+            )
         tally.runs += 1
         if not result.success:
             sentence = re.sub(r"'[^']*'(, '[^']*')*", "NAMES", result.message)
@@ -369,7 +374,11 @@ def look_at(line, result, run, tally):
         fastest = np.max(np.abs(speed)) + 1.0
         tally.note("creep", np.max(np.abs(speed[is_stuck]), initial=0.0) / fastest, run)
         tally.note("backwards", np.max(-(mode * speed)[slides], initial=0.0) / fastest, run)
-        times = np.sort(np.concatenate([e.t for name, e in result.events.items() if name.startswith(f"{edge} ")]))
+        times = np.sort(
+            np.concatenate(
+                [e.t for name, e in result.events.items() if name.startswith(f"{edge} ")]
+            )
+        )
         n += len(times)
         if len(times):
             together = np.searchsorted(times, times + 1e-3, side="right") - np.arange(len(times))

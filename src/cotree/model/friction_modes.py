@@ -24,6 +24,7 @@ _CLOSE = 1e-6
 
 #: Modes while an edge sticks and while nothing presses it together.
 _STUCK, _FREE = 0.0, 2.0
+_MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
@@ -68,9 +69,14 @@ def check_friction(at: Moment, y: Array) -> None:
     """
     for place, speed in _speeds(at, y).items():
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
+        if mode not in _MODES:
+            raise SolveError(
+                f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and -1 "
+                "where it slides, 2 where nothing presses it together"
+            )
         grip = _values(at, y, FrictionPart.GRIP).get(place, 1.0)
         if (grip > 0.0) == (mode == _FREE):
-            raise _refused(edge, mode, f"what presses it together is {grip:.6g}")
+            raise _refused(edge, mode, f"its faces would rub with {grip:.6g}")
         if mode == _FREE:
             continue
         if mode == _STUCK and abs(speed) > _still(y):
@@ -88,8 +94,9 @@ def check_friction(at: Moment, y: Array) -> None:
 
 
 def _refused(edge: str, mode: float, why: str) -> SolveError:
-    is_what = {_STUCK: "sticks", 1.0: "slides forwards", -1.0: "slides backwards"}
-    shown = is_what.get(mode, "is disengaged")
+    shown = dict(
+        zip(_MODES, ("sticks", "slides forwards", "slides backwards", "is disengaged"), strict=True)
+    )[mode]
     return SolveError(
         f"'{edge}' {shown} at this point by its mode {mode:g}, but {why}: give another state or "
         f"guess, such as a state of a run, or another '{edge}.mode'"

@@ -156,12 +156,16 @@ class Linearization:
         }
         return StateSpace(self.A, self.B, self.C, self.D, **names, remove_useless_states=False)
 
+    @property
+    def in_modes(self) -> str:
+        """The modes of the point as text."""
+        return ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
+
     def summary(self) -> str:
         """Describe the system and the meaning of its eigenvalues in a sentence."""
         size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
         if self.modes:
-            listed = ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
-            size += f", in the modes {listed}"
+            size += f", in the modes {self.in_modes}"
         if not self.is_steady:
             return (
                 f"{size}, about a motion that is not steady in these coordinates: A holds at this "

@@ -57,7 +57,8 @@ VERDICTS = {
     ),
     "EVENTS_MODES": (
         "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
-        "whichever of them stick or slide, a force passes its limit or a motion goes against it"
+        "whichever of them stick or slide, a force passes its limit or a motion goes against it; look"
+        " for friction that is less at rest than in sliding, and for forces that follow friction"
     ),
     "EVENTS_SHARED": (
         "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the gear"
@@ -89,7 +90,11 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     fired : sequence of str
         Those that happened at that time.
     """
-    listed = fired if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_SHARED") else [event]
+    listed = (
+        fired
+        if name in ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_SHARED")
+        else [event]
+    )
     # An edge with friction has an event of its name that looks at its speed.
     is_edge = name in ("EVENTS_MODES", "EVENTS_SHARED", "EVENTS_BACKWARD")
     return [row.removesuffix(" stops") for row in listed] if is_edge else listed
