@@ -122,7 +122,9 @@ _RANGES = {
 def _value(kind, style, rng):
     (low, high), special = _RANGES[kind]
     if style == "plain" or (style == "mixed" and rng.random() < 0.5):
-        return float(rng.uniform(low, high))
+        value = float(rng.uniform(low, high))
+        # Times of jumps have few bits: rounding of ``mod`` puts none before or behind its jump.
+        return round(64 * value) / 64 if kind == "time" else value
     return float(special[0] if style == "equal" and rng.random() < 0.4 else rng.choice(special))
 
 
