@@ -10,17 +10,20 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 import cotree
 
-#: How long a run is, [s], and the tolerance of its steps. No drive jumps at the end of a run, where the
-#: last point would have forces behind the jump and modes before it.
+#: How long a run is, [s], and the tolerance of its steps. No drive jumps at the end of a run, where
+#: the last point would have forces behind the jump and modes before it.
 SPAN, RTOL = 6.2, 1e-9
 
 #: Events of one run, beyond which it is said to chatter.
 MOST_EVENTS = 1000
+
+SETTINGS = {"method": "dop853", "rtol": RTOL, "max_events": MOST_EVENTS}
 
 
 @dataclass
@@ -176,7 +179,7 @@ def _pair(nodes, own, rng):
 
 def _gears(line, nodes, own, rng):
     """Lay gears along a line, at most one between neighbours."""
-    for first, second in zip(nodes, nodes[1:], strict=False):
+    for first, second in pairwise(nodes):
         if not own.is_turning or rng.random() >= 0.15 or len(line.frictions) >= 3:
             continue
         name, ratio = f"G{second}", line.number(f"r_{second}", "ratio")

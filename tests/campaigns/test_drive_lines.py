@@ -23,7 +23,7 @@ def check(tally):
     # Several changes follow each other closely where a force nearly reaches its limit, or where
     # one that sticks lets its neighbour go; 100 of them would end the run.
     assert tally.crowd[0] <= 12, tally.crowd
-    # Steps have a tolerance of 1e-9, events are located to rounding; what sticks drifts by rounding.
+    # Steps have a tolerance of 1e-9; events are located to rounding, by which what sticks drifts.
     for what in ("growth", "excess", "creep", "backwards"):
         assert getattr(tally, what)[0] <= 1e-9, (what, getattr(tally, what))
 

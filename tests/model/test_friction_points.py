@@ -78,7 +78,7 @@ def test_a_point_that_contradicts_its_mode_is_refused(point, why):
 
 def test_a_start_that_would_slip_is_refused_and_a_state_of_a_run_is_not():
     model = oscillator(s=0.47)
-    with pytest.raises(SolveError, match="'R' sticks at this point .* a state of a run"):
+    with pytest.raises(SolveError, match=r"'R' sticks at this point .* a state of a run"):
         model.linearize()
     result = model.simulate((0, 0.1))
     assert dict(model.linearize(y=result.y[:, -1]).modes) == {"R.mode": -1.0}
@@ -101,7 +101,7 @@ def test_what_sticks_is_an_equilibrium_anywhere_within_its_limits():
     assert point["force"] == pytest.approx(-K * 0.04, rel=1e-12)
     assert not point.is_unique
     assert point["R.mode"] == 0.0
-    with pytest.raises(SolveError, match="beyond its limit by 16.8"):
+    with pytest.raises(SolveError, match=r"beyond its limit by 16\.8"):
         oscillator(s=0.47).trim()
 
 

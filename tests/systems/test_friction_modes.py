@@ -1,4 +1,4 @@
-"""Modes of dry friction where they are hard to choose: at limits, at zeros, in loops, or not at all."""
+"""Modes of dry friction where they are hard to choose: at limits, at zeros, in loops."""
 
 from math import pi
 

@@ -133,7 +133,7 @@ EVENT_STATUSES = (
     Status(
         "EVENTS_SHARED",
         45,
-        "dry friction that sticks shares forces that nothing tells apart, though losses depend on them",
+        "how friction that sticks shares forces is open, though losses depend on it",
         "has_fired tells whose",
     ),
     Status("EVENTS_BACKWARD", 44, "a one-way clutch turns the way that it locks"),

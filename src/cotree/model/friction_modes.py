@@ -71,8 +71,8 @@ def check_friction(at: Moment, y: Array) -> None:
         edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
         if mode not in _MODES:
             raise SolveError(
-                f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and -1 "
-                "where it slides, 2 where nothing presses it together"
+                f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and "
+                "-1 where it slides, 2 where nothing presses it together"
             )
         grip = _values(at, y, FrictionPart.GRIP).get(place, 1.0)
         if (grip > 0.0) == (mode == _FREE):

@@ -44,9 +44,9 @@ class Linearization:
         units follow from those of states, inputs and outputs.
     states, inputs, outputs : tuple of str
         Names along the axes. In the full form the states are the differential states without the
-        modes; in the reduced form, the independent ones. Quaternions are then replaced by small rotations
-        ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the rates
-        ``turn_x_dot``.
+        modes; in the reduced form, the independent ones. Quaternions are then replaced by small
+        rotations ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the
+        rates ``turn_x_dot``.
     basis : ndarray, shape (n_states, n)
         Deviations of all differential states for unit values of each z, in the full form columns
         of the identity matrix. Rows of modes are zero: small deviations do not change them.

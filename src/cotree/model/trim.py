@@ -230,13 +230,14 @@ def find_trim(
         if np.array_equal(settled, y):
             check_friction(moment, y)
             return _point(search, root.z)
-        # A discontinuous expression or dry friction switched branches at this point, so it is solved for again.
+        # A discontinuous expression or dry friction switched branches at this point, so it is
+        # solved for again.
         search = _Search(
             linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )
     raise SolveError(
-        "no consistent point was found: discontinuous expressions, or modes of dry friction, switch "
-        "each time"
+        "no consistent point was found: discontinuous expressions, or modes of dry friction, "
+        "switch each time"
     )
 
 

@@ -57,13 +57,13 @@ VERDICTS = {
     ),
     "EVENTS_MODES": (
         "at t = {t:.10g} the dry friction of {event} has no modes that agree with each other: "
-        "whichever of them stick or slide, a force passes its limit or a motion goes against it; look"
-        " for friction that is less at rest than in sliding, and for forces that follow friction"
+        "whichever of them stick or slide, a force passes its limit or a motion goes against it; "
+        "look for friction that is less at rest than sliding, and for forces that follow friction"
     ),
     "EVENTS_SHARED": (
-        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the gear"
-        " loses depends on how they share the force, which nothing decides; let the gear be ideal, "
-        "or put an elastic shaft between them"
+        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the "
+        "gear loses depends on how they share the force, which nothing decides; let the gear be "
+        "ideal, or put an elastic shaft between them"
     ),
     "EVENTS_BACKWARD": (
         "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
