@@ -357,33 +357,44 @@ def run_line(seed, n_runs):
             tally.stops.setdefault(sentence, []).append(run)
         # Nothing can be evaluated at a start that is refused.
         if result.success or len(result.t) > 1:
-            look_at(line, result, run, tally)
+            look_at(line, result, run, values, tally)
     return tally
 
 
-def look_at(line, result, run, tally):
+def _is_at_jump(line, result, values):
+    """Tell which points lie at a jump of a force that is given, or one rounding before it.
+
+    Outputs there are those on the side that rounding of the time says, and modes those behind it.
+    """
+    jumps = [
+        values[name] + 0.5 * np.arange(-20, 20)
+        for name, kind in line.kinds.items()
+        if kind == "time"
+    ]
+    away = np.abs(np.subtract.outer(result.t, np.concatenate([[np.inf], *jumps])))
+    return np.min(away, axis=1) <= 1e-9
+
+
+def look_at(line, result, run, values, tally):
     """Note what was seen in one run."""
     if not line.is_driven:
         energy = result["energy"]
         growth = np.max(np.diff(energy), initial=0.0) / (np.max(energy) + 1.0)
         tally.note("growth", growth, run)
-    n = 0
+    n, jumps = 0, _is_at_jump(line, result, values)
     for edge, names in line.frictions.items():
         mode = np.rint(result[f"{edge}.mode"])
         force, speed, upper = (result[names[what]] for what in ("force", "speed", "upper"))
         lower = result[names["lower"]] if "lower" in names else np.full(len(force), -np.inf)
         is_stuck, slides = mode == 0.0, np.abs(mode) == 1.0
         size = np.max(np.abs(force)) + np.max(np.abs(upper)) + 1.0
-        beyond = np.maximum(force - upper, lower - force)[is_stuck]
+        beyond = np.maximum(force - upper, lower - force)[is_stuck & ~jumps]
         tally.note("excess", np.max(beyond, initial=0.0) / size, run)
         fastest = np.max(np.abs(speed)) + 1.0
         tally.note("creep", np.max(np.abs(speed[is_stuck]), initial=0.0) / fastest, run)
         tally.note("backwards", np.max(-(mode * speed)[slides], initial=0.0) / fastest, run)
-        times = np.sort(
-            np.concatenate(
-                [e.t for name, e in result.events.items() if name.startswith(f"{edge} ")]
-            )
-        )
+        own = [row.t for name, row in result.events.items() if name.startswith(f"{edge} ")]
+        times = np.sort(np.concatenate(own))
         n += len(times)
         if len(times):
             together = np.searchsorted(times, times + 1e-3, side="right") - np.arange(len(times))

@@ -72,9 +72,7 @@ def used_by_friction(
         Values by edge and field.
     """
     rubbing = {
-        port.edge.name
-        for port in ports.values()
-        if port.kind is Kind.FRICTION and port.is_coupling
+        port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
     }
     used: dict[bool, set[Node]] = {True: set(), False: set()}
     for (edge, _), node in fields.items():
