@@ -38,7 +38,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
                 raise FormulationError(
                     f"edges '{other}' and '{port.edge.name}' both stick at "
                     f"'{', '.join(port.ends.acts_on)}', where nothing tells their forces apart: "
-                    "make one edge of them"
+                    "make one edge of them, with the sum of both forces"
                 )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
