@@ -8,8 +8,9 @@ stays, nothing chatters, and none ends early but with a sentence that is true of
 import pytest
 from drive_lines import MOST_EVENTS, run_line
 
-#: Structures and runs of each: of a quick test, of slow ones, and of the campaign.
-QUICK, SLOW, ALL, RUNS = 1, 10, 340, 30
+#: Structures of a quick run and of slow ones, and runs of each; those of the campaign.
+QUICK, SLOW, FEW = 1, 10, 10
+ALL, RUNS, BLOCK = 340, 30, 10
 
 #: The only sentence that a run may end early with: a clutch beside a gear of ratio one.
 BESIDE_A_GEAR = "would stick beside a gear"
@@ -31,17 +32,16 @@ def check(tally):
 @pytest.mark.compiler
 @pytest.mark.parametrize(
     "seed",
-    [
-        pytest.param(
-            seed,
-            marks=[
-                *([pytest.mark.slow] if seed >= QUICK else []),
-                *([pytest.mark.campaign] if seed >= SLOW else []),
-            ],
-        )
-        for seed in range(ALL)
-    ],
+    [pytest.param(i, marks=[pytest.mark.slow] if i >= QUICK else []) for i in range(SLOW)],
 )
-def test_random_drive_lines_stick_and_slide_as_friction_does(seed, pytestconfig):
-    is_whole = pytestconfig.getoption("--campaign")
-    check(run_line(seed, RUNS if is_whole else RUNS // 3))
+def test_random_drive_lines_stick_and_slide_as_friction_does(seed):
+    check(run_line(seed, FEW))
+
+
+@pytest.mark.slow
+@pytest.mark.campaign
+@pytest.mark.compiler
+@pytest.mark.parametrize("first", range(0, ALL, BLOCK))
+def test_all_random_drive_lines_stick_and_slide_as_friction_does(first):
+    for seed in range(first, first + BLOCK):
+        check(run_line(seed, RUNS))

@@ -46,6 +46,7 @@ def test_a_force_that_touches_its_limit_moves_nothing():
     assert model.simulate((0, 4), parameters={"x0": 1.001}, **TIGHT).events["R stops"].t.size
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("pressing", [0.0, "N", "-1 - t"])
 def test_a_one_way_clutch_that_nothing_presses_together_runs_free_and_holds_at_rest(pressing):
     scene = cotree.Scene("freewheel")

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 import cotree
-from cotree.errors import ExpressionError
+from cotree.errors import ExpressionError, SolveError
 
 TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
 CLOSE = 1e-9
@@ -69,9 +69,7 @@ def test_a_pivot_whose_friction_follows_its_reaction_takes_what_its_closed_form_
     """Friction c N at a mass on a rod: N^2 is (m (l w^2 + g cos th))^2 + (c N / l)^2."""
     m, length, c, start = 2.0, 1.3, 0.1, 1.2
     k = c / length / sqrt(1 - (c / length) ** 2)
-    names = ["c", "th", "l", "m"]
-    model = pendulum("c*load", c=c).compile(names)
-    result = model.simulate((0, 15), **TIGHT)
+    result = pendulum("c*load", c=c).compile().simulate((0, 15), **TIGHT)
     radial = m * (length * result["h.theta_dot"] ** 2 + G * np.cos(result["h.theta"]))
     slides = np.abs(np.rint(result["R.mode"])) == 1
     exact = k * length * radial * np.sign(result["R.mode"])
@@ -96,6 +94,13 @@ def test_a_pivot_whose_friction_follows_its_reaction_takes_what_its_closed_form_
     # At rest the hinge bears the weight, m g, and holds it at its angle.
     assert abs(result["load"][-1] - m * G) <= 1e-8
     assert abs(result["held"][-1] + m * G * length * sin(result["h.theta"][-1])) <= 1e-8
+
+
+@pytest.mark.slow
+def test_sensitivities_of_friction_that_follows_a_reaction_agree_with_differences():
+    names = ["c", "th", "l", "m"]
+    model = pendulum("c*load", c=0.1).compile(names)
+    _agree_with_differences(model, 3.0, names, ["h.theta", "held", "load"])
     _agree_with_differences(model, 15.0, names, ["h.theta", "held"])
 
 
@@ -114,6 +119,7 @@ def _agree_with_differences(model, end, names, variables):
             assert abs(result.sensitivity(variable, name)[-1] - difference) <= 1e-6 * size
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("tilt", [10.0, 25.0])
 def test_a_block_in_a_guide_rubs_with_what_the_guide_bears(tilt):
     """It slides up a slope, stops, and stays there or comes back."""
@@ -178,3 +184,32 @@ def test_reactions_in_other_fields_are_refused_with_where_they_may_be():
     scene = pendulum("c*h.fq", c=0.1)
     with pytest.raises(ExpressionError, match="edge 'h' has no variable 'fq'"):
         scene.compile()
+
+
+def test_an_equilibrium_of_a_pendulum_is_where_its_pivot_holds_it():
+    model = pendulum("c*load", c=0.1).compile()
+    point = model.trim(guess={"h.theta": 0.05})
+    assert abs(point["h.theta"] - 0.05) <= 1e-12
+    assert abs(point["held"] + 2.0 * G * 1.3 * sin(0.05)) <= 1e-9
+    # At rest the hinge bears m g, so that c m g is all that it holds.
+    most = 2.0 * G * 1.3 * sin(0.5) - 0.1 * 2.0 * G
+    with pytest.raises(SolveError, match=rf"'R' sticks .* beyond its limit by {most:.4f}"):
+        model.trim(guess={"h.theta": 0.5})
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("method", ["dopri5", "rodas5", "cvode", "ida"])
+def test_every_method_that_takes_events_finds_friction_with_its_reaction(method):
+    model = pendulum("c*load", c=0.1).compile(["c"])
+    exact = model.simulate((0, 4), **TIGHT)
+    result = model.simulate((0, 4), method=method, rtol=1e-8)
+    # Errors of some tens of tolerances, those of the multistep methods being the largest.
+    assert abs(result["h.theta"][-1] - exact["h.theta"][-1]) <= 1e-6
+    assert (
+        abs(result.sensitivity("h.theta", "c")[-1] - exact.sensitivity("h.theta", "c")[-1]) <= 2e-6
+    )
+
+
+def test_methods_of_scipy_refuse_friction_by_name():
+    with pytest.raises(SolveError, match="'Radau' cannot take events, such as 'R stops'"):
+        pendulum("T", T=1.0).compile().simulate((0, 1), method="Radau")
