@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import SolveError
+from cotree.errors import Error, SolveError
+from cotree.model.unknowns import solve_states
 from cotree.scene.events import FrictionPart
 
 if TYPE_CHECKING:
@@ -56,6 +57,27 @@ def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
         elif y[place] == _FREE:
             settled[place] = _STUCK
     return settled
+
+
+def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
+    """Give a guess the modes of its dry friction, and on joints the forces that these ask for.
+
+    What sticks is an equilibrium where its force holds it: a search would move it otherwise.
+
+    Parameters
+    ----------
+    at, y
+        As for :func:`settle_friction`.
+    given : collection of str
+        Modes that stay.
+    """
+    if not any(row.friction for row in at.model.layout.events):
+        return y
+    y = settle_friction(at, y, given)
+    try:
+        return solve_states(at, y)
+    except Error:  # the search says what is wrong
+        return y
 
 
 def check_friction(at: Moment, y: Array) -> None:

@@ -15,20 +15,18 @@ import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.damped_newton import Equation
-from cotree.model.friction_modes import check_friction, settle_friction
+from cotree.model.friction_modes import check_friction, guess_friction, settle_friction
 from cotree.model.linear import Linear
 from cotree.model.moment import Moment
 from cotree.model.roots import find_near
 from cotree.model.start import find_start
 from cotree.model.trim_point import Conditions, TrimPoint
-from cotree.model.unknowns import settle_jumps, solve_states
+from cotree.model.unknowns import settle_jumps
 from cotree.model.variation import Direction
 from cotree.scene.expressions import check_number
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from cotree.model.arrays import Array
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
@@ -264,7 +262,7 @@ def _posed(
     y = _first_guess(at)
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
-    y = _rubbing(at, y, values)
+    y = guess_friction(at, y, values)
     # Modes change only at events: they are not unknowns, and their rates are always zero.
     modes = linearizer.modes
     unknowns = [
@@ -304,20 +302,6 @@ def _first_guess(at: Moment) -> Array:
         return find_start(at, {}).y.copy()
     except Error:
         return at.model.initial_values(at.t, at.p, at.u)[0].copy()
-
-
-def _rubbing(at: Moment, y: Array, given: Collection[str]) -> Array:
-    """Give a guess the modes of its dry friction, and on joints the forces that these ask for.
-
-    What sticks is an equilibrium where its force holds it: the search would move it otherwise.
-    """
-    if not any(row.friction for row in at.model.layout.events):
-        return y
-    y = settle_friction(at, y, given)
-    try:
-        return solve_states(at, y)
-    except Error:
-        return y
 
 
 def _known_rates(linearizer: Linearizer, at: Moment, y: Array, fixed: set[int]) -> set[int]:
