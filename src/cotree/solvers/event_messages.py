@@ -61,7 +61,13 @@ VERDICTS = {
     ),
     "EVENTS_MODES": (
         "at t = {t:.10g} the dry friction or rigid stops of {event} have no modes that agree with "
-        "each other: whichever of them hold, a force passes its limit or a motion goes against it"
+        "each other: whichever of them hold, a force passes its limit or a motion goes against it; "
+        "look for friction that is less at rest than sliding, and for forces that follow friction"
+    ),
+    "EVENTS_SHARED": (
+        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the "
+        "gear loses depends on how they share the force, which nothing decides; let the gear be "
+        "ideal, or put an elastic shaft between them"
     ),
     "EVENTS_BEYOND": (
         "{event} begins at t = {t:.10g} beyond its limit: let it begin within, or at the limit"
@@ -106,7 +112,7 @@ BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
 #: Sentences that name edges.
 _OF_EDGES = (
     *("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"),
-    *("EVENTS_GAINS", "EVENTS_SEVERAL"),
+    *("EVENTS_GAINS", "EVENTS_SEVERAL", "EVENTS_SHARED"),
 )
 
 #: What the names of events of friction and stops say of their edges.
@@ -125,7 +131,7 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     fired : sequence of str
         Those that happened at that time.
     """
-    are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_IMPACT")
+    are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_IMPACT", "EVENTS_SHARED")
     listed = fired if name in are_many else [event]
     if name not in _OF_EDGES:
         return listed

@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
+from cotree.dag.symbols import MEASURED
+from cotree.dag.traverse import symbols_in
 from cotree.errors import FormulationError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.components import Law
+    from cotree.dag.nodes import Node
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
@@ -40,6 +43,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
                     f"edges '{other}' and '{port.edge.name}' both "
                     f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, where "
                     "nothing tells their forces apart: make one edge of them"
+                    + (", with the sum of both forces" if are_alike else "")
                 )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
@@ -58,6 +62,27 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
                 f"{whose} lies between given speeds, where nothing can give way: add "
                 f"{_INERTIA[port.terminal.domain]} to one of its nodes, or take it out"
             )
+
+
+def used_by_friction(
+    ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
+) -> frozenset[Node]:
+    """List the symbols of the mechanism that only fields of dry friction on it use.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        All ports.
+    fields : mapping of (str, str) to Node
+        Values by edge and field.
+    """
+    rubbing = {
+        port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
+    }
+    used: dict[bool, set[Node]] = {True: set(), False: set()}
+    for (edge, _), node in fields.items():
+        used[edge in rubbing].update(s for s in symbols_in([node]) if s.data[0] == MEASURED)
+    return frozenset(used[True] - used[False])
 
 
 _HOLDS = {Kind.FRICTION: "sticks", Kind.STOP: "holds at its limits"}
