@@ -19,6 +19,7 @@ from cotree.components import (
     joints,
     mechanical,
     rigid_body,
+    rigid_contact,
     semiconductors,
     stops,
     thermal,
@@ -51,7 +52,17 @@ COMPONENTS: dict[str, Component] = {
         *(rigid_body, joints, constraints, forces, contact),
         *(electrical, electrical_sources, electrical_couplings, windings),
         *(semiconductors, battery),
-        *(hydraulic, thermal, mechanical, friction, stops, chemical, electrochemical, transducers),
+        *(
+            hydraulic,
+            thermal,
+            mechanical,
+            friction,
+            stops,
+            rigid_contact,
+            chemical,
+            electrochemical,
+            transducers,
+        ),
     )
     for row in family.COMPONENTS
 }

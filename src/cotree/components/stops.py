@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
 
 
-def _rebound(across: Any, restitution: Any) -> Any:
+def rebound(across: Any, restitution: Any) -> Any:
+    """Give what an impact changes a relative speed by."""
     return -(1 + restitution) * across
 
 
-def _excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
+def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
+    """Give the speed that an impact leaves, less that at which it leaves none."""
     import sympy
 
     return restitution * sympy.Abs(across) - rest_speed
@@ -32,12 +34,12 @@ def _excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
 def _port(domain: str, given: Given) -> Terminal:
     upper = Law(lambda stretch, upper: upper - stretch) if "upper" in given else None
     lower = Law(lambda stretch, lower: stretch - lower) if "lower" in given else None
-    stop = Stop(upper, lower, Law(_rebound), Law(_excess))
+    stop = Stop(upper, lower, Law(rebound), Law(excess))
     return Terminal(domain, Kind.STOP, is_passive=False, stop=stop)
 
 
 _APART = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
-_BOUNDED = Demand(
+BOUNDED = Demand(
     Law(lambda restitution: 1 + 1e-15 - restitution), "needs a restitution of one at most"
 )
 
@@ -47,7 +49,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
         if "lower" not in given and "upper" not in given:
             raise SceneError(f"edge '{edge}' of type '{made.name}' needs a lower or an upper limit")
         apart = (_APART,) if "lower" in given and "upper" in given else ()
-        own = replace(made, ports=(_port(domain, given),), demands=(*apart, _BOUNDED))
+        own = replace(made, ports=(_port(domain, given),), demands=(*apart, BOUNDED))
         return own, nodes, given
 
     fields = (

@@ -81,7 +81,8 @@ class Touch:
     spot : int
         The place, from 0 on.
     quantity : str
-        ``gap``, or ``slip0``, ``slip1``, ...: a direction in which it slides.
+        ``gap``; ``slip0``, ``slip1``, ...: a direction in which it slides; or ``slip`` of planar
+        systems.
     """
 
     spot: int
@@ -107,6 +108,11 @@ class Friction:
     load : Law or None
         What the laws of sliding change their form with: the argument ``side`` is its sign. They
         meet where it is zero.
+    presser : str
+        The port of the same component whose rigid stop presses it together: it is disengaged while
+        that is free, and takes part in its impacts. Empty where there is none.
+    suffix : str
+        What the names of its modes among the fields end with.
     """
 
     forward: Law
@@ -115,6 +121,8 @@ class Friction:
     lower: Law | None
     grip: Law | None = None
     load: Law | None = None
+    presser: str = ""
+    suffix: str = ""
 
 
 @dataclass(frozen=True)
@@ -133,12 +141,15 @@ class Stop:
         What an impact changes across by.
     excess : Law
         The speed that an impact leaves, less that below which it leaves none.
+    suffix : str
+        What the names of its modes among the fields end with.
     """
 
     upper_gap: Law | None
     lower_gap: Law | None
     rebound: Law
     excess: Law
+    suffix: str = ""
 
 
 @dataclass(frozen=True)

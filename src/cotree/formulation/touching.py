@@ -7,6 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
+from cotree.errors import FormulationError
 from cotree.formulation.contact import Centres, Tangent, Touching, surface_of
 from cotree.formulation.endpoints import carried_by, chord_ends
 from cotree.formulation.fields import plane_axes
@@ -41,6 +42,8 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])
     if touch.quantity == "gap":
         return Touching(ends, facing, surface, facing, rise)
+    if touch.quantity == "slip":
+        return Touching(ends, facing, surface, _along(motion, edge, ends), None)
     number = int(touch.quantity.removeprefix("slip"))
     direction: Facing
     if "normal" in edge.vectors:
@@ -55,6 +58,25 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         # have parts that span them.
         direction = Tangent(facing, vector.identity(dag)[number])
     return Touching(ends, facing, surface, direction, None)
+
+
+def _along(motion: Motion, edge: BoundEdge, ends: Ends) -> Facing:
+    """Give the direction along a surface in the plane of motion.
+
+    Raises
+    ------
+    FormulationError
+        If not everything moves in one plane.
+    """
+    plane = motion.system.plane
+    if not plane:
+        raise FormulationError(
+            f"edge '{edge.name}' of type '{edge.component.name}' has friction, which rigid contact "
+            "knows where everything moves in one plane: leave it out, or take a contact that gives "
+            "way"
+        )
+    across = vector.identity(motion.system.dag)["xyz".index(plane)]
+    return carried_by(motion, ends, 0, vector.cross(across, edge.vectors["normal"]))
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:

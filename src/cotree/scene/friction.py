@@ -35,7 +35,9 @@ def with_friction(scene: _Scene) -> _Scene:
     ports = {
         port.edge.name: port
         for port in scalar_ports(scene).values()
-        if port.terminal.friction is not None and "mode" not in port.edge.fields
+        if port.terminal.friction is not None
+        and not port.terminal.friction.presser  # those of contacts: see stops
+        and "mode" not in port.edge.fields
     }
     if not ports:
         return scene

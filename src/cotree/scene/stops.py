@@ -13,6 +13,7 @@ import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cotree.components import Kind
 from cotree.components.component import Field
 from cotree.domains import DOMAINS
 from cotree.scene.events import Event, Mode, ModePart
@@ -22,82 +23,142 @@ from cotree.scene.networks import scalar_ports
 if TYPE_CHECKING:
     from typing import TypeVar
 
+    from cotree.components.terminal import Friction, Stop
     from cotree.scene.description import Edge, SceneDescription
     from cotree.scene.networks import Port
 
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_ADDED = (
-    Field("mode", "", "which limit holds it", constant=False),
-    # Within an impact it is what the speed is to change by.
-    Field("impulse", "", "of the last impact", constant=False),
-)
-
 
 def with_stops(scene: _Scene) -> _Scene:
-    """Give every rigid stop its modes and events; a scene without any stays itself."""
-    ports = [
-        port
-        for port in scalar_ports(scene).values()
-        if port.terminal.stop is not None and "mode" not in port.edge.fields
-    ]
+    """Give rigid stops, and the friction that these press, modes and events; others stay as is."""
+    ports = [port for port in scalar_ports(scene).values() if _is_due(port)]
     if not ports:
         return scene
     made = copy.copy(scene)
     made.edges, made.modes, made.events = dict(scene.edges), dict(scene.modes), {}
     for port in ports:
-        made.edges[port.edge.name] = _with_modes(port)
-        for field in _ADDED:
-            name = f"{port.edge.name}.{field.name}"
-            made.modes[name] = Mode(name, parse("0", f"{field.name} of edge '{port.edge.name}'"))
+        edge, name = port.edge.name, _holder(port)
+        made.edges[edge] = _with_modes(made.edges[edge], port)
+        for what, doc, start in _modes(port):
+            mode = f"{name}.{what}"
+            made.modes[mode] = Mode(mode, parse(start, f"{doc} of edge '{edge}'"))
         for event in _events(port):
             made.events[event.name] = event
     made.events.update(scene.events)
     return made
 
 
-def _with_modes(port: Port) -> Edge:
-    edge = port.edge
-    component = replace(edge.component, fields=(*edge.component.fields, *_ADDED))
+def _laws(port: Port) -> Stop | Friction | None:
+    friction = port.terminal.friction
+    return friction if friction is not None and friction.presser else port.terminal.stop
+
+
+def _is_due(port: Port) -> bool:
+    laws = _laws(port)
+    return laws is not None and f"mode{laws.suffix}" not in port.edge.fields
+
+
+def _holder(port: Port, of: str = "") -> str:
+    """Name a port that holds, or another one of its edge: by the edge where it is the only one."""
+    ports = port.edge.component.ports
+    is_alone = sum(terminal.kind.may_hold for terminal in ports) == 1
+    return port.edge.name if is_alone else port.sibling(of or port.terminal.port)
+
+
+def _modes(port: Port) -> tuple[tuple[str, str, str], ...]:
+    """List modes: name, meaning, and value at the start."""
+    # Friction without a force is disengaged. Within an impact, an impulse is what it changes the
+    # speed by.
+    start = "0" if port.kind is Kind.STOP else "2"
+    return ("mode", "which of its laws holds", start), ("impulse", "of the last impact", "0")
+
+
+def _with_modes(edge: Edge, port: Port) -> Edge:
+    laws = _laws(port)
+    assert laws is not None
+    rows = [(f"{what}{laws.suffix}", doc, what) for what, doc, _ in _modes(port)]
+    added = tuple(Field(name, "", doc, constant=False) for name, doc, _ in rows)
+    component = replace(edge.component, fields=(*edge.component.fields, *added))
     fields = {
-        row.name: parse(f"{edge.name}.{row.name}", f"{row.name} of edge '{edge.name}'")
-        for row in _ADDED
+        name: parse(f"{_holder(port)}.{what}", f"{doc} of edge '{edge.name}'")
+        for name, doc, what in rows
     }
     return replace(edge, component=component, fields={**edge.fields, **fields})
 
 
+#: Name, condition, role, and what it sets.
+_Row = tuple[str, str, ModePart, "dict[str, str]"]
+
+
 def _events(port: Port) -> list[Event]:
-    stop, name, edge = port.terminal.stop, port.name, port.edge.name
+    rows = _stop_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
+    where = f"{port.edge.component.name} '{port.edge.name}'"
+    return [
+        Event(
+            f"{_holder(port)} {what}",
+            parse(when, where),
+            -1,
+            # Modes are chosen together with those of all other edges.
+            {target: parse(text, where) for target, text in values.items()},
+            is_stop=False,
+            restitution=None,
+            part=part,
+        )
+        for what, when, part, values in rows
+    ]
+
+
+def _stop_rows(port: Port) -> list[_Row]:
+    stop, name, holder = port.terminal.stop, port.name, _holder(port)
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
-    mode, force = f"{edge}.mode", f"{name}.{row.through_symbol}"
+    mode, force = f"{holder}.mode", f"{name}.{row.through_symbol}"
     # Factors that leave of each value what its mode looks at, and exact zeros in all other modes.
     free = f"(1 - {mode}**2)*(4 - {mode}**2)/4"
     struck = f"{mode}**2*({mode}**2 - 1)/12"
     sided = stop.upper_gap is not None and stop.lower_gap is not None
-    rebound = {f"{edge}.impulse": f"{name}.rebound"}
-    rows = []
+    own = {mode: mode}
+    rebound = own | {f"{holder}.impulse": f"{name}.rebound"}
+    rows: list[_Row] = []
     if stop.upper_gap is not None:
         text = f"{free}*{name}.upper_gap"
         rows.append((f"hits{' upper' if sided else ''}", text, ModePart.UPPER_GAP, rebound))
     if stop.lower_gap is not None:
         text = f"{free}*{name}.lower_gap"
         rows.append((f"hits{' lower' if sided else ''}", text, ModePart.LOWER_GAP, rebound))
-    at_rest = {f"{edge}.impulse": f"-{name}.{row.across_symbol}"}
+    at_rest = own | {f"{holder}.impulse": f"-{name}.{row.across_symbol}"}
     rows.append(("rests", f"{struck}*{name}.excess", ModePart.RESTS, at_rest))
     # One and two times the side of the limit, in contact and in an impact, give the side.
-    rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.LIFTS, {}))
-    where = f"rigid stop '{edge}'"
+    rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.LIFTS, own))
+    return rows
+
+
+def _pressed_rows(port: Port) -> list[_Row]:
+    """Give the events of friction that a stop presses together."""
+    friction, name, holder = port.terminal.friction, port.name, _holder(port)
+    assert friction is not None
+    row = DOMAINS[port.terminal.domain]
+    mode, presser = f"{holder}.mode", f"{_holder(port, friction.presser)}.mode"
+    speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
+    direction = f"{mode}*(4 - {mode}**2)*(9 - {mode}**2)/24"
+    stuck = f"(1 - {mode}**2)*(2 - {mode})*(3 - {mode})/6"
+    struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
+    # The second target tells which stop presses.
+    own = {mode: mode, presser: presser}
+    sticks = own | {f"{holder}.impulse": f"-{speed}"}
     return [
-        Event(
-            f"{edge} {what}",
-            parse(when, where),
-            -1,
-            # The mode is chosen together with those of all other edges.
-            {target: parse(text, where) for target, text in ({mode: mode} | values).items()},
-            is_stop=False,
-            restitution=None,
-            part=part,
-        )
-        for what, when, part, values in rows
+        ("stops", f"{direction}*{speed}", ModePart.STOPS, sticks),
+        (
+            "slips forwards",
+            f"({stuck} + {struck})*({name}.upper - {force})",
+            ModePart.FORWARD,
+            own,
+        ),
+        (
+            "slips backwards",
+            f"({stuck} + {struck})*({force} - {name}.lower)",
+            ModePart.BACKWARD,
+            own,
+        ),
     ]

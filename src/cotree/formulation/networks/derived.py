@@ -108,14 +108,19 @@ def friction_residual(terminal: Terminal) -> Law:
     """
     assert terminal.friction is not None
     own = terminal.friction
-    through = _symbol("through")
-    stuck, forward, backward, free = mode_weights(_symbol("mode"), own.grip is not None)
+    through, mode = _symbol("through"), _symbol(f"mode{own.suffix}")
+    struck = 0
+    if own.presser:
+        stuck, forward, backward, free, struck = pressed_weights(mode)
+    else:
+        stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
     # The sign makes the slope by through positive in every mode: through slows the motion down.
     return Law.of(
         -stuck * _symbol("across_rate")
         + forward * (through - own.forward.expression)
         + backward * (through - own.backward.expression)
         + free * through
+        + struck * (_symbol(f"impulse{own.suffix}") - _symbol("across_rate"))
     )
 
 
@@ -127,12 +132,14 @@ def stop_residual(terminal: Terminal) -> Law:
     change by takes the place of the relative acceleration: the rates of all states then are, but
     for those without it, what the impact changes them by.
     """
-    mode, through = _symbol("mode"), _symbol("through")
+    assert terminal.stop is not None
+    suffix = terminal.stop.suffix
+    mode, through = _symbol(f"mode{suffix}"), _symbol("through")
     # One in their modes and zero in the others, exactly.
     free = (1 - mode**2) * (4 - mode**2) / 4
     held = mode**2 * (4 - mode**2) / 3
     struck = mode**2 * (mode**2 - 1) / 12
-    wanted = struck * _symbol("impulse")
+    wanted = struck * _symbol(f"impulse{suffix}")
     return Law.of(free * through + wanted - (held + struck) * _symbol("across_rate"))
 
 
@@ -148,6 +155,20 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
         mode * (mode + 1) * (2 - mode) / 2,
         mode * (mode - 1) * (2 - mode) / 6,
         mode * (mode**2 - 1) / 6,
+    )
+
+
+def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Give such expressions of the mode of friction that a rigid stop presses together.
+
+    The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
+    """
+    return (
+        (1 - mode**2) * (2 - mode) * (3 - mode) / 6,
+        mode * (mode + 1) * (2 - mode) * (3 - mode) / 4,
+        mode * (mode - 1) * (2 - mode) * (3 - mode) / 24,
+        mode * (mode**2 - 1) * (3 - mode) / 6,
+        mode * (mode**2 - 1) * (mode - 2) / 24,
     )
 
 

@@ -29,6 +29,8 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
     for name, port in ports.items():
         if not port.kind.may_hold:
             continue
+        if port.terminal.touch is not None:
+            continue  # a gap and the slips there are apart from each other
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port.edge.name)
             if other != port.edge.name:
