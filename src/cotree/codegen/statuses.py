@@ -143,6 +143,8 @@ EVENT_STATUSES = (
         47,
         "gaps that close at once act on each other, so that either order has other sensitivities",
     ),
+    Status("EVENTS_GAINS", 49, "the impact would leave more energy than there was"),
+    Status("EVENTS_SEVERAL", 50, "a contact may hold or let go: friction allows both"),
     Status("EVENTS_FAINT", 48, "its impacts are too small for the tolerance"),
 )
 

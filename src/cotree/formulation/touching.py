@@ -76,7 +76,7 @@ def _along(motion: Motion, edge: BoundEdge, ends: Ends) -> Facing:
             "way"
         )
     across = vector.identity(motion.system.dag)["xyz".index(plane)]
-    return carried_by(motion, ends, 0, vector.cross(across, edge.vectors["normal"]))
+    return carried_by(motion, ends, 0, vector.cross(edge.vectors["normal"], across))
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:

@@ -68,10 +68,11 @@ def _holder(port: Port, of: str = "") -> str:
 
 def _modes(port: Port) -> tuple[tuple[str, str, str], ...]:
     """List modes: name, meaning, and value at the start."""
-    # Friction without a force is disengaged. Within an impact, an impulse is what it changes the
-    # speed by.
-    start = "0" if port.kind is Kind.STOP else "2"
-    return ("mode", "which of its laws holds", start), ("impulse", "of the last impact", "0")
+    # Within an impact, an impulse is what that changes the speed by.
+    if port.kind is Kind.STOP:
+        return ("mode", "which of its laws holds", "0"), ("impulse", "of the last impact", "0")
+    # Friction without a force is disengaged; its impulse is zero between evaluations.
+    return ("mode", "which of its laws holds", "2"), ("impulse", "asked for in an impact", "0")
 
 
 def _with_modes(edge: Edge, port: Port) -> Edge:

@@ -75,6 +75,14 @@ VERDICTS = {
         "what follows depends on which comes first, so nothing has sensitivities there: change a "
         "parameter, or compile without sensitivities"
     ),
+    "EVENTS_GAINS": (
+        "the impact at {event} at t = {t:.10g} would leave more energy than there was, as Newton's "
+        "law of impact may with friction: give a smaller restitution"
+    ),
+    "EVENTS_SEVERAL": (
+        "at t = {t:.10g} the contact {event} may hold or let go: with friction as strong as this "
+        "more than one motion agrees with the laws (Painleve's paradox), so that none is chosen"
+    ),
     "EVENTS_FAINT": (
         "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
         "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
@@ -95,6 +103,12 @@ _MOST_RESTS = 3
 BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
 
 
+#: Sentences that name edges.
+_OF_EDGES = (
+    *("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"),
+    *("EVENTS_GAINS", "EVENTS_SEVERAL"),
+)
+
 #: What the names of events of friction and stops say of their edges.
 _EDGE = re.compile(r" (stops|rests|hits|hits upper|hits lower)$")
 
@@ -113,7 +127,7 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     """
     are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_IMPACT")
     listed = fired if name in are_many else [event]
-    if name not in ("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"):
+    if name not in _OF_EDGES:
         return listed
     # Names of edges may hold blanks; the words after them do not vary.
     return [_EDGE.sub("", row) for row in listed]

@@ -109,8 +109,10 @@ def friction_residual(terminal: Terminal) -> Law:
     assert terminal.friction is not None
     own = terminal.friction
     through, mode = _symbol("through"), _symbol(f"mode{own.suffix}")
-    struck = 0
+    struck = impulse = 0
     if own.presser:
+        # While it is free, it is the force: the engine asks in this way what a force does.
+        impulse = _symbol(f"impulse{own.suffix}")
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
@@ -119,8 +121,8 @@ def friction_residual(terminal: Terminal) -> Law:
         -stuck * _symbol("across_rate")
         + forward * (through - own.forward.expression)
         + backward * (through - own.backward.expression)
-        + free * through
-        + struck * (_symbol(f"impulse{own.suffix}") - _symbol("across_rate"))
+        + free * (through - impulse)
+        + struck * (impulse - _symbol("across_rate"))
     )
 
 
