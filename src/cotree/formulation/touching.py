@@ -71,9 +71,8 @@ def _along(motion: Motion, edge: BoundEdge, ends: Ends) -> Facing:
     plane = motion.system.plane
     if not plane:
         raise FormulationError(
-            f"edge '{edge.name}' of type '{edge.component.name}' has friction, which rigid contact "
-            "knows where everything moves in one plane: leave it out, or take a contact that gives "
-            "way"
+            f"edge '{edge.name}' has friction, which rigid contact knows where everything moves in "
+            "one plane: leave it out, or take a contact that gives way"
         )
     across = vector.identity(motion.system.dag)["xyz".index(plane)]
     return carried_by(motion, ends, 0, vector.cross(edge.vectors["normal"], across))
