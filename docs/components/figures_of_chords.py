@@ -137,6 +137,25 @@ def contact(s: Sheet) -> None:
     s.arrow([(0.85, 0.12), (1.45, 0.12)], FREEDOM, 1.8)
 
 
+@figure
+def rigid_contact(s: Sheet) -> None:
+    """Draw a box that stands on a corner."""
+    s.face([(-1.7, -0.85), (1.7, -0.85), (1.7, -0.5), (-1.7, -0.5)], FIRST)
+    s.line([(-1.7, -0.5), (1.7, -0.5)], FIRST[1], 1.4)
+    corner, along, up = np.array([0.1, -0.5]), np.array([0.94, 0.34]), np.array([-0.34, 0.94])
+    box = [corner, corner + along, corner + along + 0.7 * up, corner + 0.7 * up]
+    s.face([(float(x), float(y)) for x, y in box], SECOND)
+    centre = corner + 0.5 * along + 0.35 * up
+    s.node((float(centre[0]), float(centre[1])), "second", (0.1, 0.2))
+    s.node((-1.4, -0.5), "first", (0.1, -0.2))
+    s.arrow([(-1.4, -0.5), (-1.4, 0.3)], lw=1.4)
+    s.text((-1.4, 0.45), "normal")
+    s.arrow([(0.1, -0.5), (0.1, 0.1)], THROUGH, 1.9)
+    s.text((-0.3, -0.2), "normal.f", THROUGH, size=10)
+    s.arrow([(0.1, -0.5), (-0.5, -0.5)], THROUGH, 1.7)
+    s.text((-0.7, -0.66), "slide.f", THROUGH, size=10)
+
+
 def _wheel(centre: tuple[float, float], radius: float, teeth: int, phase: float) -> Array:
     """Give the outline of a toothed wheel."""
     points = []

@@ -164,12 +164,12 @@ def test_a_block_on_an_incline_slips_where_that_is_steep_enough():
     result = incline().compile(["mu"]).simulate((0, 4), **TIGHT)
     start = atan(mu) / r
     # One corner reaches its limit first; the other one holds on until both have.
-    slips = [t for i in range(1, 5) for t in result.events[f"c.slide{i} slips forwards"].t]
+    slips = [t for i in range(1, 5) for t in result.events[f"c.slide_{i} slips forwards"].t]
     assert abs(max(slips) - start) <= CLOSE
     name = next(
-        f"c.slide{i} slips forwards"
+        f"c.slide_{i} slips forwards"
         for i in range(1, 5)
-        if max(result.events[f"c.slide{i} slips forwards"].t, default=0) == max(slips)
+        if max(result.events[f"c.slide_{i} slips forwards"].t, default=0) == max(slips)
     )
     assert abs(result.event_sensitivity(name, "mu")[-1] - 1 / ((1 + mu**2) * r)) <= CLOSE
 
@@ -208,7 +208,9 @@ def test_painleves_rod_is_named_where_nothing_or_more_than_one_motion_agrees():
     # Steep enough and rough enough: mu > 4/3.
     with pytest.warns(RuntimeWarning, match=r"'c.normal' have no modes that agree with each other"):
         rod(-1.0, 2.0).compile().simulate((0, 0.3), **TIGHT)
-    with pytest.warns(RuntimeWarning, match=r"the contact 'c.normal' may hold or let go: with fric"):
+    with pytest.warns(
+        RuntimeWarning, match=r"the contact 'c.normal' may hold or let go: with fric"
+    ):
         rod(-1.0, 2.0, w=5.0).compile().simulate((0, 0.3), **TIGHT)
     assert rod(-1.0, 0.3).compile().simulate((0, 0.3), **TIGHT).success
     assert rod(1.0, 2.0).compile().simulate((0, 0.3), **TIGHT).success
@@ -247,10 +249,10 @@ def test_a_sphere_slides_down_a_plane_without_friction_in_space():
 def test_friction_in_space_and_on_a_ball_is_refused_by_name():
     scene = cotree.Scene("space", gravity=[0, 0, -G])
     scene.edge("b", "rigid_body", "ground", "P", mass=1.0, initial={"z": 0.1})
-    scene.edge(
-        "c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=0.1, friction=0.3
-    )
-    with pytest.raises(FormulationError, match="edge 'c' has friction, which rigid contact knows where"):
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=0.1, friction=0.3)
+    with pytest.raises(
+        FormulationError, match="edge 'c' has friction, which rigid contact knows where"
+    ):
         scene.compile()
     with pytest.raises(SceneError, match="edge 'd' has friction on a ball"):
         scene.edge("d", "rigid_contact", "ground", "P", ball=1.0, radius=0.1, friction=0.3)
@@ -303,9 +305,9 @@ def boxes(seed):
         "c", "rigid_contact", "ground", "P", normal=[0, 1, 0], size=[width, height, 0], **surface
     )
     for i in range(1, 5):
-        scene.output(f"N{i}", f"-c.normal{i}.f")
-        scene.output(f"T{i}", f"c.slide{i}.f")
-        scene.output(f"g{i}", f"c.normal{i}.s")
+        scene.output(f"N{i}", f"-c.normal_{i}.f")
+        scene.output(f"T{i}", f"c.slide_{i}.f")
+        scene.output(f"g{i}", f"c.normal_{i}.s")
     moving = f"0.5*{mass}*(b.x_dot**2 + b.y_dot**2) + 0.5*{inertia}*b.theta_dot**2"
     scene.output("energy", f"{moving} + {mass * G}*b.y")
     return scene, mu

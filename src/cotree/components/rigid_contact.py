@@ -28,7 +28,7 @@ def _symbol(name: str) -> Any:
 
 
 def _suffix(spot: int, n_spots: int) -> str:
-    return str(spot + 1) if n_spots > 1 else ""
+    return f"_{spot + 1}" if n_spots > 1 else ""
 
 
 def _gap(spot: int, end: str) -> Terminal:
@@ -76,10 +76,10 @@ def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     if has_friction and "ball" in given:
         raise SceneError(
-            f"edge '{edge}' has friction on a ball, which rigid contact knows on planes only: leave "
-            "it out, or take a contact that gives way"
+            f"edge '{edge}' has friction on a ball, which rigid contact knows on planes only: "
+            "leave it out, or take a contact that gives way"
         )
-    is_central = not has_friction and not given.keys() & {"axis", "size"}
+    is_central = not has_friction and not given.keys() & {"axis", "size", "semiaxes"}
     geometry = replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
     own = replace(
         CONTACT,

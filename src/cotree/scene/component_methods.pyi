@@ -2859,6 +2859,60 @@ class ComponentMethods:
             )
         """
 
+    def rigid_contact(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        /,
+        *,
+        normal: _Vector | None = None,
+        ball: _Value | None = None,
+        radius: _Value | None = None,
+        axis: _Vector | None = None,
+        length: _Value | None = None,
+        semiaxes: _Vector | None = None,
+        size: _Vector | None = None,
+        restitution: _Value = 0.0,
+        rest_speed: _Value = 0.001,
+        friction: _Value | None = None,
+    ) -> None:
+        """Add a ``rigid_contact``: rigid contact of two bodies, with impacts and dry friction.
+
+        Parameters
+        ----------
+        name : str
+            Name of the edge.
+        first, second : str
+            Its nodes.
+        normal : three of float or str, optional
+            Of the first node's plane, which points to the second.
+        ball : float or str, [m], optional
+            Radius of the first node's sphere, in place of a plane.
+        radius : float or str, [m], optional
+            Of the second node's sphere, or of its disc where there is an axis; none of a point.
+        axis : three of float or str, optional
+            Of the second node's disc or cylinder, in its axes.
+        length : float or str, [m], optional
+            Of the second node's cylinder.
+        semiaxes : three of float or str, [m], optional
+            Of the second node's ellipsoid, along its axes.
+        size : three of float or str, [m], optional
+            Edges of the second node's box, in its axes.
+        restitution : float, str or table, default 0
+            Speed after an impact over that before.
+        rest_speed : float, str or table, [m/s], default 0.001
+            After an impact, below it is held.
+        friction : float, str or table, optional
+            Coefficient of friction; none where left out.
+
+        Examples
+        --------
+        ::
+
+            scene.rigid_contact("floor", "ground", "P", normal=[0, 1, 0], radius="R", friction="mu")
+        """
+
     def rolling_disc(
         self,
         name: str,
