@@ -72,7 +72,22 @@ def _ball():
     return scene
 
 
+def _box():
+    """Make a box that falls on a floor, slides and comes to rest."""
+    scene = Scene("box", gravity=[0, -9.81, 0])
+    scene.parameter("mu", 0.3)
+    initial = {"y": 0.4, "theta": 0.3, "x_dot": 1.0}
+    own = {"mass": 1.2, "inertia": [0.013] * 3, "initial": initial}
+    scene.edge("b", "rigid_body", "ground", "P", **own)
+    surface = {"restitution": 0.2, "rest_speed": 0.02, "friction": "mu"}
+    size = [0.3, 0.2, 0]
+    scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 1, 0], size=size, **surface)
+    scene.output("force", "c.force")
+    return scene
+
+
 SCENES = {
+    "box": (_box, 1.5),
     "ball": (_ball, 5.0),
     "oscillator": (_oscillator, 4.0),
     "clutches": (_clutches, 9.0),
@@ -102,7 +117,13 @@ def exported(tmp_path_factory):
         ("oscillator", 3),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("ball", 3), ("oscillator", 2), ("clutches", 3), ("pendulum", 3))
+            for case in (
+                ("ball", 3),
+                ("box", 3),
+                ("oscillator", 2),
+                ("clutches", 3),
+                ("pendulum", 3),
+            )
         ),
     ],
 )

@@ -219,8 +219,9 @@ class EventRow:
     part : int
         What of an edge whose mode is chosen with those of others it looks at, see
         :class:`cotree.scene.events.ModePart`; zero where it is no such event.
-    is_rest : bool
-        Whether it happens where an impact at a rigid stop ends in rest.
+    is_rest, is_lift, is_pressed : bool
+        Whether it happens where an impact at a rigid stop ends in rest; whether it looks at the
+        force of one; and whether it looks at the speed of friction that one presses together.
     """
 
     name: str
@@ -236,6 +237,8 @@ class EventRow:
     is_count: bool = False
     part: int = 0
     is_rest: bool = False
+    is_lift: bool = False
+    is_pressed: bool = False
 
     @property
     def is_impact(self) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import SolveError
+from cotree.errors import ModelError, SolveError
 from cotree.model.moment import Moment
 from cotree.model.unknowns import solve_start
 
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 # Rates on both sides of a jump that differ by a smaller share are the same.
 _SAME_RATE = 1e-12
+
+
+# A contact jams where friction makes its force this many times larger.
+_JAMMED = 100.0
 
 
 class ModelEvents:
@@ -90,6 +94,46 @@ class ModelEvents:
                     "either side: there is no derivative; begin aside of the jump, or compile "
                     "without this sensitivity"
                 )
+
+    def jammed(self, t: float, z: FloatArray) -> str:
+        """Say which contacts jam at a point, where an integration fails; empty where none does.
+
+        Friction that slides may press its contact together the harder, the harder it is pressed. It
+        does so without bound where it takes away all of what the contact has to move.
+
+        Parameters
+        ----------
+        t : float
+            Time of the point, [s].
+        z : ndarray, shape (n_states * (1 + n_sensitivities),)
+            The point.
+        """
+        y, s = self._parts(z)
+        at, found = self._at(t), []
+        for row in self.rows:
+            # Its targets are its mode, then that of the stop.
+            if not row.is_pressed or round(abs(y[row.targets[0]])) != 1:
+                continue
+            force = next(
+                i
+                for i, other in enumerate(self.rows)
+                if other.is_lift and other.targets[0] == row.targets[1]
+            )
+            other = y.copy()
+            other[row.targets[0]] = 2.0
+            try:
+                other, _ = solve_start(at, other, s)
+            except (ModelError, SolveError):
+                continue
+            with_friction, without = (at.call("events", point, s)[force] for point in (y, other))
+            if with_friction > _JAMMED * without > 0.0:
+                found.append(f"'{self.rows[force].name.removesuffix(' lifts')}'")
+        if not found:
+            return ""
+        return (
+            f"What slides at {', '.join(found)} jams: with friction as strong as this, the force that "
+            "presses it together grows beyond all bounds (Painleve's paradox)."
+        )
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
         """Tell whether rates change with a mode that stands for a jump."""

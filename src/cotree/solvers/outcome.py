@@ -75,7 +75,10 @@ def trajectory_of(
     sentences = summary(problem, method, c.t, ended.reason)
     happened = job.happened
     rested = rest_note(problem.events.rows, happened) if problem.events is not None else ""
-    sentences += [row for row in (rested, job.rows.thinning.note, note) if row]
+    jammed = ""
+    if ended.status != 0 and problem.events is not None and z.shape[1]:
+        jammed = problem.events.jammed(float(c.t), np.ascontiguousarray(z[:, -1]))
+    sentences += [row for row in (jammed, rested, job.rows.thinning.note, note) if row]
     values = {
         "t": t,
         "z": z,
