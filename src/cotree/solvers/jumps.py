@@ -131,8 +131,8 @@ class ModelEvents:
         if not found:
             return ""
         return (
-            f"What slides at {', '.join(found)} jams: with friction as strong as this, the force that "
-            "presses it together grows beyond all bounds (Painleve's paradox)."
+            f"What slides at {', '.join(found)} jams: with friction as strong as this, the force "
+            "that presses it together grows beyond all bounds (Painleve's paradox)."
         )
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
