@@ -130,6 +130,12 @@ EVENT_STATUSES = (
         "no modes of dry friction and rigid stops agree with each other",
         "has_fired tells whose",
     ),
+    Status(
+        "EVENTS_SHARED",
+        49,
+        "how friction that sticks shares forces is open, though losses depend on it",
+        "has_fired tells whose",
+    ),
     Status("EVENTS_BACKWARD", 44, "a one-way clutch turns the way that it locks"),
     Status("EVENTS_BEYOND", 45, "a rigid stop begins beyond its limit"),
     Status(

@@ -65,11 +65,19 @@ class _Rubbing:
     def port(self, given: Given) -> Terminal:
         """Form the terminal equation; fields that are left out take no part in it."""
 
+        def pressed(force: Any) -> Any:
+            """Leave no force where nothing presses: a one-way clutch has no mode for that."""
+            if is_engaged or not self.is_one_way:
+                return force
+            import sympy
+
+            return sympy.Max(force, 0)
+
         def sliding() -> Any:
-            return self.force(_symbol)
+            return pressed(self.force(_symbol))
 
         def holding() -> Any:
-            return self.raised(_symbol) if self.peak in given else sliding()
+            return pressed(self.raised(_symbol)) if self.peak in given else sliding()
 
         def dry() -> Any:
             if "stribeck_speed" not in given:

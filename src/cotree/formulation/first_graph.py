@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import FreeRotation, Role
 from cotree.dag.nodes import Dag
 from cotree.dag.rotation import quaternion_rates
+from cotree.dag.traverse import substitute
 from cotree.equations import State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import accelerate, move
@@ -74,6 +75,8 @@ class FirstGraph:
         Initial values of what is no state.
     measured : mapping of Node to Node
         What the symbols of across variables in fields stand for.
+    reactions : frozenset of Node
+        Those of them that stand for accelerations and reactions.
     unknowns : tuple of Node
         Symbols of the accelerations, then of the multipliers.
     matrix : tuple of rows of Node
@@ -111,6 +114,7 @@ class FirstGraph:
     constraints: Constraints
     conditions: tuple[Condition, ...]
     measured: Mapping[Node, Node]
+    reactions: frozenset[Node]
     unknowns: tuple[Node, ...]
     matrix: Sequence[Sequence[Node]]
     forcing: tuple[Node, ...]
@@ -205,6 +209,7 @@ def form_first_graph(
     balanced = balance(motion, loaded, view.across)
     owners = {*whole.nodes, *whole.edges}
     observer = Observer(view, loaded, balanced, applied, observed, owners)
+    measured, reactions = _measured(observer, attached.reacting)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     outputs = form_outputs(observer, scene)
     return FirstGraph(
@@ -216,7 +221,8 @@ def form_first_graph(
         applied=applied,
         constraints=constraints,
         conditions=start_conditions(scene, motion, still),
-        measured=_measured(motion, observed),
+        measured=measured,
+        reactions=reactions,
         unknowns=(*accelerations, *constraints.multipliers),
         # Where every pivot is safe, every speed has inertia.
         matrix=LateMatrix(
@@ -257,28 +263,37 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
     return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
 
 
-def _measured(motion: Motion, observed: Mapping[str, Node]) -> dict[Node, Node]:
-    """Form the across variables that fields use.
+def _measured(
+    observer: Observer, reacting: Collection[str]
+) -> tuple[dict[Node, Node], frozenset[Node]]:
+    """Form the variables that fields use; tell which of them are accelerations and reactions.
 
     Raises
     ------
     ExpressionError
-        If there is none of a name, or it is an acceleration or a force.
+        If there is none of a name, or it is an acceleration or a force where none may be used.
     """
-    found = {}
-    for name, symbol in motion.system.signals.gathered().items():
-        value = observed.get(name)
+    motion, found = observer.motion, {}
+    symbols = motion.system.signals.gathered()
+    for name, symbol in symbols.items():
+        value = observer.networks.get(name)
         if value is None:
             # A name that no network knows belongs to the mechanism. Its value acts on the motion,
             # so that an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
-        if value is None:
+        if value is not None:
+            found[symbol] = value
+        elif name not in reacting:
             raise ExpressionError(
                 f"a field uses '{name}', which is no coordinate, position, velocity or orientation "
-                "of this scene; accelerations and reactions cannot be used in fields"
+                "of this scene; accelerations and reactions can be used in fields of dry friction "
+                "on joints only"
             )
-        found[symbol] = value
-    return found
+    late = [name for name, symbol in symbols.items() if symbol not in found]
+    # Reactions hold the forces of friction themselves, which have symbols of their own.
+    values = substitute([observer.value(name) for name in late], found)
+    found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
+    return found, frozenset(symbols[name] for name in late)
 
 
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:

@@ -104,6 +104,7 @@ def linear_text(linear: Linearization) -> str:
         f"Linearization of {len(linear.states)} states",
         [
             ("about", linear.summary().partition("about ")[2]),
+            *([("modes", linear.in_modes)] if linear.modes else []),
             ("z", names(linear.states)),
             ("u", names(linear.inputs)),
             ("y", names(linear.outputs)),
@@ -119,6 +120,7 @@ def linear_html(linear: Linearization) -> str:
     return block(
         f"Linearization of {len(z)} states",
         paragraph(f"about {linear.summary().partition('about ')[2]}"),
+        *([paragraph(f"modes: {linear.in_modes}")] if linear.modes else []),
         matrix("A", rates, z, linear.A),
         matrix("B", rates, u, linear.B),
         matrix("C", y, z, linear.C),

@@ -43,19 +43,22 @@ class Linearization:
         Shapes (n, n), (n, n_inputs), (n_outputs, n) and (n_outputs, n_inputs) with n deviations;
         units follow from those of states, inputs and outputs.
     states, inputs, outputs : tuple of str
-        Names along the axes. In the full form the states are the differential states; in the
-        reduced form, the independent ones. Quaternions are then replaced by small rotations
-        ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the rates
-        ``turn_x_dot``.
+        Names along the axes. In the full form the states are the differential states without the
+        modes; in the reduced form, the independent ones. Quaternions are then replaced by small
+        rotations ``EDGE.turn_x`` to ``turn_z`` about the axes of the edge's first node, with the
+        rates ``turn_x_dot``.
     basis : ndarray, shape (n_states, n)
-        Deviations of all differential states for unit values of each z: the identity matrix in the
-        full form.
+        Deviations of all differential states for unit values of each z, in the full form columns
+        of the identity matrix. Rows of modes are zero: small deviations do not change them.
     is_steady : bool
         Whether the motion through the point is steady: everything on which the linear system
         depends is constant, so the eigenvalues of the reduced A determine stability. About any
         other motion the system is valid only at this instant, and they do not.
     slopes : mapping of str to LinearSlopes
         Derivatives of the matrices by the requested names.
+    modes : mapping of str to float
+        The modes of the point. The linear system is that of the equations in these modes: where dry
+        friction sticks, its relative acceleration is zero, whatever the deviations.
     """
 
     A: Array
@@ -68,6 +71,7 @@ class Linearization:
     basis: Array
     is_steady: bool
     slopes: Mapping[str, LinearSlopes] = field(default_factory=dict)
+    modes: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         from cotree.model.display import linear_text
@@ -152,16 +156,23 @@ class Linearization:
         }
         return StateSpace(self.A, self.B, self.C, self.D, **names, remove_useless_states=False)
 
+    @property
+    def in_modes(self) -> str:
+        """The modes of the point as text."""
+        return ", ".join(f"{name} = {value:g}" for name, value in self.modes.items())
+
     def summary(self) -> str:
         """Describe the system and the meaning of its eigenvalues in a sentence."""
         size = f"{len(self.states)} deviations, {len(self.inputs)} inputs"
+        if self.modes:
+            size += f", in the modes {self.in_modes}"
         if not self.is_steady:
             return (
                 f"{size}, about a motion that is not steady in these coordinates: A holds at this "
                 "instant, and unless it is constant along the motion its eigenvalues do not "
                 "determine stability"
             )
-        if len(self.states) == len(self.basis):
+        if len(self.states) == len(self.basis) - len(self.modes):
             return f"{size}, about a steady motion"
         return f"{size}, about a steady motion: the eigenvalues of A determine stability"
 

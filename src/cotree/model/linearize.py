@@ -97,9 +97,18 @@ class Linearizer:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the differential states."""
-        n = len(self._equations.states) - self._equations.n_algebraic
-        return tuple(state.name for state in self._equations.states[:n])
+        """Names of the differential states without the modes, which have no deviations."""
+        return tuple(self._equations.states[i].name for i in self._kept)
+
+    @property
+    def _n_differential(self) -> int:
+        """Number of differential states and modes."""
+        return len(self._equations.states) - self._equations.n_algebraic
+
+    @cached_property
+    def _kept(self) -> list[int]:
+        """Indices of the differential states without the modes."""
+        return [i for i in range(self._n_differential) if i not in self.modes]
 
     @property
     def modes(self) -> range:
@@ -164,16 +173,16 @@ class Linearizer:
         self, y: Sequence[float] | Array, rates: Array, whole: Array, held: Array
     ) -> Slopes:
         """Extract the blocks of differential states."""
-        equations, n = self._equations, len(self.states)
+        equations, n, kept = self._equations, self._n_differential, self._kept
         return Slopes(
-            y=np.array(y[:n], dtype=float),
-            rates=rates[:n],
-            A=whole[:n, :n].copy(),
-            B=whole[:n, n:].copy(),
-            C=whole[n:, :n].copy(),
+            y=np.array(y, dtype=float)[kept],
+            rates=rates[kept],
+            A=whole[np.ix_(kept, kept)],
+            B=whole[kept, n:],
+            C=whole[n:, kept],
             D=whole[n:, n:].copy(),
-            held=held[: self._n_values, :n],
-            held_rates=held[self._n_values :, :n],
+            held=held[: self._n_values, kept],
+            held_rates=held[self._n_values :, kept],
             n_coordinates=equations.n_coordinates,
             n_speeds=equations.n_speeds,
             turns=self._turns,
@@ -198,7 +207,7 @@ class Linearizer:
 
     def _changed(self, at: Moment, y: Array, direction: Direction) -> Slopes:
         """Differentiate the linearisation along a direction, including algebraic unknowns."""
-        n, whole = len(self.states), self.whole(at.t, y, at.p, at.inputs)[1]
+        n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
             moved, dy = self._moved_behind(whole), direction.y.copy()
             dy[n:] = 0.0
@@ -217,7 +226,7 @@ class Linearizer:
 
     def _moved_behind(self, whole: Array) -> Array:
         """Move rows and columns of algebraic unknowns to the end."""
-        cut = len(self.states)
+        cut = self._n_differential
         algebraic = range(cut, cut + self._equations.n_algebraic)
         # They are between the differential states and the outputs or inputs.
         order = [*(i for i in range(len(whole)) if i not in algebraic), *algebraic]
@@ -273,7 +282,9 @@ class Linearizer:
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)
-        equations = self._equations
+        equations, n = self._equations, self._n_differential
+        basis = np.zeros((n, found.basis.shape[1] if reduced else len(self._kept)))
+        basis[self._kept] = found.basis if reduced else np.eye(len(self._kept))
         return Linearization(
             A=found.A if reduced else point.A,
             B=found.B if reduced else point.B,
@@ -282,8 +293,9 @@ class Linearizer:
             states=found.names if reduced else self.states,
             inputs=tuple(row.name for row in equations.inputs),
             outputs=tuple(row.name for row in equations.outputs),
-            basis=found.basis if reduced else np.eye(len(point.y)),
+            basis=basis,
             is_steady=is_still(found, point) and self._stays(at, y, point, found),
+            modes={equations.states[i].name: float(y[i]) for i in self.modes},
             slopes={
                 name: self._slopes_along(at, y, direction, point, found if reduced else None)
                 for name, direction in (directions or {}).items()
@@ -308,7 +320,7 @@ class Linearizer:
         # Until the fastest state has changed by a tenth, but at most a tenth of a second.
         step = _ASIDE / max(fastest, 1.0)
         later = replace(at, t=at.t + step)
-        y = np.concatenate([self._moved(point, at, y, step), y[len(point.y) :]])
+        y, y[self._kept] = y.copy(), self._moved(point, at, y, step)
         try:
             y = solve_states(later, y)
             there = self.at(later.t, y, at.p, later.inputs)
@@ -320,17 +332,17 @@ class Linearizer:
 
     def _moved(self, point: Slopes, at: Moment, y: Array, step: float) -> Array:
         """Follow the motion for one step of the classical Runge-Kutta method."""
-        n, u = len(point.y), at.inputs
+        kept, u = self._kept, at.inputs
         slopes = [point.rates]
         for share in (0.5, 0.5, 1.0):
             aside = y.copy()
-            aside[:n] += share * step * slopes[-1]
+            aside[kept] += share * step * slopes[-1]
             values = self._values(at.t + share * step, aside, at.p, u)
             # Inputs and algebraic unknowns are held constant; the caller solves for the latter.
             rates = evaluate(self._others[: len(self._equations.states)], values)
-            slopes.append(np.array([float(np.real(v)) for v in rates[:n]]))
+            slopes.append(np.array([float(np.real(rates[i])) for i in kept]))
         a, b, c, d = slopes
-        moved: Array = y[:n] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        moved: Array = y[kept] + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
         return moved
 
     def _check_finite(self, numbers: Array) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cotree.errors import ParameterError, nearest
 from cotree.model.arrays import as_array
+from cotree.model.friction_modes import check_friction
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.rates import rates_of
@@ -83,6 +84,9 @@ class PointMethods(CompiledModel):
             If an array has the wrong shape, or a name is unknown.
         SingularSystemError
             If the mass matrix is singular there.
+        SolveError
+            If dry friction is not in its mode there: a start at rest has the mode 0 until a run
+            begins, whether forces stay within their limits or not.
         """
         p = self.parameter_array(p)
         # Linearisations are evaluated from expression graphs, without the parameter checks of the
@@ -100,9 +104,9 @@ class PointMethods(CompiledModel):
         y = find_start(at, {}).y if y is None else as_array(y, (len(self.states),), "the states")
         directions = {name: self._direction(at, name, moves.get(name)) for name in names}
         # The implicit function theorem requires that the algebraic equations are satisfied.
-        return self._linearizer.about(
-            at, solve_states(at, y), reduced=reduced, directions=directions
-        )
+        y = solve_states(at, y)
+        check_friction(at, y)
+        return self._linearizer.about(at, y, reduced=reduced, directions=directions)
 
     def trim(
         self,

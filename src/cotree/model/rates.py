@@ -59,7 +59,9 @@ class Rates:
         by_state = model.jacobian(self.t, x, given, u)
         by_input = np.zeros((n, 0))
         if n_inputs:
-            by_input = model.linearize(self.t, x, given, u).B
+            # Of a model without algebraic unknowns nothing has to be eliminated.
+            own = model.parameter_array(given), np.asarray(u, dtype=float)
+            by_input = model._linearizer.whole(self.t, x, *own)[1][:n, n:]
         by_parameter = np.zeros((n, 0))
         if n_parameters:
             # Rates of sensitivities that are zero are what a parameter adds to rates by itself.

@@ -15,6 +15,7 @@ import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.damped_newton import Equation
+from cotree.model.friction_modes import check_friction, guess_friction, settle_friction
 from cotree.model.linear import Linear
 from cotree.model.moment import Moment
 from cotree.model.roots import find_near
@@ -225,14 +226,18 @@ def find_trim(
             _refuse(search, root.z)
         moment, y = search.point(root.z)
         settled = settle_jumps(moment, y, np.zeros((len(y), len(model.sensitivities))))[0]
+        settled = settle_friction(moment, settled, conditions.fixed)
         if np.array_equal(settled, y):
+            check_friction(moment, y)
             return _point(search, root.z)
-        # A discontinuous expression switched branches at this point, so it is solved for again.
+        # A discontinuous expression or dry friction switched branches at this point, so it is
+        # solved for again.
         search = _Search(
             linearizer, moment, settled, search.unknowns, search.rows, search.targets, search.names
         )
     raise SolveError(
-        "no consistent point was found: discontinuous expressions switch branches each time"
+        "no consistent point was found: discontinuous expressions, or modes of dry friction, "
+        "switch each time"
     )
 
 
@@ -257,6 +262,7 @@ def _posed(
     y = _first_guess(at)
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
+    y = guess_friction(at, y, values)
     # Modes change only at events: they are not unknowns, and their rates are always zero.
     modes = linearizer.modes
     unknowns = [

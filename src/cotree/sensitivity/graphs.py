@@ -114,6 +114,10 @@ def _along(
             held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
+        # Reactions that friction on joints depends on change with accelerations.
+        along = _measured_tangents(first, of_unknowns) if first.reactions else {}
+        of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
+        of_unknowns |= of_reactions
         # Rates of the networks come last, and from their own graphs.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
@@ -123,12 +127,13 @@ def _along(
             rates[i] = rates[i] + d if i in rates else d
         # Positions and velocities in outputs are not differentiated again: the graph has their
         # tangents.
+        of_networks = _with_reactions(first, of_networks, of_reactions)
         of_nodes = {**of_networks, **output_tangents(view.motion, first.outputs)}
         touched = [i for symbol in symbols for i in reach.outputs.get(symbol, ())]
         outputs = _tangents_at(
             first.outputs.values,
             [*touched, *reach.moving],
-            {**symbols, **of_unknowns, **of_nodes},
+            {**symbols, **of_unknowns, **_sums(symbols, of_reactions), **of_nodes},
         )
         # Initial values depend on parameters only, so that no state along the direction reaches
         # them.
@@ -147,6 +152,23 @@ def _along(
         tuple(rate for _, rate, _ in held),
         start_tangents(first, view, seed, of_networks),
     )
+
+
+def _with_reactions(
+    first: FirstGraph, of_networks: Mapping[Node, Node], of_reactions: Mapping[Node, Node]
+) -> Mapping[Node, Node]:
+    """Add to the tangents of observed variables what they change by with reactions."""
+    if first.network is None or not of_reactions:
+        return of_networks
+    values = [first.network.solved.values[variable] for variable in first.network.watched]
+    values = [value for value in dict.fromkeys(values) if value.value is None]
+    along = dict(zip(values, tangents(values, of_reactions), strict=True))
+    return {**of_networks, **along, **_sums(of_networks, along)}
+
+
+def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
+    """Add tangents of nodes that change in two ways."""
+    return {node: first[node] + second[node] for node in first.keys() & second.keys()}
 
 
 def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[Node, Node]:

@@ -46,7 +46,9 @@ class Reach:
         # Only symbols that some direction changes are worth an index.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
-        moving = {i for symbol in first.unknowns for i in outputs.get(symbol, ())}
+        # Reactions in fields of friction hold accelerations.
+        unknowns = (*first.unknowns, *first.reactions)
+        moving = {i for symbol in unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
         rows = first.constraints
         held = [

@@ -61,7 +61,8 @@ VERDICTS = {
     ),
     "EVENTS_MODES": (
         "at t = {t:.10g} the dry friction or rigid stops of {event} have no modes that agree with "
-        "each other: whichever of them hold, a force passes its limit or a motion goes against it"
+        "each other: whichever of them hold, a force passes its limit or a motion goes against it; "
+        "look for friction that is less at rest than sliding, and for forces that follow friction"
     ),
     "EVENTS_BEYOND": (
         "{event} begins at t = {t:.10g} beyond its limit: let it begin within, or at the limit"
@@ -79,6 +80,11 @@ VERDICTS = {
         "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
         "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
     ),
+    "EVENTS_SHARED": (
+        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the "
+        "gear loses depends on how they share the force, which nothing decides; let the gear be "
+        "ideal, or put an elastic shaft between them"
+    ),
     "EVENTS_BACKWARD": (
         "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
         "at a relative speed of zero or more"
@@ -87,6 +93,15 @@ VERDICTS = {
     "stops": "event {event} ends the run",
     "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
 }
+
+#: Sentences that name edges in place of their events.
+_OF_EDGES = (
+    "EVENTS_MODES",
+    "EVENTS_SHARED",
+    "EVENTS_BACKWARD",
+    "EVENTS_IMPACT",
+    "EVENTS_BEYOND",
+)
 
 #: Impacts that a message lists.
 _MOST_RESTS = 3
@@ -111,9 +126,9 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     fired : sequence of str
         Those that happened at that time.
     """
-    are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_IMPACT")
+    are_many = ("EVENTS_ENDLESS", "EVENTS_SLIDE", "EVENTS_MODES", "EVENTS_SHARED", "EVENTS_IMPACT")
     listed = fired if name in are_many else [event]
-    if name not in ("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"):
+    if name not in _OF_EDGES:
         return listed
     # Names of edges may hold blanks; the words after them do not vary.
     return [_EDGE.sub("", row) for row in listed]

@@ -44,14 +44,16 @@ class Attached:
     slopes : mapping of str to mapping of int to Node
         How through variables change with accelerations, by their number: inertia of storages
         that are tied to joints.
+    reacting : frozenset of str
+        Names that only fields of dry friction on the mechanism use: they may be reactions.
     """
 
     network: Network | None
     observed: Mapping[str, Node]
     couplings: Mapping[str, Coupling]
     throughs: Mapping[str, Node]
-
     slopes: Mapping[str, Mapping[int, Node]]
+    reacting: frozenset[str] = frozenset()
 
     @property
     def loads(self) -> list[Applied]:
@@ -95,14 +97,20 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
     # Networks are formed as far as outputs, events and fields of the mechanism ask for them.
     names = {name for expression in observing for name in expression.names}
-    wanted = sorted(names.union(system.signals.measured))
+    before = system.signals.measured
+    wanted = sorted(names.union(before))
     network, observed = form_network(scene, system, couplings, wanted)
+    reacting = frozenset(
+        name
+        for name in system.signals.measured
+        if name not in before and system.signals.node(name) in network.of_friction
+    )
     slopes = {}
     for name, coupling in couplings.items():
         own = _slopes(observed[through_name(coupling.port)], system)
         if own:
             slopes[name] = own
-    return Attached(network, observed, couplings, throughs, slopes)
+    return Attached(network, observed, couplings, throughs, slopes, reacting)
 
 
 def _slopes(through: Node, system: System) -> dict[int, Node]:

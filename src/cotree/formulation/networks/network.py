@@ -11,7 +11,7 @@ from cotree.equations import Guard
 from cotree.formulation.fields import is_varying
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
-from cotree.formulation.networks.rubbing import check_friction
+from cotree.formulation.networks.rubbing import check_friction, used_by_friction
 from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.states import (
     algebraic_state,
@@ -65,6 +65,9 @@ class Network:
         Initial values of variables that are not states.
     corners : mapping of str to frozenset of Node
         Fields whose rates jump at unknown times, and the symbols that decide when.
+    of_friction : frozenset of Node
+        Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
+        beside the accelerations, so that they may stand for reactions.
     """
 
     ports: Mapping[str, Port]
@@ -77,6 +80,7 @@ class Network:
     observed: Mapping[str, Variable]
     redundant: tuple[Redundant, ...]
     corners: Mapping[str, frozenset[Node]]
+    of_friction: frozenset[Node]
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -203,6 +207,7 @@ def form_network(
         # An initial value of an algebraic unknown is a guess of the start, not a condition.
         tuple(row for row in redundant if row.variable not in solved.algebraic),
         terminals.corners,
+        used_by_friction(ports, fields),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 

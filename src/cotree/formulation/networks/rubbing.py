@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
+from cotree.dag.symbols import MEASURED
+from cotree.dag.traverse import symbols_in
 from cotree.errors import FormulationError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.components import Law
+    from cotree.dag.nodes import Node
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.topology import Topology
     from cotree.scene.networks import Port
@@ -37,7 +40,8 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
                 raise FormulationError(
                     f"edges '{other}' and '{port.edge.name}' both "
                     f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, where "
-                    "nothing tells their forces apart: make one edge of them"
+                    "nothing tells their forces apart: make one edge of them, with the sum of both "
+                    "forces"
                 )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
@@ -59,6 +63,28 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 
 
 _HOLDS = {Kind.FRICTION: "sticks", Kind.STOP: "holds at its limits"}
+
+
+def used_by_friction(
+    ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
+) -> frozenset[Node]:
+    """List the symbols of the mechanism that only fields of dry friction on it use.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        All ports.
+    fields : mapping of (str, str) to Node
+        Values by edge and field.
+    """
+    rubbing = {
+        port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
+    }
+    used: dict[bool, set[Node]] = {True: set(), False: set()}
+    for (edge, _), node in fields.items():
+        used[edge in rubbing].update(s for s in symbols_in([node]) if s.data[0] == MEASURED)
+    return frozenset(used[True] - used[False])
+
 
 _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
 
