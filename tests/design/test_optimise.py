@@ -146,6 +146,7 @@ def test_infeasible_constraints_are_named(scene):
         ("c", {"c": (1, 2)}, {"solver": "dop835"}, "^There is no method 'dop835'; did you mean"),
         ("c", {"c": (1, 2)}, {"solver": 3}, "^method is 3: give a name in quotes"),
         ("c", {"c": (1, 2)}, {"rtol": -1}, "^rtol is -1.0; give a positive finite number"),
+        ("c", {"c": (1, 2)}, {"max_step": -1}, "^max_step is -1.0; give positive seconds"),
         ("c", {"c": (1, 2)}, {"runs": []}, "runs is empty"),
         ("c", {"c": (1, 2)}, {"runs": 3}, "runs is 3: give a list of mappings"),
         ("c", {"c": (1, 2)}, {"runs": [{"t_span": (1, 0)}]}, "the end must be later"),
