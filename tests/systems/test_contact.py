@@ -239,6 +239,10 @@ def test_a_cylinder_lies_on_two_rims():
         ({"normal": [0, 0, 0]}, "normal of edge 'c'"),
         ({"normal": [0, 1, 0], "radius": -1}, "radius of edge 'c'"),
         ({"normal": [0, 1, 0], "joint": "j"}, "joint"),
+        ({"normal": [0, 1, 0], "size": [1, -2, 1]}, "entry 2 of size of edge 'c' is -2"),
+        ({"normal": [0, 1, 0], "size": [0, 0.0, 0]}, "size of edge 'c' is zero along every axis"),
+        ({"normal": [0, 1, 0], "semiaxes": [0, 0, 0]}, "entry 1 of semiaxes of edge 'c' is 0"),
+        ({"normal": [0, 1, 0], "semiaxes": [1, -1, 2]}, "entry 2 of semiaxes of edge 'c' is -1"),
     ],
 )
 def test_wrong_contacts_are_refused_by_name(fields, message):
@@ -251,6 +255,36 @@ def compiled_with(fields):
     scene.edge("b", "rigid_body", "ground", "B", mass=1.0, inertia=1.0)
     scene.edge("c", "contact", "ground", "B", **fields)
     return scene.compile(optimize="-O0")
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        ["0", 0.2, 0.4],
+        {"value": [0, 20, 40], "unit": "cm"},
+        [{"value": 0, "unit": "mm"}, 0.2, 0.4],
+    ],
+)
+def test_a_plate_has_four_corners_however_its_zero_is_written(size):
+    scene = compiled_with({"normal": [0, 1, 0], "stiffness": 1e5, "size": [0, 0.2, 0.4]})
+    other = compiled_with({"normal": [0, 1, 0], "stiffness": 1e5, "size": size})
+    assert other.source == scene.source
+
+
+def test_an_edge_that_a_parameter_makes_zero_has_two_corners_at_one_place():
+    """Folded into the code or tunable, the parameter gives the same eight places."""
+    forces = []
+    for tunable in (False, True):
+        scene = Scene("thin", gravity=(0, 0, 0))
+        scene.parameter("w", 0.0, tunable=tunable)
+        scene.edge("b", "rigid_body", "ground", "B", mass=1.0, inertia=1.0, initial={"y": 0.09})
+        fields = {"normal": [0, 1, 0], "stiffness": 1e5, "size": ["w", 0.2, 0.4]}
+        scene.edge("c", "contact", "ground", "B", **fields)
+        scene.output("force", "c.force")
+        model = scene.compile(optimize="-O0")
+        forces.append(float(model.output_values(0.0, model.initial_state)[0]))
+    # The four lower corners are 0.01 m deep.
+    assert forces == pytest.approx([4 * 1e5 * 0.01**1.5] * 2, rel=1e-12)
 
 
 def test_a_slip_has_no_integral():

@@ -70,7 +70,12 @@ ROLLING_ELLIPSOID = Component(
     fields=(
         Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
         Field(
-            "semiaxes", "m", "along the second node's axes, positive", Shape.VECTOR, required=True
+            "semiaxes",
+            "m",
+            "along the second node's axes, positive",
+            Shape.VECTOR,
+            required=True,
+            sign="positive",
         ),
     ),
     keeps_plane=Plane(within=("normal",)),

@@ -7,6 +7,7 @@ direction in which it slides.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,16 @@ SHAPES = (
     ),
     Field("axis", "1", "of the second node's disc or cylinder, in its axes", Shape.VECTOR),
     Field("length", "m", "of the second node's cylinder", sign="positive"),
-    Field("semiaxes", "m", "of the second node's ellipsoid, along its axes", Shape.VECTOR),
-    Field("size", "m", "edges of the second node's box, in its axes", Shape.VECTOR),
+    Field(
+        "semiaxes",
+        "m",
+        "of the second node's ellipsoid, along its axes",
+        Shape.VECTOR,
+        sign="positive",
+    ),
+    Field(
+        "size", "m", "edges of the second node's box, in its axes", Shape.VECTOR, sign="nonnegative"
+    ),
 )
 
 #: The part of a contact that belongs to the multibody system.
@@ -78,7 +87,13 @@ def spots_of(edge: str, given: Given) -> int:
                 f"{whose} has the size of a box, whose corners touch a plane: leave out radius, "
                 "axis, length, semiaxes and ball"
             )
-        return int(2 ** len(box_edges(given["size"])))
+        sides = box_edges(given["size"])
+        if not sides:
+            raise SceneError(
+                f"size of {whose} is zero along every axis: give a box its edges, or leave size "
+                "out, and the node itself touches"
+            )
+        return int(2 ** len(sides))
     if "semiaxes" in given:
         if given.keys() & {"radius", "axis", "length", "ball"}:
             raise SceneError(
@@ -103,12 +118,24 @@ def box_edges(size: Any) -> tuple[int, ...]:
 
     Parameters
     ----------
-    size : sequence of three
-        The edges, as a scene gives them.
+    size : sequence of three, or mapping
+        The edges, as a scene gives them: a list, or a table of a list and its unit.
     """
+    if isinstance(size, Mapping) and "value" in size:
+        return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
         return (0, 1, 2)  # it will be refused as no vector
-    return tuple(i for i, edge in enumerate(size) if edge != 0)
+    return tuple(i for i, edge in enumerate(size) if not _is_written_zero(edge))
+
+
+def _is_written_zero(edge: Any) -> bool:
+    """Tell whether an edge of a box is the number zero, also in quotes or with a unit."""
+    if isinstance(edge, Mapping):
+        return _is_written_zero(edge.get("value"))
+    try:
+        return float(edge) == 0.0
+    except (TypeError, ValueError):  # an expression
+        return False
 
 
 def _suffix(spot: int, n_spots: int) -> str:

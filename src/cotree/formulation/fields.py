@@ -170,6 +170,12 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
         what, is_strict = f"{row.name} of edge '{edge.name}'", row.sign == "positive"
         if row.sign and row.name in bound.scalars and not is_varying(bound.scalars[row.name]):
             found.append(Guard(bound.scalars[row.name], what, is_strict))
+        elif row.sign and row.name in bound.vectors:
+            found += [
+                Guard(entry, f"entry {i + 1} of {what}", is_strict)
+                for i, entry in enumerate(bound.vectors[row.name])
+                if not is_varying(entry)
+            ]
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
             # The diagonal has the sign of the field; its minors limit the other entries.
             entries = (bound.inertia[i][i] for i in range(3))

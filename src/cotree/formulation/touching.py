@@ -94,7 +94,9 @@ def _offset(edge: BoundEdge, spot: int) -> Vector | None:
         size = edge.vectors["size"]
         corner = list(vector.zeros(size[0].dag))
         sides = [i for i in range(3) if not size[i].is_zero]
-        for i, sign in zip(sides, list(product((-1, 1), repeat=len(sides)))[spot], strict=True):
+        # An edge that a parameter makes zero has two corners at one place, as many as otherwise.
+        signs = list(product((-1, 1), repeat=len(sides)))
+        for i, sign in zip(sides, signs[spot % len(signs)], strict=True):
             corner[i] = 0.5 * sign * size[i]
         return (corner[0], corner[1], corner[2])
     if "length" in edge.scalars:
