@@ -28,7 +28,9 @@ def expected(model, t, y, p=None, u=None):
         rounding = 1e-16 * np.linalg.cond(g[:, n_rates:n]) * np.max(terms)
         wanted += f[np.ix_(rows, range(n_rates, n))] @ z_v
     linear = model.linearize(t, y, p, u)
-    wanted[n_rates:, :n_rates] = linear.C
+    # Modes are no states of a linearisation; outputs here are none of theirs.
+    moving = [model.states.index(name) for name in linear.states]
+    wanted[np.ix_(range(n_rates, len(wanted)), moving)] = linear.C
     if layout.n_algebraic:
         outputs = _outputs_by_unknowns(model, t, y, p, u)
         wanted[n_rates:, n_rates:] += outputs @ z_v[:, n_rates:]
