@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
+from cotree.scene.calls import knowing
 from cotree.scene.parameters import check_cycle
 from cotree.scene.part import TABLES, Part, owner_of
 from cotree.scene.part_index import in_name, in_value
@@ -58,6 +59,12 @@ def add_part(
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
     """Make the declarations of a part and its likes in an array."""
+    # What is bound in the outer scene calls its tables.
+    with knowing(scene.tables):
+        return _made_rows(scene, part)
+
+
+def _made_rows(scene: SceneDescription, part: Part) -> Rows:
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
