@@ -134,4 +134,7 @@ def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
     args : sequence of Node
         Where to look it up, a node for each axis.
     """
+    numbers = [arg.value for arg in args]
+    if None not in numbers:  # of constants it is one, as everything else of constants
+        return dag.constant(float(data.evaluate(numbers)[0]))
     return dag.several("lookup", args, data, len(data.results))[0]

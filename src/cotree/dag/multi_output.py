@@ -265,7 +265,10 @@ def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
     x : Node
         Where to look it up.
     """
-    value, slope = dag.several("table", [x], data, 2)
+    if x.value is not None:
+        value, slope = map(dag.constant, _evaluate_table(data, [x.value]))
+    else:
+        value, slope = dag.several("table", [x], data, 2)
     return value, slope
 
 
