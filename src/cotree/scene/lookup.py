@@ -165,8 +165,8 @@ def make_lookup(
     where = where or f"table '{name}'"
     if beyond == "stop":
         raise SceneError(
-            f"beyond of {where} is 'stop': tables do not end runs; take 'hold' or 'extend', and state "
-            "an event with stop = true where the argument leaves the points"
+            f"beyond of {where} is 'stop': tables do not end runs; take 'hold' or 'extend', and "
+            "state an event with stop = true where the argument leaves the points"
         )
     for key, value, known in (
         ("interpolation", interpolation, _INTERPOLATIONS),
