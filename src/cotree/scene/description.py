@@ -67,6 +67,7 @@ class SceneDescription:
         self.defaults = Simulation()
         self.parts, self.ports = {}, ()
         self.members: dict[str, Part] = {}  # parts by name, those of arrays each
+        self.connected: set[str] = set()  # nodes that parts are connected to
         # Where it was read from, and the table there; no part of what it says.
         self.file = self.section = ""
 
@@ -105,7 +106,7 @@ class SceneDescription:
     def copied(self) -> Self:
         """Give a scene of the same statements, whose tables do not follow this one's."""
         other = copy.copy(self)
-        for name in (*TABLES, "parts", "members"):
+        for name in (*TABLES, "parts", "members", "connected"):
             setattr(other, name, copy.copy(getattr(self, name)))
         return other
 

@@ -285,8 +285,10 @@ class Rows:
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
         signal = parse_signal(value, f"input '{name}'")
-        known = {*scene.parameters, *self.parameters, *RESERVED}
-        if isinstance(signal, Expression) and not signal.names <= known:
+        known = (scene.parameters, self.parameters, RESERVED)
+        if isinstance(signal, Expression) and not all(
+            any(used in names for names in known) for used in signal.names
+        ):
             self.inputs.pop(name, None)
             self.outputs[name] = replace(signal, where=f"output '{name}'")
             return
