@@ -49,6 +49,7 @@ class CubicTable:
         """Numbers that C reads, by a name for each row, those of the axes first."""
         return {"x": self.x, "y": self.y, "slopes": self.slopes}
 
+    @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
         """Look it up at a number, real or complex, or at an array of numbers."""
         x, y, slopes = map(np.array, (self.x, self.y, self.slopes))
@@ -61,7 +62,7 @@ class CubicTable:
             y[k] + s * (slopes[k] + s * (b + s * c)),
             slopes[k] + s * (2.0 * b + 3.0 * s * c),
             2.0 * b + 6.0 * s * c,
-            6.0 * c + 0.0 * s,
+            6.0 * c,
         ]
 
 
@@ -95,6 +96,7 @@ class PlaneTable:
         """Numbers that C reads, by a name for each row, those of the axes first."""
         return {"x": self.x, "y": self.y, "z": self.z}
 
+    @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
         """Look it up at two numbers, real or complex, or at two arrays of numbers."""
         x, y = np.array(self.x), np.array(self.y)
@@ -109,7 +111,7 @@ class PlaneTable:
             z[i, j] + s * by_x + u * (by_y + s * twist),
             by_x + u * twist,
             by_y + s * twist,
-            twist + 0.0 * (s + u),
+            twist,
         ]
 
 
@@ -119,7 +121,9 @@ LookupData = CubicTable | PlaneTable
 def _piece(x: Any, at: Any) -> Any:
     """Find the piece that holds an argument; the outermost ones reach beyond the ends."""
     # The piece is that of the real part, so that a complex step stays on it.
-    return np.clip(np.searchsorted(x, np.real(at), side="right") - 1, 0, len(x) - 2)
+    place = np.real(at)
+    piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
+    return np.where(np.isnan(place), 0, piece)  # like C, which then gives nan
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
