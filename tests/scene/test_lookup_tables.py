@@ -99,12 +99,23 @@ def test_sensitivities_agree_with_differences(model: cotree.Model, name: str) ->
 
 
 def test_members_run_in_lanes_and_give_the_same() -> None:
-    model = tabled().compile(["b"])
+    """All kinds of tables act on the motion; none of their corners is passed while it runs."""
+    scene = tabled()
+    kinds = "linear_extend(x.v) + monotone_hold(x.v) + map(0.2*x.v, y.v) + written(x.v)"
+    del scene.edges["feed"]
+    scene.edge("feed", "current_source", "ground", "m", current=f"0.1*({kinds})")
+    model = scene.compile(["b"])
     members = [{"b": 1.0 + 0.1 * i} for i in range(8)]
-    found = model.ensemble((0, 6.0), members, rtol=1e-10, atol=1e-12)
+    # From x = 1.1 to 2.4 within one piece of each table, y from 0 to about 0.5 too.
+    run = {"initial": {"x.v": 1.1}, "rtol": 1e-10, "atol": 1e-12}
+    found = model.ensemble((0, 1.3), members, lanes=4, **run)
+    assert found.attrs["lanes"] == "members run side by side"
     for i, member in enumerate(members):
-        alone = model.simulate((0, 6.0), parameters=member, rtol=1e-10, atol=1e-12)
+        alone = model.simulate((0, 1.3), parameters=member, **run)
+        # Products are fused in lanes: roundings, and errors of runs of other steps.
         assert float(found["y.v"][i, -1]) == pytest.approx(alone["y.v"][-1], rel=1e-8)
+        slope = alone.sensitivity("y.v", "b")[-1]
+        assert float(found["d(y.v)"][i, -1, 0]) == pytest.approx(slope, rel=1e-8)
 
 
 def test_scenes_with_tables_are_saved_and_read(tmp_path) -> None:
