@@ -19,7 +19,7 @@ from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.formulation.observed import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
 from cotree.scene.allowances import RULES
-from cotree.scene.expressions import FUNCTIONS
+from cotree.scene.grammar import FUNCTIONS
 from cotree.scene.toml_file import read_scene
 from cotree.scene.usage import usage_of
 

@@ -19,6 +19,7 @@ from cotree.scene.expressions import check_number
 from cotree.scene.part_methods import PartMethods
 from cotree.scene.part_origin import origins_told
 from cotree.scene.replaced import with_inputs
+from cotree.scene.table_methods import TableMethods
 from cotree.scene.tunable import keep_tunable, listed_names
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["Model", "Scene", "load"]
 
 
-class Scene(SceneDescription, ComponentMethods, PartMethods):
+class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
     """A system drawn as edges between named nodes.
 
     Parameters

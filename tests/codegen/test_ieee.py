@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import cotree
+from cotree.dag.lookup import CubicTable, PlaneTable
 from cotree.dag.multi_output import SEVERAL, Table, sines, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
 from cotree.errors import SingularSystemError
 from cotree.model.kernels import PythonKernels
-from cotree.scene.expressions import FUNCTIONS, parse
+from cotree.scene.expressions import parse
+from cotree.scene.grammar import FUNCTIONS
 
 pytestmark = pytest.mark.compiler
 
@@ -101,13 +103,19 @@ def test_every_function_of_expressions(both, rng):
 
 def test_what_has_several_results(both):
     """Tables pass nan on; sines of several angles are nan where an angle is infinite."""
-    assert set(SEVERAL) == {"solve", "table", "call", "sines", "map"}  # tested one by one, too
+    tested = {"table", "lookup", "sines"}  # the others are tested one by one
+    assert set(SEVERAL) == {"solve", "call", "map"} | tested
     dag = Dag()
     x = [dag.symbol("x", i) for i in range(3)]
     value, slope = table(dag, Table((-1.0, 0.5, 2.0), (3.0, -1.0, 4.0)), x[0])
+    cubic = CubicTable((-1.0, 0.5, 2.0), (3.0, -1.0, 4.0), (0.3, 0.0, 1.7))
+    plane = PlaneTable((-1.0, 0.5, 2.0), (0.0, 2.0), (3.0, -1.0, 4.0, 0.5, 1.0, -2.0))
+    found = [*dag.several("lookup", x[:1], cubic, 4), *dag.several("lookup", x[:2], plane, 4)]
+    tables = both(dag, found)
     evaluate = both(dag, [value, slope, *sines(dag, x)])
     for first, second in itertools.product(VALUES, VALUES):
         point = (first, second, 0.3)
+        check(["add"] * len(found), *tables(point), point)
         compiled, python = evaluate(point)
         check(["add"] * 2, compiled[:2], python[:2], point)
         assert math.isnan(compiled[0]) == math.isnan(first)

@@ -29,11 +29,15 @@ from cotree.cli.linting import lint_scene
 from cotree.cli.messages import INTERRUPTED, complain, warnings_in_one_line
 from cotree.cli.optimise import optimise_scene
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    Atol,
+    Csv,
     EndTime,
     InitialOption,
     InputOption,
     MaxSteps,
     Method,
+    Plot,
+    Rtol,
     SceneName,
     Sensitivity,
     Setting,
@@ -125,16 +129,14 @@ def run_scene(
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
     t_end: EndTime = None,
     method: Method = None,
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
-    atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
+    rtol: Rtol = None,
+    atol: Atol = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
-    csv: Annotated[Path | None, typer.Option(help="Write all columns to this file.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
-    ] = None,
+    csv: Csv = None,
+    plot: Plot = None,
     show: Annotated[
         list[str],
         typer.Option(

@@ -10,8 +10,10 @@ import typer
 from cotree.cli.arguments import check_folder, check_picture, given, read_numbers, read_pairs
 from cotree.cli.messages import INTERRUPTED, complain
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    Atol,
     InitialOption,
     Method,
+    Rtol,
     SceneName,
     Setting,
 )
@@ -100,8 +102,8 @@ def fit_scene(
     starts: Annotated[int, typer.Option(min=1, help="Number of starts of the optimiser.")] = 20,
     seed: Annotated[int, typer.Option(metavar="N", help="Of the starts but the first.")] = 0,
     method: Method = None,
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance of the runs.")] = None,
-    atol: Annotated[float | None, typer.Option(help="Absolute tolerance of the runs.")] = None,
+    rtol: Rtol = None,
+    atol: Atol = None,
     plot: Annotated[
         Path | None,
         typer.Option(help="Draw data, computed curves and residuals: .svg, .png or .pdf."),

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003 - typer reads the annotations
 from typing import Annotated, Any
 
 import typer
 
 from cotree.cli.arguments import check_folder, check_picture, read_inputs, read_numbers, read_pairs
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    Atol,
+    Csv,
     EndTime,
     InitialOption,
     InputOption,
     Method,
+    Plot,
+    Rtol,
     SceneName,
     Setting,
 )
@@ -50,15 +53,13 @@ def optimise_scene(
     optimiser: Annotated[str, typer.Option(help="slsqp or trust-constr.")] = "slsqp",
     t_end: EndTime = None,
     method: Method = None,
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance of the runs.")] = None,
-    atol: Annotated[float | None, typer.Option(help="Absolute tolerance of the runs.")] = None,
+    rtol: Rtol = None,
+    atol: Atol = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
-    csv: Annotated[Path | None, typer.Option(help="Write the best run to this file.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw the best run to this file: .svg, .png or .pdf.")
-    ] = None,
+    csv: Csv = None,
+    plot: Plot = None,
 ) -> None:
     """Choose parameters such that a goal is least and conditions hold."""
     from cotree.design.optimise import optimise

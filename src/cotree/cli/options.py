@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -64,3 +65,7 @@ Method = Annotated[
         "cvode, ida, cvodes, cvodes-simultaneous, idas or auto."
     ),
 ]
+Rtol = Annotated[float | None, typer.Option(help="Relative tolerance of runs.")]
+Atol = Annotated[float | None, typer.Option(help="Absolute tolerance of runs.")]
+Plot = Annotated[Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")]
+Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to this file.")]

@@ -24,6 +24,7 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     InputOption,
     MaxSteps,
     Method,
+    Plot,
     SceneName,
     Sensitivity,
     Setting,
@@ -111,9 +112,7 @@ def bench_scene(
     setting: Setting = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
     json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")
-    ] = None,
+    plot: Plot = None,
 ) -> None:
     """Measure speed against error of every method on a scene, and name the one to take."""
     from cotree.studies import bench as study

@@ -12,11 +12,13 @@ from cotree.cli.arguments import check_picture, given, read_inputs, read_numbers
 from cotree.cli.members import check_options, read_members_of
 from cotree.cli.messages import INTERRUPTED, complain
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+    Atol,
     EndTime,
     InitialOption,
     InputOption,
     MaxSteps,
     Method,
+    Rtol,
     SceneName,
     Sensitivity,
     Setting,
@@ -77,8 +79,8 @@ def sweep_scene(
     t_end: EndTime = None,
     points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
     method: Method = None,
-    rtol: Annotated[float | None, typer.Option(help="Relative tolerance.")] = None,
-    atol: Annotated[float | None, typer.Option(help="Absolute tolerance.")] = None,
+    rtol: Rtol = None,
+    atol: Atol = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from cotree.codegen.expressions import CExpression
     from cotree.codegen.statements import Statement
     from cotree.codegen.targets import Target
+    from cotree.dag.lookup import LookupData
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Program
 
@@ -61,6 +62,7 @@ class KernelFile:
     scales_solve: bool
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[Constants]
+    lookups: list[str]
     functions: list[str]
     kernels: list[KernelContext]
 
@@ -80,15 +82,15 @@ class KernelFile:
         return sum(n for body in self.bodies for n in body.written)
 
 
-def _written_table(table: Table, name: str) -> Iterator[Constants]:
+def _written_table(table: Table | LookupData, name: str) -> Iterator[Constants]:
     """Write the arguments and the values of a table."""
-    for axis, values in (("x", table.x), ("y", table.y)):
+    for axis, values in table.arrays.items():
         yield Constants("double", f"{name}_{axis}", len(values), wrapped(map(literal, values)))
 
 
-def name_tables(nodes: Iterable[Node]) -> dict[Table, str]:
+def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
     """Give each table among some values a name in C."""
-    tables = dict.fromkeys(node.data for node in nodes if node.op == "table")
+    tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}
 
 
@@ -120,6 +122,7 @@ def file_fields(
         "scales_solve": any(map(sizes_of, solved)),
         "definite_sizes": sorted({node.data.size for node in solved if is_written_out(node)}),
         "tables": [row for pair in name_tables(nodes).items() for row in _written_table(*pair)],
+        "lookups": sorted({table.function for table in name_tables(nodes)}),
         "functions": sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
         "kernels": kernels,
     }

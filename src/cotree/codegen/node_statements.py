@@ -285,6 +285,13 @@ class _StatementWriter:
         given = [whole(len(node.data.x)), x, y, self._known[node.args[0]], named(f"v{at}")]
         self.statements += [Array(f"v{at}", 2), Call(call("cotree_table", *given))]
 
+    def _lookup(self, node: Node) -> None:
+        at, table, data = self._declare(node), self.names[node.data], node.data
+        sizes = [whole(len(axis)) for axis in data.axes]
+        rows = [named(f"{table}_{row}") for row in data.arrays]
+        given = [*sizes, *rows, *(self._known[arg] for arg in node.args), named(f"v{at}")]
+        self.statements += [Array(f"v{at}", len(data.results)), Call(call(data.function, *given))]
+
     def _call(self, node: Node) -> None:
         at = self._declare(node)
         args = self._values(node.args)

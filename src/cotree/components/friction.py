@@ -117,8 +117,8 @@ class _Rubbing:
         return replace(made, adapt=adapt)
 
 
-def _curve(edge: str, field: str, given: Given, speed: str) -> str:
-    """Write a table of speeds and values as an expression: linear between, constant beyond.
+def _curve(edge: str, field: str, given: Given, speed: str) -> dict[str, Any]:
+    """Make a lookup table of speeds and values: linear between, constant beyond.
 
     Raises
     ------
@@ -134,12 +134,7 @@ def _curve(edge: str, field: str, given: Given, speed: str) -> str:
         raise SceneError(f"the speeds in {whose} must be numbers")
     if speeds[0] != 0 or any(not b > a for a, b in pairwise(speeds)):
         raise SceneError(f"the speeds in {whose} must begin with 0 and ascend")
-    # Each interval adds what the value changes by within it.
-    text = f"({rows[0][1]})"
-    for (x, y), (after, reached) in pairwise(rows):
-        share = f"min(max(abs({speed}) - {x!r}, 0), {after - x!r})/{after - x!r}"
-        text += f" + (({reached}) - ({y}))*{share}"
-    return text
+    return {"of": f"abs({speed})", "x": speeds, "y": [row[1] for row in rows]}
 
 
 def _viscous(unit: str) -> Field:

@@ -100,6 +100,11 @@ def _of_table(node: Node) -> Jacobian:
     return [{0: results(node, 2)[1]}, {}]  # a slope is constant, piece by piece
 
 
+def _of_lookup(node: Node) -> Jacobian:
+    values = results(node, len(node.data.results))
+    return [{i: values[k] for i, k in row.items()} for row in node.data.partials]
+
+
 def _of_sines(node: Node) -> Jacobian:
     # The results are the sines, then the cosines: d sin = cos, d cos = -sin.
     n = len(node.args)
@@ -121,6 +126,7 @@ def _of_call(node: Node) -> Jacobian:
 #: never formed: these are solved and applied again.
 _JACOBIANS: dict[str, Callable[[Node], Jacobian]] = {
     "table": _of_table,
+    "lookup": _of_lookup,
     "sines": _of_sines,
     "call": _of_call,
 }

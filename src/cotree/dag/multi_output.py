@@ -1,4 +1,4 @@
-"""Nodes with several results: ``solve``, ``table``, ``call``, ``map``, ``sines``.
+"""Nodes with several results: ``solve``, ``table``, ``lookup``, ``call``, ``map``, ``sines``.
 
 Each has a row in :data:`SEVERAL` with its evaluation; its derivatives stand in
 :mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. The results
@@ -63,6 +63,13 @@ class Table:
 
     x: tuple[float, ...]
     y: tuple[float, ...]
+
+    function = "cotree_table"
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by a name for each row."""
+        return {"x": self.x, "y": self.y}
 
 
 @dataclass(frozen=True)
@@ -258,7 +265,10 @@ def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
     x : Node
         Where to look it up.
     """
-    value, slope = dag.several("table", [x], data, 2)
+    if x.value is not None:
+        value, slope = map(dag.constant, _evaluate_table(data, [x.value]))
+    else:
+        value, slope = dag.several("table", [x], data, 2)
     return value, slope
 
 
@@ -306,6 +316,7 @@ class Several:
 SEVERAL: dict[str, Several] = {
     "solve": Several(_evaluate_solve, lambda shape: int(shape.size) + 2),
     "table": Several(_evaluate_table, lambda _: 2),
+    "lookup": Several(lambda data, values: data.evaluate(values), lambda d: len(d.results)),
     "call": Several(lambda function, values: function.evaluate(values), lambda f: int(f.n_results)),
     "sines": Several(_evaluate_sines, lambda n: 2 * int(n)),
     "map": Several(LinearMap.evaluate, lambda linear: int(linear.n_results)),

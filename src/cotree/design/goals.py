@@ -16,7 +16,8 @@ from cotree.dag.derivative import adjoints
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, dotted, names_in, parse
+from cotree.scene.expressions import Expression, parse
+from cotree.scene.grammar import FUNCTIONS, WHERE, dotted, names_in
 from cotree.scene.words import read_tree
 
 if TYPE_CHECKING:

@@ -118,6 +118,10 @@ def _table_name(_: Node, position: int) -> str:
     return "slope" if position else ""
 
 
+def _lookup_name(node: Node, position: int) -> str:
+    return str(node.data.results[position])
+
+
 def _call_name(_: Node, position: int) -> str:
     return str(position + 1)
 
@@ -126,6 +130,7 @@ def _call_name(_: Node, position: int) -> str:
 _SEVERAL: dict[str, Callable[[Node, int], str]] = {
     "solve": _solve_name,
     "table": _table_name,
+    "lookup": _lookup_name,
     "call": _call_name,
 }
 

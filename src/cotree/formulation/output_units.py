@@ -10,8 +10,9 @@ from cotree.domains import DOMAINS
 from cotree.formulation.observed import observed_unit
 from cotree.naming import owner_among
 from cotree.scene.dimensions import Dimensions, dimension_of_unit, stated_units
-from cotree.scene.expressions import Expression, dotted
+from cotree.scene.expressions import Expression
 from cotree.scene.fields import initial_units
+from cotree.scene.grammar import dotted
 from cotree.scene.parameters import in_order
 from cotree.units import unit_text
 

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass, field
 
 from cotree.naming import RESERVED
-from cotree.scene.expressions import FUNCTIONS
+from cotree.scene.grammar import FUNCTIONS
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_]")
 _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a scene allows

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError
-from cotree.scene.expressions import number_tree
+from cotree.scene.grammar import number_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, parse
+from cotree.scene.expressions import parse
+from cotree.scene.grammar import FUNCTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

@@ -20,7 +20,8 @@ from cotree.dag.nodes import Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.scene.corners import has_only_corner, jumps_in
-from cotree.scene.expressions import FUNCTIONS, Expression, number_tree
+from cotree.scene.expressions import Expression
+from cotree.scene.grammar import FUNCTIONS, number_tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

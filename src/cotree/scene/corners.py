@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
 from cotree.dag.traverse import reachable, substitute
-from cotree.scene.expressions import Expression, names_in, number_tree
+from cotree.scene.expressions import Expression
+from cotree.scene.grammar import names_in, number_tree
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
 from cotree.scene.allowances import check_allowed
+from cotree.scene.calls import may_call_tables
 from cotree.scene.display import EdgeListing, ParameterListing, scene_html, scene_summary
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
@@ -25,6 +26,7 @@ from cotree.scene.statements import plain
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.scene.lookup import LookupTable
     from cotree.scene.origin import Origin
     from cotree.scene.part import Part
 
@@ -42,6 +44,7 @@ class SceneDescription:
 
     name: str
     gravity: tuple[Expression, ...]
+    tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     edges: dict[str, Edge] = field(default_factory=dict)
@@ -59,11 +62,12 @@ class SceneDescription:
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.edges = ParameterListing(), EdgeListing()
-        self.inputs, self.outputs = {}, {}
+        self.inputs, self.outputs, self.tables = {}, {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
         self.parts, self.ports = {}, ()
         self.members: dict[str, Part] = {}  # parts by name, those of arrays each
+        self.connected: set[str] = set()  # nodes that parts are connected to
         # Where it was read from, and the table there; no part of what it says.
         self.file = self.section = ""
 
@@ -89,7 +93,7 @@ class SceneDescription:
         # All tables but that of edges are those of the whole scene: names in expressions keep their
         # meaning.
         part = SceneDescription(self.name)
-        part.gravity, part.defaults = self.gravity, self.defaults
+        part.gravity, part.defaults, part.tables = self.gravity, self.defaults, self.tables
         part.parameters, part.inputs, part.outputs = self.parameters, self.inputs, self.outputs
         part.modes, part.events = self.modes, self.events
         part.edges = {
@@ -102,7 +106,7 @@ class SceneDescription:
     def copied(self) -> Self:
         """Give a scene of the same statements, whose tables do not follow this one's."""
         other = copy.copy(self)
-        for name in (*TABLES, "parts", "members"):
+        for name in (*TABLES, "parts", "members", "connected"):
             setattr(other, name, copy.copy(getattr(self, name)))
         return other
 
@@ -113,6 +117,7 @@ class SceneDescription:
             "node": len(self.nodes),
             "edge": len(self.edges),
             "part": len(self.members),
+            "table": len(self.tables),
             "parameter": len(self.parameters),
             "input": len(self.inputs),
             "output": len(self.outputs),
@@ -126,6 +131,7 @@ class SceneDescription:
         """Describe the scene, a line for each edge and each part."""
         return scene_summary(self)
 
+    @may_call_tables
     def parameter(
         self, name: str, value: float | str, *, unit: str = "", doc: str = "", tunable: bool = True
     ) -> None:
@@ -154,6 +160,7 @@ class SceneDescription:
         check_cycle({**self.parameters, name: row}, name)
         self.parameters[name] = row
 
+    @may_call_tables
     def set(
         self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
     ) -> None:
@@ -195,6 +202,7 @@ class SceneDescription:
         else:
             self.inputs[name] = changed
 
+    @may_call_tables
     def input(
         self,
         name: str,
@@ -224,6 +232,7 @@ class SceneDescription:
         self._check_new("input", name, self._signals)
         self.inputs[name] = make_input(name, value, unit, doc)
 
+    @may_call_tables
     def edge(
         self,
         name: str,
@@ -278,6 +287,7 @@ class SceneDescription:
                 raise SceneError("the ground is one node in all parts: it is no port")
         self.ports = tuple(dict.fromkeys((*self.ports, *nodes)))
 
+    @may_call_tables
     def output(self, name: str, value: str | float) -> None:
         """Declare an output: an expression of coordinates, node positions, inputs and parameters.
 
@@ -290,6 +300,7 @@ class SceneDescription:
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 
+    @may_call_tables
     def mode(self, name: str, initial: float | str, *, doc: str = "") -> None:
         """Declare a mode: a number that only events change.
 
@@ -309,6 +320,7 @@ class SceneDescription:
         text = check_text(doc, f"doc of mode '{name}'")
         self.modes[name] = Mode(name, parse(initial, f"mode '{name}'"), text)
 
+    @may_call_tables
     def event(
         self,
         name: str,

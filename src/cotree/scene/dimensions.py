@@ -11,8 +11,10 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from cotree.components import Shape
-from cotree.scene.expressions import Expression, dotted
+from cotree.scene.calls import table_of
+from cotree.scene.expressions import Expression
 from cotree.scene.fields import initial_units
+from cotree.scene.grammar import dotted
 from cotree.units import check_fits, read_unit, same_dimension, stated_unit, unit_text
 
 if TYPE_CHECKING:
@@ -75,6 +77,10 @@ class Dimensions:
             case ast.Call(func=ast.Name(id="where"), args=[condition, *values]):
                 self._condition(condition)
                 return self._alike(values)
+            case ast.Call(func=called, args=args) if table_of(called):
+                for arg in args:
+                    self.of(arg)
+                return None  # a table has no units of its own
             case ast.Call(func=ast.Name(id=function), args=args):
                 return self._call(function, args)
         return None

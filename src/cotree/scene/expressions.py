@@ -17,7 +17,16 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, ParameterError, brief, nearest
+from cotree.errors import ExpressionError, ParameterError, brief
+from cotree.scene.calls import bound, calls_table, has_table, known_tables, table_of
+from cotree.scene.grammar import (
+    COMPARISONS,
+    check_tree,
+    dotted,
+    finite,
+    names_in,
+    shown,
+)
 from cotree.scene.words import read_tree
 
 if TYPE_CHECKING:
@@ -26,26 +35,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Node
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
-_DEEPEST = 100  # nesting levels
 _WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
-
-#: Functions by name, with their number of arguments.
-FUNCTIONS: dict[str, int] = {
-    **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
-    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor", "erf"), 1),
-    **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
-}
-
-#: The conditional: what it gives where its first argument holds, and elsewhere.
-WHERE = "where"
-
-#: Comparisons: whether the left side is to be the larger, and whether equality will do.
-COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
-    ast.Lt: (False, False),
-    ast.LtE: (False, True),
-    ast.Gt: (True, False),
-    ast.GtE: (True, True),
-}
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
     ast.Add: lambda a, b: a + b,
@@ -108,7 +98,8 @@ class Expression:
         """Whether the value is zero whatever its names stand for, as that of ``0*L`` is."""
         if self.number is not None:
             return self.number == 0.0
-        return _vanishes(self)
+        # Whether it is zero is remembered by the text, which does not tell the values of a table.
+        return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         """Turn the expression into a node.
@@ -169,9 +160,9 @@ def parse(value: object, where: str) -> Expression:
         )
     if isinstance(value, str):
         return _parse_text(value, where)
-    number = _number(value)
+    number = finite(value)
     if number is None:
-        raise ExpressionError(f"{where} is {_shown(value)}: give a finite number")
+        raise ExpressionError(f"{where} is {shown(value)}: give a finite number")
     return Expression(repr(number), where, ast.Constant(number), frozenset())
 
 
@@ -179,7 +170,11 @@ def _parse_text(text: str, where: str) -> Expression:
     if len(text) > _LONGEST:
         raise ExpressionError(f"{where} is longer than {_LONGEST} characters: split it")
     try:
-        tree, names = _tree_of(text)
+        tables = known_tables()
+        if tables and calls_table(text, tables):
+            tree, names = _checked(bound(read_tree(text), tables))
+        else:
+            tree, names = _tree_of(text)
     except ExpressionError as error:
         hint = ""
         if with_unit := _WITH_UNIT.match(text):
@@ -192,28 +187,13 @@ def _parse_text(text: str, where: str) -> Expression:
 @lru_cache(maxsize=1024)
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
     """Parse and check a text once: thousands of edges may have the same."""
-    tree = read_tree(text)
+    return _checked(read_tree(text))
+
+
+def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
     names: set[str] = set()
-    _check(tree, names, 0)
+    check_tree(tree, names, 0)
     return tree, frozenset(names)
-
-
-def _shown(value: object) -> str:
-    try:
-        return brief(repr(value))
-    except ValueError:  # Python itself refuses to write integers of thousands of digits
-        return "an integer of thousands of digits"
-
-
-def _number(value: object) -> float | None:
-    """Give a finite float, or None."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def check_number(value: object, what: str) -> float:
@@ -235,103 +215,6 @@ def check_number(value: object, what: str) -> float:
     return number
 
 
-def _check(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Accept the grammar and collect its names; everything else is refused."""
-    if depth > _DEEPEST:
-        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only the shapes listed here pass: whatever else Python's grammar has is refused, not
-    # evaluated.
-    match tree:
-        case ast.Constant(value=value):
-            if _number(value) is None:
-                raise ExpressionError(f"holds {_shown(value)}, which is no finite number")
-        case ast.Name(id=name):
-            names.add(name)
-        case ast.Attribute() if name := dotted(tree):
-            names.add(name)
-        case ast.BinOp(left=left, op=op, right=right):
-            if type(op) not in _BINARY:
-                raise ExpressionError("holds an operator that is not one of + - * / **")
-            _check(left, names, depth + 1)
-            _check(right, names, depth + 1)
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
-            _check(operand, names, depth + 1)
-        case ast.Call(func=ast.Name(id="where"), args=[condition, held, other], keywords=[]):
-            _check_condition(condition, names, depth + 1)
-            _check(held, names, depth + 1)
-            _check(other, names, depth + 1)
-        case ast.Call(func=ast.Name(id="where"), args=args, keywords=[]):
-            raise ExpressionError(
-                f"gives where {len(args)} arguments: it takes a condition and two values"
-            )
-        case ast.Call(func=ast.Name(id=function), args=args, keywords=[]):
-            if function not in FUNCTIONS:
-                hint = nearest(function, [*FUNCTIONS, WHERE])
-                raise ExpressionError(f"calls '{function}', which is not a known function{hint}")
-            if len(args) != FUNCTIONS[function]:
-                raise ExpressionError(f"gives {function} {len(args)} arguments")
-            for arg in args:
-                _check(arg, names, depth + 1)
-        case _:
-            raise ExpressionError(
-                "holds something other than numbers, names, + - * / ** and functions"
-            )
-
-
-def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Accept comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
-    if depth > _DEEPEST:
-        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    match tree:
-        case ast.Compare(left=left, ops=ops, comparators=others):
-            if any(type(op) not in COMPARISONS for op in ops):
-                raise ExpressionError("compares by something other than < <= > >=")
-            for side in (left, *others):
-                _check(side, names, depth + 1)
-        case ast.BoolOp(values=parts):
-            for part in parts:
-                _check_condition(part, names, depth + 1)
-        case ast.UnaryOp(op=ast.Not(), operand=part):
-            _check_condition(part, names, depth + 1)
-        case _:
-            raise ExpressionError(
-                "gives where a condition that is none: compare two values by < <= > >=, joined by "
-                "and, or, not"
-            )
-
-
-def names_in(tree: ast.expr) -> frozenset[str]:
-    """List the names in a checked tree: parameters, inputs, ``t`` and dotted ones."""
-    found: set[str] = set()
-    waiting: list[ast.AST] = [tree]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.Attribute):
-            found.add(dotted(node))
-        elif isinstance(node, ast.Name):
-            found.add(node.id)
-        elif isinstance(node, ast.Call):
-            # The name of the function is no name of the scene.
-            waiting += node.args
-        else:
-            waiting += ast.iter_child_nodes(node)
-    return frozenset(found)
-
-
-def number_tree(value: float) -> ast.expr:
-    """Make the tree of a number; the grammar has no negative constants."""
-    return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
-
-
-def dotted(tree: ast.expr) -> str:
-    """Give the name that a chain of attributes is, as ``edge.variable``; else nothing."""
-    steps: list[str] = []
-    while isinstance(tree, ast.Attribute):
-        steps.append(tree.attr)
-        tree = tree.value
-    return ".".join([tree.id, *reversed(steps)]) if isinstance(tree, ast.Name) and steps else ""
-
-
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
     """Turn a checked tree into a node."""
     match tree:
@@ -351,6 +234,8 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
         case ast.Call(func=ast.Name(id="where"), args=[condition, accepted, refused]):
             branches = (_lower(accepted, dag, resolve), _lower(refused, dag, resolve))
             return _lower_condition(condition, dag, resolve, *branches)
+        case ast.Call(func=called, args=args) if table := table_of(called):
+            return table.node(dag, [_lower(arg, dag, resolve) for arg in args], resolve)
         case ast.Call(func=ast.Name(id=function), args=args):
             return _lower_call(dag, function, [_lower(arg, dag, resolve) for arg in args])
     raise AssertionError("the tree was checked when it was parsed")

@@ -23,7 +23,8 @@ from cotree.dag.stops import is_cut
 from cotree.scene.branches import check_contents, check_located, may_branch, with_branches
 from cotree.scene.corners import has_only_corner, jumps_in
 from cotree.scene.events import Event, Mode
-from cotree.scene.expressions import COMPARISONS, Expression, names_in, number_tree
+from cotree.scene.expressions import Expression
+from cotree.scene.grammar import COMPARISONS, names_in, number_tree
 
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
@@ -179,7 +180,7 @@ class _Rewriting:
         tree = _Tree(self, expression.where, kept).visit(whole)
         if ast.dump(tree) == ast.dump(expression.tree):
             return expression
-        return Expression(expression.text, expression.where, tree, names_in(tree))
+        return replace(expression, tree=tree, names=names_in(tree))
 
     def _moves(self, names: frozenset[str]) -> bool:
         """Tell whether anything but time and parameters is among some names."""

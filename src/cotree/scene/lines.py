@@ -16,6 +16,7 @@ _KINDS = {
     "modes": "mode",
     "events": "event",
     "parts": "part",
+    "tables": "table",
 }
 
 

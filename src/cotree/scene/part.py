@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cotree.scene.origin import Origin
 
 #: Tables of a scene whose rows a part brings along.
-TABLES = ("parameters", "inputs", "modes", "edges", "outputs", "events")
+TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
 
 
 @dataclass(frozen=True, eq=False)

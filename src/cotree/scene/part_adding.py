@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
+from cotree.scene.calls import knowing
 from cotree.scene.parameters import check_cycle
 from cotree.scene.part import TABLES, Part, owner_of
 from cotree.scene.part_index import in_name, in_value
@@ -47,17 +49,31 @@ def add_part(
     rows = _rows_of(scene, part)
     scene.parts[name] = part
     scene.members.update(members)
+    scene.connected.update(part.nodes.values())
     for table in TABLES:
-        own: dict[str, Any] = getattr(scene, table)
-        # Declarations of parts come first, as they do where the scene is read from a file.
-        last = [key for key in reversed(own) if "." not in key]
-        kept = {key: own.pop(key) for key in reversed(last)} if last else {}
-        own.update(getattr(rows, table))
-        own.update(kept)
+        _put_first(getattr(scene, table), getattr(rows, table))
+
+
+def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
+    """Put declarations of a part behind those of others and before the scene's own.
+
+    Declarations of parts come first, as they do where the scene is read from a file.
+    """
+    # Only the scene's own are looked through: there may be thousands of parts.
+    last = list(takewhile(lambda key: "." not in key, reversed(own)))
+    kept = {key: own.pop(key) for key in reversed(last)}
+    own.update(added)
+    own.update(kept)
 
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
     """Make the declarations of a part and its likes in an array."""
+    # What is bound in the outer scene calls its tables.
+    with knowing(scene.tables):
+        return _made_rows(scene, part)
+
+
+def _made_rows(scene: SceneDescription, part: Part) -> Rows:
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
@@ -122,7 +138,7 @@ def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") 
     scene.parameters.update(rows.parameters)
     if name in rows.outputs:
         del scene.inputs[name]
-        scene.outputs[name] = rows.outputs[name]
+        _put_first(scene.outputs, {name: rows.outputs[name]})
     scene.inputs.update(rows.inputs)
     scene.parts[part.name] = changed
     scene.members.update({m: changed for m, _ in changed.members()})
@@ -190,16 +206,15 @@ def _check_part_name(scene: SceneDescription, name: object) -> None:
 
 
 def _check_members(scene: SceneDescription, name: str, members: Mapping[str, Part]) -> None:
-    own_edges = [edge for key, edge in scene.edges.items() if "." not in key]
-    own_nodes = {node for edge in own_edges for node in edge.nodes}
-    own_nodes |= {node for part in scene.parts.values() for node in part.nodes.values()}
+    own_edges = takewhile(lambda key: "." not in key, reversed(scene.edges))
+    own_nodes = {node for key in own_edges for node in scene.edges[key].nodes}
     for member in members:
         check_name("part", member)
         kind = (
             "edge"
             if member in scene.edges
             else "node"
-            if member in own_nodes
+            if member in own_nodes or member in scene.connected
             else "part"
             if member in scene.members
             else ""

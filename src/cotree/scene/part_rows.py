@@ -17,11 +17,13 @@ from cotree.components import Shape
 from cotree.components.heat import HEAT
 from cotree.errors import SceneError
 from cotree.naming import RESERVED
+from cotree.scene.calls import knowing
 from cotree.scene.edge import make_edge
-from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, parse
+from cotree.scene.expressions import Expression, parse
+from cotree.scene.grammar import FUNCTIONS, WHERE
 from cotree.scene.inputs import Input, make_input
 from cotree.scene.parameters import Parameter, make_parameter
-from cotree.scene.tables import Lookup, parse_signal
+from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,8 +31,11 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
     from cotree.scene.edge import Edge
     from cotree.scene.events import Event
+    from cotree.scene.lookup import LookupTable
 
 _NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
+#: Entries of tables in fields that hold words, and no expressions.
+_WORDS = frozenset({"unit", "interpolation", "beyond"})
 _CALLED = frozenset({*FUNCTIONS, WHERE})
 #: What counts a whole scene, and no part of it.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
@@ -114,18 +119,21 @@ class Renaming:
         """Rename what an expression is made of, and what it belongs to."""
         if not value.names:
             return replace(value, where=where)
-        made = parse(self.text(value.text, where), where)
-        if isinstance(value, Lookup):
-            return Lookup(made.text, where, made.tree, made.names, value.table)
-        return made
+        return parse(self.text(value.text, where), where)
 
     def field(self, value: Any, where: str) -> Any:
         """Rename the expressions in the value of a field, as it was stated."""
         if isinstance(value, str):
             return self.text(value, where)
         if isinstance(value, dict):
-            return {k: v if k == "unit" else self.field(v, where) for k, v in value.items()}
+            return {k: v if k in _WORDS else self.field(v, where) for k, v in value.items()}
         return [self.field(item, where) for item in value] if isinstance(value, list) else value
+
+    def table(self, table: LookupTable) -> LookupTable:
+        """Make a table of the outer scene."""
+        own = f"{self.prefix}{table.name}"
+        values = tuple(self.expression(v, v.where) for v in table.values)
+        return replace(table, name=own, values=values)
 
     def edge(self, edge: Edge) -> Edge:
         """Make an edge of the outer scene."""
@@ -208,10 +216,11 @@ class Rows:
 
     Attributes
     ----------
-    parameters, inputs, modes, edges, outputs, events : dict
+    tables, parameters, inputs, modes, edges, outputs, events : dict
         As in a scene.
     """
 
+    tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     modes: dict[str, Any] = field(default_factory=dict)
@@ -221,6 +230,14 @@ class Rows:
 
     def add(self, renaming: Renaming) -> None:
         """Add the declarations of a part, under its name."""
+        scene, prefix = renaming.scene, renaming.prefix
+        for name, table in scene.tables.items():
+            self.tables[f"{prefix}{name}"] = renaming.table(table)
+        with knowing(self.tables):
+            self._add_stated(renaming)
+
+    def _add_stated(self, renaming: Renaming) -> None:
+        """Add all but the tables, which expressions call."""
         scene, prefix = renaming.scene, renaming.prefix
         for name, row in scene.parameters.items():
             self.parameters[f"{prefix}{name}"] = renaming.parameter(row)
@@ -268,8 +285,10 @@ class Rows:
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
         signal = parse_signal(value, f"input '{name}'")
-        known = {*scene.parameters, *self.parameters, *RESERVED}
-        if isinstance(signal, Expression) and not signal.names <= known:
+        known = (scene.parameters, self.parameters, RESERVED)
+        if isinstance(signal, Expression) and not all(
+            any(used in names for names in known) for used in signal.names
+        ):
             self.inputs.pop(name, None)
             self.outputs[name] = replace(signal, where=f"output '{name}'")
             return

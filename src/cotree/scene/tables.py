@@ -2,60 +2,44 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import numbers
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.multi_output import Table, table
+from cotree.dag.multi_output import Table
 from cotree.errors import SceneError, UnitError
+from cotree.scene.calls import name_of
 from cotree.scene.expressions import Expression, parse
+from cotree.scene.grammar import names_in
+from cotree.scene.lookup import make_lookup
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
-    from cotree.dag.nodes import Dag, Node
     from cotree.units import Unit
 
 
-@dataclass(frozen=True)
-class Lookup(Expression):
-    """A table over an expression: linear between its points, constant outside them.
-
-    Attributes
-    ----------
-    table : Table
-        The points.
-    """
-
-    table: Table
-
-    @property
-    def number(self) -> float | None:
-        """Nothing: a table is no plain number."""
-        return None
-
-    def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
-        """Turn the table's value into a node; see :meth:`Expression.lower`."""
-        # The text of the expression is the argument of the table.
-        return table(dag, self.table, super().lower(dag, resolve))[0]
+_OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
 
 
-def parse_lookup(value: Mapping[str, Any], where: str) -> Lookup:
-    """Check a table over an expression: ``of``, ``x`` that increase, ``y``.
+def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
+    """Check a table over an expression: ``of``, ``x`` that ascend, ``y``, and what is between.
 
     Raises
     ------
     ExpressionError, SceneError
         If an entry is missing, unknown, or of no use.
     """
-    if set(value) != {"of", "x", "y"}:
+    if not {"of", "x", "y"} <= set(value) <= set(_OF_FIELDS):
         raise SceneError(
             f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"
         )
-    of = parse(value["of"], f"'of' of {where}")
-    made = make_table((value["x"], value["y"]), where, "x")
-    return Lookup(of.text, where, of.tree, of.names, made)
+    given = dict(value)
+    of = parse(given.pop("of"), f"'of' of {where}")
+    made = make_lookup("table", given.pop("x"), given.pop("y"), None, **given, where=where)
+    tree = ast.Call(name_of("table", made), [of.tree], [])
+    return Expression(f"table({of.text})", where, tree, names_in(tree))
 
 
 def make_table(value: object, where: str, argument: str) -> Table:

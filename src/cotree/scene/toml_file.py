@@ -18,6 +18,7 @@ from cotree.errors import ModelError, SceneError, brief, nearest
 from cotree.files import read_text
 from cotree.scene.description import SceneDescription
 from cotree.scene.lines import statement_lines
+from cotree.scene.lookup_file import LARGEST_POINTS
 from cotree.scene.toml_errors import advice
 from cotree.scene.toml_tables import fill
 
@@ -127,7 +128,7 @@ def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
     return _Reading(text, where).scene(scene_type)
 
 
-_NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event) '([^']+)'")
+_NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event|table) '([^']+)'")
 _DEEPEST = 20  # parts within parts
 
 
@@ -169,7 +170,7 @@ class _Reading:
             raise SceneError(f"{self.where}: nested too deeply") from None
         try:
             scenes = _Scenes(self, "", _tables(data))
-            made = fill(data, Path(self.where).stem, scene_type, scenes.find)
+            made = fill(data, Path(self.where).stem, scene_type, scenes.find, self.points)
         except ModelError as error:
             raise self.told(error, self.where, "") from None
         made.file = self.file
@@ -189,29 +190,9 @@ class _Reading:
 
     def part_file(self, name: str) -> tuple[SceneDescription, str]:
         """Read the file that a part names."""
-        if not self.folder:
-            raise SceneError(
-                f"scene '{brief(name)}' is a file, but the scene that names it was not read from "
-                "a file, so its folder is unknown: name a shipped part, or a scene of the same "
-                "text, [scenes.name]"
-            )
-        if os.path.isabs(name) or PureWindowsPath(name).drive or "\\" in name:
-            raise SceneError(
-                f"scene '{brief(name)}' is not relative to this file: give a path from its folder "
-                "on, with '/' between folders"
-            )
-        path = os.path.join(self.folder, name)
-        real = os.path.realpath(path)
-        if os.path.commonpath([real, self.root]) != self.root:
-            raise SceneError(
-                f"scene '{brief(name)}' leaves the folder of the scene: put the file there or "
-                "below, or add the part in Python"
-            )
+        hint = "name a shipped part, or a scene of the same text, [scenes.name]"
+        path, real = self.place(name, "scene", hint, "add the part in Python", ".toml")
         self.check_trail(real)
-        if not os.path.isfile(real):
-            near = [f for f in _listed(os.path.dirname(real)) if f.endswith(".toml")]
-            hint = nearest(os.path.basename(name), near)
-            raise SceneError(f"scene '{brief(name)}' is no file beside this one{hint}")
         if real not in self.made:
             below = _Reading(
                 read_text(path, LARGEST_FILE),
@@ -224,6 +205,48 @@ class _Reading:
             )
             self.made[real] = below.scene(SceneDescription)
         return self.made[real], name
+
+    def points(self, name: str) -> str:
+        """Read the file of points that a table names."""
+        if not isinstance(name, str):
+            raise SceneError(f"file {brief(repr(name))} of a table must be a path in quotes")
+        path, _ = self.place(name, "file", "write the points here", "add the table in Python", "")
+        return read_text(path, LARGEST_POINTS)
+
+    def place(self, name: str, kind: str, here: str, beside: str, suffix: str) -> tuple[str, str]:
+        """Find a file that this one names, in its folder or below.
+
+        Parameters
+        ----------
+        name, kind : str
+            The path as it stands in this file, and the entry that holds it.
+        here, beside : str
+            What to do where this file is none, and where the other is elsewhere, for messages.
+        suffix : str
+            The end of names that a slip is compared with.
+        """
+        if not self.folder:
+            raise SceneError(
+                f"{kind} '{brief(name)}' is a file, but the scene that names it was not read from "
+                f"a file, so its folder is unknown: {here}"
+            )
+        if os.path.isabs(name) or PureWindowsPath(name).drive or "\\" in name:
+            raise SceneError(
+                f"{kind} '{brief(name)}' is not relative to this file: give a path from its folder "
+                "on, with '/' between folders"
+            )
+        path = os.path.join(self.folder, name)
+        real = os.path.realpath(path)
+        if os.path.commonpath([real, self.root]) != self.root:
+            raise SceneError(
+                f"{kind} '{brief(name)}' leaves the folder of the scene: put the file there or "
+                f"below, or {beside}"
+            )
+        if not os.path.isfile(real):
+            near = [f for f in _listed(os.path.dirname(real)) if f.endswith(suffix)]
+            hint = nearest(os.path.basename(name), near)
+            raise SceneError(f"{kind} '{brief(name)}' is no file beside this one{hint}")
+        return path, real
 
     def check_trail(self, place: str) -> None:
         """Refuse a part that is made of itself, and parts that are nested too deeply."""
@@ -288,7 +311,7 @@ class _Scenes:
         reading = replace(self.reading, trail=(*self.reading.trail, place))
         try:
             below = _Scenes(reading, own, _tables(table), replace(self, reading=reading))
-            made = fill(table, name, SceneDescription, below.find)
+            made = fill(table, name, SceneDescription, below.find, reading.points)
         except ModelError as error:
             raise self.reading.told(error, f"scene '{brief(name)}'", own) from None
         made.file, made.section = self.reading.file, own

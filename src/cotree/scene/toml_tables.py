@@ -11,6 +11,7 @@ from cotree.scene.events import check_event_table
 from cotree.scene.origin import read_origin
 from cotree.scene.part_adding import add_part
 from cotree.scene.part_statement import check_entries
+from cotree.scene.table_methods import add_table
 from cotree.scene.toml_errors import misspelt_key
 
 if TYPE_CHECKING:
@@ -18,16 +19,31 @@ if TYPE_CHECKING:
 
     #: Gives the scene that a part names, and what it was read from.
     Parts = Callable[[str], tuple[SceneDescription, str]]
+    #: Gives the text of a file that a table names.
+    Points = Callable[[str], str]
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
 _SECTIONS = (
-    *("name", "gravity", "parameters", "inputs", "modes", "parts", "edges", "outputs", "events"),
+    *(
+        "name",
+        "gravity",
+        "tables",
+        "parameters",
+        "inputs",
+        "modes",
+        "parts",
+        "edges",
+        "outputs",
+        "events",
+    ),
     *("simulation", "allow", "ports", "scenes", "origin"),
 )
 
 
-def fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts) -> _Scene:
+def fill(
+    data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
+) -> _Scene:
     """Make a scene of the tables of its file.
 
     Parameters
@@ -40,6 +56,8 @@ def fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Pa
         The class to make.
     parts : callable
         Gives the scene that a part names, and what it was read from.
+    points : callable
+        Gives the text of a file that a table names.
 
     Raises
     ------
@@ -56,6 +74,11 @@ def fill(data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Pa
             )
     check_known(data, _SECTIONS, "unknown section")
     scene = scene_type(data.get("name", stem), gravity=data.get("gravity", (0.0, 0.0, 0.0)))
+    # Expressions call tables, which therefore come first.
+    for name, table in _table(data, "tables").items():
+        if not isinstance(table, dict):
+            raise SceneError(f"table '{brief(name)}' must be a table with 'x' and its values")
+        add_table(scene, name, table, points)
     for name, value in _table(data, "parameters").items():
         if isinstance(value, list):
             raise SceneError(

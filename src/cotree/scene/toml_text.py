@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from cotree.scene.description import Input
     from cotree.scene.events import Event
+    from cotree.scene.lookup import LookupTable
     from cotree.scene.parameters import Parameter
 
 _Row = TypeVar("_Row")
@@ -105,6 +106,8 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
         yield f"allow = {_value(list(scene.allowed))}"
     if scene.ports:
         yield f"ports = {_value(list(scene.ports))}"
+    for name, lookup in _own(scene.tables):
+        yield from _table(f"{at}tables.{name}", _lookup(lookup))
     parameters, inputs = _own(scene.parameters), _own(scene.inputs)
     yield from _rows(f"{at}parameters", {n: _named(p, _parameter(p)) for n, p in parameters})
     yield from _rows(f"{at}inputs", {n: _named(i, _input(i)) for n, i in inputs})
@@ -165,6 +168,20 @@ def _scenes_of_parts(
             name = f"{made.name}_{n}"
         found[name] = made
         names[id(made)] = name
+
+
+def _lookup(table: LookupTable) -> dict[str, object]:
+    """Write a table with its points, also where these were read from a file."""
+    values = [value.told for value in table.values]
+    found: dict[str, object] = {"x": list(table.x)}
+    if table.y:
+        width = len(table.y)
+        rows = [values[i : i + width] for i in range(0, len(values), width)]
+        found |= {"y": list(table.y), "values": rows}
+    else:
+        found["y"] = values
+    usual = {"interpolation": "linear", "beyond": "hold", "doc": ""}
+    return found | {k: getattr(table, k) for k, v in usual.items() if getattr(table, k) != v}
 
 
 def _parameter(row: Parameter) -> float | str:

@@ -1,0 +1,144 @@
+"""Lookup tables beside piecewise linear ones: cubic along one axis, bilinear along two.
+
+Each piece is a polynomial, and the outermost pieces continue beyond the ends. Results are the value
+and its derivatives, so that a derivative of a result is another result of the same node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+
+@dataclass(frozen=True)
+class CubicTable:
+    """A piecewise cubic function in Hermite's form. Results: value, first to third derivative.
+
+    Attributes
+    ----------
+    x : tuple of float
+        Ascending arguments, at least two.
+    y, slopes : tuple of float
+        Values and first derivatives at ``x``.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    slopes: tuple[float, ...]
+
+    #: The function in C, and what each of its results is called.
+    function = "cotree_cubic"
+    results = ("", "slope", "curvature", "third")
+    #: For each result its partial derivatives, other results, by the place of the argument.
+    partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {0: 2}, {0: 3}, {})
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Arguments at which pieces meet."""
+        return (self.x,)
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by a name for each row, those of the axes first."""
+        return {"x": self.x, "y": self.y, "slopes": self.slopes}
+
+    @np.errstate(all="ignore")
+    def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
+        """Look it up at a number, real or complex, or at an array of numbers."""
+        x, y, slopes = map(np.array, (self.x, self.y, self.slopes))
+        k = _piece(x, values[0])
+        h, s = x[k + 1] - x[k], values[0] - x[k]
+        secant = (y[k + 1] - y[k]) / h
+        b = (3.0 * secant - 2.0 * slopes[k] - slopes[k + 1]) / h
+        c = (slopes[k] + slopes[k + 1] - 2.0 * secant) / (h * h)
+        return [
+            y[k] + s * (slopes[k] + s * (b + s * c)),
+            slopes[k] + s * (2.0 * b + 3.0 * s * c),
+            2.0 * b + 6.0 * s * c,
+            6.0 * c,
+        ]
+
+
+@dataclass(frozen=True)
+class PlaneTable:
+    """A bilinear function of two arguments. Results: value, by x, by y, and by both.
+
+    Attributes
+    ----------
+    x, y : tuple of float
+        Ascending arguments, at least two each.
+    z : tuple of float
+        Values, one row for each ``x``.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    z: tuple[float, ...]
+
+    function = "cotree_plane"
+    results = ("", "slope_x", "slope_y", "twist")
+    partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1, 1: 2}, {1: 3}, {0: 3}, {})
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Arguments at which pieces meet."""
+        return (self.x, self.y)
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by a name for each row, those of the axes first."""
+        return {"x": self.x, "y": self.y, "z": self.z}
+
+    @np.errstate(all="ignore")
+    def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
+        """Look it up at two numbers, real or complex, or at two arrays of numbers."""
+        x, y = np.array(self.x), np.array(self.y)
+        z = np.array(self.z).reshape(len(x), len(y))
+        i, j = _piece(x, values[0]), _piece(y, values[1])
+        width, height = x[i + 1] - x[i], y[j + 1] - y[j]
+        s, u = values[0] - x[i], values[1] - y[j]
+        by_x = (z[i + 1, j] - z[i, j]) / width
+        by_y = (z[i, j + 1] - z[i, j]) / height
+        twist = ((z[i + 1, j + 1] - z[i, j + 1]) / width - by_x) / height
+        return [
+            z[i, j] + s * by_x + u * (by_y + s * twist),
+            by_x + u * twist,
+            by_y + s * twist,
+            twist,
+        ]
+
+
+LookupData = CubicTable | PlaneTable
+
+
+def _piece(x: Any, at: Any) -> Any:
+    """Find the piece that holds an argument; the outermost ones reach beyond the ends."""
+    # The piece is that of the real part, so that a complex step stays on it.
+    place = np.real(at)
+    piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
+    return np.where(np.isnan(place), 0, piece)  # like C, which then gives nan
+
+
+def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
+    """Form the value of a table.
+
+    Parameters
+    ----------
+    dag : Dag
+        The arena.
+    data : CubicTable or PlaneTable
+        The table.
+    args : sequence of Node
+        Where to look it up, a node for each axis.
+    """
+    numbers = [arg.value for arg in args]
+    if None not in numbers:  # of constants it is one, as everything else of constants
+        return dag.constant(float(data.evaluate(numbers)[0]))
+    return dag.several("lookup", args, data, len(data.results))[0]

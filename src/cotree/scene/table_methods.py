@@ -1,0 +1,126 @@
+"""The method by which scenes get lookup tables, and its counterpart for scene files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from cotree.errors import SceneError, check_known
+from cotree.files import read_text
+from cotree.naming import RESERVED, check_name, check_text
+from cotree.scene.grammar import FUNCTIONS, WHERE
+from cotree.scene.lookup import make_lookup
+from cotree.scene.lookup_file import LARGEST_POINTS, read_points
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from os import PathLike
+
+    from cotree.scene.description import SceneDescription
+
+_ENTRIES = ("x", "y", "values", "file", "interpolation", "beyond", "doc")
+
+
+class TableMethods:
+    """Lookup tables of a scene."""
+
+    def table(
+        self,
+        name: str,
+        x: Sequence[float] | None = None,
+        y: Sequence[float | str] | None = None,
+        values: Sequence[Any] | None = None,
+        *,
+        file: str | PathLike[str] | None = None,
+        interpolation: str = "linear",
+        beyond: str = "hold",
+        doc: str = "",
+    ) -> None:
+        """Declare a lookup table, which expressions that are stated later call as a function.
+
+        Parameters
+        ----------
+        name : str
+            Its name in expressions: ``torque(j.omega)``, or ``map(speed, throttle)`` of two
+            arguments.
+        x : sequence of float
+            Ascending arguments, in SI.
+        y : sequence of float or str
+            Of a table of one argument its values, numbers or expressions of parameters; of a table
+            of two arguments the second ones, ascending.
+        values : sequence, optional
+            Of a table of two arguments its values, a row for each ``x`` with one number for each
+            ``y``. Of one argument its values, in place of ``y``.
+        file : path, optional
+            A CSV file that has all of these: two columns, arguments and values; or, of two
+            arguments, the second ones in the first line and the first ones in the first column.
+        interpolation : str
+            ``linear``, bilinear for two arguments; or ``monotone``, for one argument: cubic, with a
+            continuous slope, and without overshoot (Fritsch and Butland).
+        beyond : str
+            What it is beyond its first and last points: ``hold`` keeps the value there; ``extend``
+            goes on with the slope there, of two arguments with the outermost bilinear piece.
+        doc : str
+            Its meaning, for people.
+
+        Raises
+        ------
+        SceneError, ExpressionError
+            If the name is not allowed or taken, arguments do not ascend, or a value is not finite.
+
+        Examples
+        --------
+        >>> import cotree
+        >>> scene = cotree.Scene("motor")
+        >>> scene.table("torque", x=[0, 50, 100], y=[2.0, 2.5, 0.0], interpolation="monotone")
+        >>> scene.edge("rotor", "rotational_inertia", "ground", "shaft", inertia=0.1)
+        >>> scene.edge("drive", "torque_source", "ground", "shaft", torque="torque(rotor.w)")
+        """
+        given = {"x": x, "y": y, "values": values, "file": file}
+        rest = {"interpolation": interpolation, "beyond": beyond, "doc": doc}
+        stated = {key: value for key, value in given.items() if value is not None}
+        scene = cast("SceneDescription", self)
+        add_table(scene, name, {**stated, **rest}, lambda path: read_text(path, LARGEST_POINTS))
+
+
+def add_table(
+    scene: SceneDescription, name: str, given: Mapping[str, Any], read: Callable[[Any], str]
+) -> None:
+    """Add a table to a scene.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    name : str
+        The name of the table.
+    given : mapping
+        Its entries, as of :meth:`TableMethods.table`.
+    read : callable
+        Gives the text of a file that it names.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        As of :meth:`TableMethods.table`.
+    """
+    check_name("table", name)
+    whose = f"table '{name}'"
+    if name in FUNCTIONS or name == WHERE or name in RESERVED:
+        raise SceneError(f"{whose} has the name of a function of expressions: rename it")
+    if name in scene.tables:
+        raise SceneError(f"the name of {whose} is taken: every table needs its own")
+    check_known(given, _ENTRIES, f"{whose} has no entry")
+    rest = dict(given)
+    doc = check_text(rest.pop("doc", ""), f"doc of {whose}")
+    file = rest.pop("file", None)
+    if file is not None:
+        if stated := [key for key in ("x", "y", "values") if key in rest]:
+            raise SceneError(f"{whose} has both a file and '{stated[0]}': give one of them")
+        text = read(file)
+        rest["x"], y, values = read_points(text, Path(file).name, whose)
+        rest |= {"values": values} if y is None else {"y": y, "values": values}
+    elif "x" not in rest or not ("y" in rest or "values" in rest):
+        raise SceneError(f"{whose} needs 'x' and its values, or 'file'")
+    x, y, values = (rest.pop(key, None) for key in ("x", "y", "values"))
+    scene.tables[name] = make_lookup(name, x, y, values, **rest, doc=doc)
