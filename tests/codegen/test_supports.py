@@ -16,6 +16,7 @@ from cotree.codegen import maps
 from cotree.codegen.column_storage import own_rows
 from cotree.codegen.maps import map_context
 from cotree.codegen.render import render
+from cotree.codegen.targets import DOUBLE
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
 from cotree.program.column_grouping import gather_columns
@@ -60,7 +61,7 @@ def _library(run_compiler, linear, node):
     parts += [heads, "#define TARGET", "#define LEAVE (void)0"]
     model = SimpleNamespace(
         title="m", generator="", digest="", prefix="m", packs_sines=False,
-        maps=[map_context(node, "map")],
+        maps=[map_context(node, "map", DOUBLE)],
     )  # fmt: skip
     text = render("c/vectors.h.jinja", model=model)
     for n in WIDTHS:

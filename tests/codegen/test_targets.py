@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from cotree.codegen.blocks import Blocks
 from cotree.codegen.expressions import Affine, apply, element, named, number, temporary, whole
 from cotree.codegen.node_statements import print_nodes
@@ -20,8 +22,9 @@ from cotree.codegen.statements import (
     n_operations,
     uses,
 )
-from cotree.codegen.targets import DOUBLE, LANES, Target
+from cotree.codegen.targets import DOUBLE, LANES, SINGLE, Target
 from cotree.dag.nodes import Dag
+from cotree.errors import CodegenError
 
 FLOAT = Target(real="float", scalar="float", suffix="f")
 
@@ -82,3 +85,19 @@ def test_places_of_loops_stand_in_parentheses_only_where_they_must():
     # negated.
     assert n_operations([loop]) == 1 + 2 + (2 + 1 + 1)
     assert uses(loop) == {"x", "y"}
+
+
+def test_coefficients_are_decimals_or_quotients_of_the_type():
+    assert DOUBLE.constant("19372.0 / 6561.0") == "19372.0 / 6561.0"
+    assert SINGLE.constant("19372.0 / 6561.0") == "19372.0f / 6561.0f"
+    assert SINGLE.lanes.literal(-0.5) == "-0.5f"
+
+
+@pytest.mark.parametrize("value", [1e39, -1e-39])
+def test_numbers_beyond_the_range_of_the_type_are_refused(value):
+    row = Assign((temporary("v", 0),), number(value))
+    table = ConstantTable("c_0", SCALAR, (value,))
+    assert _lines(DOUBLE, row, table)[0] == f"const double v0 = {value!r};"
+    for statement in (row, table):
+        with pytest.raises(CodegenError, match="is beyond the range of float"):
+            _lines(SINGLE, statement)

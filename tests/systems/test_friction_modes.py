@@ -22,7 +22,8 @@ def pushed(push, **friction):
 
 def test_friction_that_is_less_at_rest_than_in_sliding_has_no_mode_between_the_two():
     scene = pushed("1.5*t", force=2.0, breakaway=1.0)
-    with pytest.warns(RuntimeWarning, match="friction or rigid stops of 'R' have no modes that agree"):
+    told = "friction or rigid stops of 'R' have no modes that agree"
+    with pytest.warns(RuntimeWarning, match=told):
         result = scene.compile().simulate((0, 2), **TIGHT)
     assert not result.success
     assert abs(result.t[-1] - 1 / 1.5) <= CLOSE

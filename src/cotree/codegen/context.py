@@ -10,7 +10,7 @@ from cotree.codegen.column_storage import own_rows
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.maps import MapContext, constant_columns, map_context
 from cotree.codegen.node_statements import SINES
-from cotree.codegen.printing import Body, Constants, literal, wrapped
+from cotree.codegen.printing import Body, Constants, wrapped
 from cotree.codegen.result_offsets import name_starts
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.traverse import reachable
@@ -138,7 +138,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     columns = {
         node: table
         for i, node in enumerate(maps)
-        if (table := constant_columns(node, f"cotree_columns{i}"))
+        if (table := constant_columns(node, f"cotree_columns{i}", target))
     }
     present = [k for k in program.kernels.values() if k.is_present]
     packs_sines = any(node.op == "sines" for node in nodes)
@@ -149,7 +149,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
-    contexts = [map_context(applied[rows], name) for rows, name in functions_of.items()]
+    contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
     # Kernels come in the order of the registry: one that calls another comes behind it, and knows
     # the bytes of its stack.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
@@ -158,7 +158,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         kernels.append(own)
         called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
     return ModelContext(
-        **file_fields(layout.name, nodes, kernels),
+        **file_fields(layout.name, nodes, kernels, target=target),
         target=target,
         name_literal=c_string(layout.name),
         upper=prefix.upper(),
@@ -180,7 +180,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         sensitivities=list(layout.sensitivities),
         sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
         guard_literals=[f"{c_string(guard.what + guard.source)}," for guard in program.guards],
-        parameter_values=wrapped(map(literal, layout.parameter_values)),
+        parameter_values=wrapped(map(target.literal, layout.parameter_values)),
         enums=_enums(prefix.upper(), layout),
         column_starts=wrapped(map(str, layout.column_starts)),
         row_indices=wrapped(map(str, layout.row_indices)),

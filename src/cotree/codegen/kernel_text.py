@@ -10,7 +10,7 @@ from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.expressions import Affine, call, element, named, whole
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import Printed, is_written_out, print_nodes
-from cotree.codegen.printing import Body, Constants, function_head, literal, print_body, wrapped
+from cotree.codegen.printing import Body, Constants, function_head, print_body, wrapped
 from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
 from cotree.codegen.statements import Argument, Array, Assign, LeaveUnless, Loop
@@ -82,10 +82,11 @@ class KernelFile:
         return sum(n for body in self.bodies for n in body.written)
 
 
-def _written_table(table: Table | LookupData, name: str) -> Iterator[Constants]:
+def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
     """Write the arguments and the values of a table."""
     for axis, values in table.arrays.items():
-        yield Constants("double", f"{name}_{axis}", len(values), wrapped(map(literal, values)))
+        lines = wrapped(map(target.literal, values))
+        yield Constants(target.scalar, f"{name}_{axis}", len(values), lines)
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
@@ -95,7 +96,11 @@ def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
 
 
 def file_fields(
-    title: str, nodes: Sequence[Node], kernels: list[KernelContext], further: Sequence[str] = ()
+    title: str,
+    nodes: Sequence[Node],
+    kernels: list[KernelContext],
+    further: Sequence[str] = (),
+    target: Target = DOUBLE,
 ) -> dict[str, Any]:
     """Gather the fields of :class:`KernelFile`.
 
@@ -109,6 +114,8 @@ def file_fields(
         The kernels.
     further : sequence of str
         Other lines of the file that its digest is to follow.
+    target : Target
+        The type of the numbers in tables.
     """
     lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)]
     solved = [node for node in nodes if node.op == "solve"]
@@ -121,7 +128,11 @@ def file_fields(
         "uses_solve": bool(solved),
         "scales_solve": any(map(sizes_of, solved)),
         "definite_sizes": sorted({node.data.size for node in solved if is_written_out(node)}),
-        "tables": [row for pair in name_tables(nodes).items() for row in _written_table(*pair)],
+        "tables": [
+            row
+            for table, name in name_tables(nodes).items()
+            for row in _written_table(table, name, target)
+        ],
         "lookups": sorted({table.function for table in name_tables(nodes)}),
         "functions": sorted({node.data.name for node in nodes if isinstance(node.data, Function)}),
         "kernels": kernels,

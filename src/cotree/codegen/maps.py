@@ -11,7 +11,7 @@ from cotree.codegen.column_storage import OwnRows, own_rows
 from cotree.codegen.expressions import call, element, named, whole, zero
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import print_nodes, symbol
-from cotree.codegen.printing import Body, Constants, literal, print_body, wrapped
+from cotree.codegen.printing import Body, Constants, print_body, wrapped
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import VECTOR, n_bytes
 from cotree.codegen.statements import (
@@ -23,7 +23,6 @@ from cotree.codegen.statements import (
     function_of,
     uses,
 )
-from cotree.codegen.targets import LANES
 from cotree.dag.linear_map import BLOCK
 from cotree.program.cost_model import bounds, by_need
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.codegen.expressions import CExpression
+    from cotree.codegen.targets import Target
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
@@ -97,7 +97,7 @@ class _Cut:
     n_together: int = 1
 
 
-def map_context(node: Node, name: str) -> MapContext:
+def map_context(node: Node, name: str, target: Target) -> MapContext:
     """Gather what the templates need of one map.
 
     Parameters
@@ -106,6 +106,8 @@ def map_context(node: Node, name: str) -> MapContext:
         An application of the map.
     name : str
         Its name in C.
+    target : Target
+        The type of its numbers, one at a time.
     """
     linear: LinearMap = node.data
     own = own_rows(node)
@@ -135,7 +137,7 @@ def map_context(node: Node, name: str) -> MapContext:
         n_own=own.n_rows,
         n_results=n_results,
         block=BLOCK,
-        body=print_body(blocks, LANES),
+        body=print_body(blocks, target.lanes),
         n_crossing=cut.n_crossing,
         n_together=cut.n_together,
         n_guards=n_guards,
@@ -146,14 +148,15 @@ def map_context(node: Node, name: str) -> MapContext:
     )
 
 
-def constant_columns(node: Node, name: str) -> Constants | None:
+def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
     """Write the values that columns do not share as a table; None where one must be computed."""
     rows = own_rows(node)
     values = rows.values(node)
     if any(value.value is None for value in values.values()):
         return None
-    items = [f"[{i}] = {literal(value.value or 0.0)}" for i, value in sorted(values.items())]
-    return Constants("double", name, rows.length, wrapped(items or ["0.0"]))
+    spelt = {i: target.literal(value.value or 0.0) for i, value in sorted(values.items())}
+    items = [f"[{i}] = {text}" for i, text in spelt.items()] or [target.literal(0.0)]
+    return Constants(target.scalar, name, rows.length, wrapped(items))
 
 
 def _is_waiting(linear: LinearMap) -> bool:

@@ -114,7 +114,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     """
     layout, prefix = program.layout, c_identifier(program.layout.name)
     plan = program.elimination
-    elimination = None if plan is None else _elimination_context(plan)
+    elimination = None if plan is None else _elimination_context(plan, target)
     curvature = form_curvature(program)
     slope = form_time_slope(program)
     made = [slope] if slope is not None else []
@@ -130,7 +130,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
         further += [line for table in elimination.tables for line in table.lines]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
-        **file_fields(layout.name, nodes, kernels, further),
+        **file_fields(layout.name, nodes, kernels, further, target),
         target=target,
         elimination=elimination,
         is_autonomous=kinds_in(rates).isdisjoint((TIME, INPUT)),
@@ -146,7 +146,7 @@ def is_unrolled(plan: Elimination) -> bool:
     return plan.n_operations <= _LONGEST
 
 
-def _elimination_context(plan: Elimination) -> EliminationContext:
+def _elimination_context(plan: Elimination, target: Target) -> EliminationContext:
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(
@@ -156,22 +156,22 @@ def _elimination_context(plan: Elimination) -> EliminationContext:
         is_unrolled=lines,
         reads_values=any(entry.value >= 0 for entry in plan.factors),
         reads_shift=any(entry.has_shift for entry in plan.factors),
-        factor=_factor(plan) if lines else nothing,
-        solve=_solve(plan) if lines else nothing,
+        factor=_factor(plan, target) if lines else nothing,
+        solve=_solve(plan, target) if lines else nothing,
         tables=[] if lines else elimination_tables(plan),
     )
 
 
-def _factor(plan: Elimination) -> Body:
+def _factor(plan: Elimination, target: Target) -> Body:
     """Write the factors as straight-line code, cut into blocks where they are many."""
     given = [Argument("v"), Argument("shift", is_array=False), Argument("f", is_constant=False)]
-    return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given))
+    return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given), target)
 
 
-def _solve(plan: Elimination) -> Body:
+def _solve(plan: Elimination, target: Target) -> Body:
     """Write a solution in the same way."""
     given = [Argument("f"), Argument("b", is_constant=False)]
-    return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given))
+    return print_body(cut_into_blocks("solve_{}", _solve_rows(plan), given), target)
 
 
 def _factor_rows(plan: Elimination) -> list[Statement]:

@@ -96,11 +96,6 @@ class Constants:
     lines: list[str]
 
 
-def literal(value: float) -> str:
-    """Write a double as the shortest C literal that reads back equal."""
-    return repr(float(value))
-
-
 def print_lines(statements: Iterable[Statement], target: Target = DOUBLE) -> list[str]:
     """Print statements, each on one line or more."""
     return list(_Printer(target).lines(statements))
@@ -131,6 +126,8 @@ class _Printer:
         self._target = target
         self._formats: dict[Form, str] = {}
         self._is_in_loop = False
+        # All numbers of a program are doubles: other types may not reach them.
+        self._is_narrow = target.most_decades < DOUBLE.most_decades
 
     def lines(self, statements: Iterable[Statement]) -> Iterator[str]:
         """Print statements."""
@@ -145,10 +142,18 @@ class _Printer:
     def expression(self, expression: CExpression) -> str:
         """Print an expression."""
         text, numbers = self._format(expression.form), expression.numbers
+        if self._is_narrow:
+            self._check(expression)
         # Outside of loops all numbers are plain: the quick way for nearly all of the text.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
+
+    def _check(self, expression: CExpression) -> None:
+        """Refuse constants that the type of numbers cannot hold."""
+        for number, slot in zip(expression.numbers, expression.form.slots, strict=True):
+            if slot == "r" and isinstance(number, float):
+                self._target.checked(number)
 
     def _assign(self, row: Assign) -> str:
         to = " = ".join([self.expression(place) for place in row.to])
@@ -186,8 +191,8 @@ class _Printer:
         if isinstance(row, ConstantTable):
             kind = self._target.type_of_entry(row.kind)
             yield f"static const {kind} {row.name}[{len(row.values)}] = {{"
-            suffix = self._target.suffix if row.kind == SCALAR else ""
-            text = " ".join([f"{value}{suffix}," for value in row.values])
+            spelt = self._target.literal if row.kind == SCALAR else str
+            text = " ".join([f"{spelt(value)}," for value in row.values])
             yield from textwrap.wrap(text, 92, initial_indent=_INDENT, subsequent_indent=_INDENT)
             yield "};"
         elif isinstance(row, Loop):

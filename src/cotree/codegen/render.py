@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cotree.codegen.respelling import respelt
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
 from cotree.program.kernels import KERNELS
@@ -42,13 +41,24 @@ def template_folder() -> Path:
 
 
 @cache
-def environment(*, is_html: bool = False) -> jinja2.Environment:
-    """Give the environment that fills templates; it escapes names and texts in HTML."""
+def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Environment:
+    """Give the environment that fills templates; it escapes names and texts in HTML.
+
+    Parameters
+    ----------
+    target : Target
+        The type of numbers. Templates of C write ``{{ real }}`` for the type, ``{{ f }}`` behind
+        each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
+        in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
+        empty and the others are what they are called.
+    is_html : bool
+        Whether texts are HTML.
+    """
     import jinja2
 
     from cotree.codegen.bytecode import KeptBytecode
 
-    return jinja2.Environment(
+    made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
         # A name that a context lacks is an error, never an empty text in C.
         undefined=jinja2.StrictUndefined,
@@ -58,6 +68,18 @@ def environment(*, is_html: bool = False) -> jinja2.Environment:
         bytecode_cache=KeptBytecode("html" if is_html else "text"),
         autoescape=is_html,  # what is untrusted and goes into C was escaped in naming.py
     )
+    # In the environment, so that imported macros know them as well.
+    made.globals |= {
+        "real": target.scalar,
+        "f": target.suffix,
+        "DBL": target.limits,
+        "HUGE_VAL": target.infinity,
+        "strtod": target.reader,
+        "share": target.share,
+        "extreme": target.extreme,
+    }
+    made.filters["constant"] = target.constant
+    return made
 
 
 def render(template: str, target: Target = DOUBLE, **context: object) -> str:
@@ -68,23 +90,21 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
     template : str
         Path below the template folder.
     target : Target
-        The type of numbers. Templates are written for doubles, and ask it for tolerances and for
-        the ends of its range.
+        The type of numbers.
     **context
         Typed contexts, see :mod:`cotree.codegen.context`.
 
     Raises
     ------
     CodegenError
-        If the text grows beyond reason, or holds a constant beyond the range of the type.
+        If the text grows beyond reason, or a coefficient is beyond the range of the type.
     """
-    filled = environment().get_template(template)
-    text = filled.render(share=target.share, extreme=target.extreme, **context)
+    text = environment(target).get_template(template).render(**context)
     if len(text) > LARGEST_FILE:
         raise CodegenError(
             f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
         )
-    return respelt(text, target)
+    return text
 
 
 def abi_header(target: Target = DOUBLE) -> str:

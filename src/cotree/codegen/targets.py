@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.codegen.expressions import fields_of
 from cotree.codegen.statements import REAL, SCALAR, WHOLE
 from cotree.dag.operations import OPERATIONS
+from cotree.errors import CodegenError
 
 if TYPE_CHECKING:
     from cotree.codegen.statements import Argument
@@ -31,6 +32,12 @@ class Target:
         A zero of type ``real``.
     suffix : str
         Ending of literals and of the names of the C library's functions.
+    limits : str
+        Beginning of the names of the type's limits in ``float.h``.
+    infinity : str
+        What ``math.h`` calls a positive infinity of the type.
+    reader : str
+        Function of the C library that reads a number from text.
     function : str
         Qualifiers and result of a function that is part of another.
     name : str
@@ -63,6 +70,9 @@ class Target:
     scalar: str = "double"
     zero: str = "0.0"
     suffix: str = ""
+    limits: str = "DBL"
+    infinity: str = "HUGE_VAL"
+    reader: str = "strtod"
     function: str = "COTREE_APART static void"
     name: str = "{}"
     aligned: str = "COTREE_ALIGNED "
@@ -80,6 +90,61 @@ class Target:
     def has_lanes(self) -> bool:
         """Whether maps may compute several columns at a time: their vectors hold doubles."""
         return self.scalar != SINGLE.scalar
+
+    @property
+    def lanes(self) -> Target:
+        """The same numbers, as many at a time as a vector has lanes."""
+        return replace(
+            self,
+            real="VECTOR",
+            zero="ZERO",
+            function="TARGET COTREE_APART static void",
+            name="NAMED({})",
+        )
+
+    def literal(self, value: float) -> str:
+        """Write a number as the shortest literal that reads back equal as a double.
+
+        Raises
+        ------
+        CodegenError
+            If the type cannot hold it.
+        """
+        return repr(self.checked(float(value))) + self.suffix
+
+    def constant(self, text: str) -> str:
+        """Write a coefficient: a decimal number, or the quotient of two.
+
+        Raises
+        ------
+        CodegenError
+            If the type cannot hold one of them.
+        """
+        parts = text.split(" / ")
+        for part in parts:
+            self.checked(float(part))
+        return " / ".join(part + self.suffix for part in parts)
+
+    def checked(self, value: float) -> float:
+        """Return a number that is within the range of the type.
+
+        Raises
+        ------
+        CodegenError
+            If it is not.
+        """
+        if self.holds(value):
+            return value
+        raise CodegenError(
+            f"the number {value!r} is beyond the range of {self.scalar}: scale the units of the "
+            "scene, or write the project in double precision"
+        )
+
+    def holds(self, value: float) -> bool:
+        """Tell whether a number is within the range of the type; doubles hold all numbers."""
+        if self.most_decades == DOUBLE.most_decades or not value:
+            return True
+        return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades
 
     def share(self, tolerance: str | float) -> str:
         """Write a tolerance as the share of the type's digits that it is of those of a double.
@@ -146,17 +211,21 @@ class Target:
 DOUBLE = Target()
 #: The same in single precision.
 SINGLE = Target(
-    real="float", scalar="float", zero="0.0f", suffix="f", size=4, digits=24, most_decades=38
+    real="float",
+    scalar="float",
+    zero="0.0f",
+    suffix="f",
+    limits="FLT",
+    infinity="HUGE_VALF",
+    reader="strtof",
+    size=4,
+    digits=24,
+    most_decades=38,
 )
 #: Targets of C projects, by the type of their numbers.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
 #: Maps of columns: as many at a time as a vector has lanes, whatever their number is.
-LANES = Target(
-    real="VECTOR",
-    zero="ZERO",
-    function="TARGET COTREE_APART static void",
-    name="NAMED({})",
-)
+LANES = DOUBLE.lanes
 #: Members of an ensemble: whole kernels, a member in each lane.
 MEMBERS = Target(
     real="VECTOR",

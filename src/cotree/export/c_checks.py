@@ -105,7 +105,7 @@ def check_range(program: Program, target: Target) -> None:
     """
     layout = program.layout
     for row, value in zip(layout.parameters, layout.parameter_values, strict=True):
-        if value and not 10.0**-target.most_decades < abs(value) < 10.0**target.most_decades:
+        if not target.holds(value):
             raise CodegenError(
                 f"parameter '{row.name}' is {value:g}, beyond the range of {target.scalar}: scale "
                 "the units of the scene, or write the project in double precision"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import INTEGRATORS
-from cotree.codegen.printing import literal, wrapped
+from cotree.codegen.printing import wrapped
 from cotree.dag.stops import value_of
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_string
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cotree.codegen.fixed import FixedStep
     from cotree.codegen.rosenbrock import RosenbrockTableau
     from cotree.codegen.tableaus import Tableau
+    from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
     from cotree.model.consistent import Start
     from cotree.program import Program
@@ -189,6 +190,7 @@ def main_context(
         Whether constraints are dependent, so that rates are taken on them.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
+    target = model.target
     has_explicit = len(implicit) < len(methods)
     least = min(1.0, *sizes) if sizes else 1.0
     return MainContext(
@@ -203,24 +205,24 @@ def main_context(
         is_implicit=bool(implicit),
         has_explicit=has_explicit,
         command=command,
-        t_end=literal(numbers.t_end),
-        rtol=literal(numbers.rtol),
-        atol=literal(numbers.atol),
+        t_end=target.literal(numbers.t_end),
+        rtol=target.literal(numbers.rtol),
+        atol=target.literal(numbers.atol),
         guards=[c_string(guard.demand) for guard in program.guards],
         # Steps of one length pass over these.
-        stops=[] if numbers.step is not None else _stop_rows(program),
-        max_step=_max_step(program),
+        stops=[] if numbers.step is not None else _stop_rows(program, target),
+        max_step=_max_step(program, target),
         has_sensitivities=bool(model.sensitivities),
         seeds=_seeds(program),
-        start=[] if start is None else _lines(start.z),
+        start=[] if start is None else _lines(start.z, target),
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_events=len(program.layout.events),
         is_strict=is_strict,
-        step="" if numbers.step is None else literal(numbers.step),
+        step="" if numbers.step is None else target.literal(numbers.step),
         is_extended=has_explicit and program.can_extend and not program.layout.events,
-        sizes=_lines(sizes),
-        least_size=literal(least) if least < 1.0 else "",
+        sizes=_lines(sizes, target),
+        least_size=target.literal(least) if least < 1.0 else "",
         parameters=bool(model.parameters),
         held=_held(program, has_start=start is not None),
         digits="%.17g",
@@ -267,7 +269,7 @@ def _seeds(program: Program) -> list[int]:
     return [places.get(name, -1) for name in program.layout.sensitivities]
 
 
-def _stop_rows(program: Program) -> list[str]:
+def _stop_rows(program: Program, target: Target) -> list[str]:
     """List the times of kinks of inputs and rates, at the program's parameter values."""
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
@@ -288,15 +290,15 @@ def _stop_rows(program: Program) -> list[str]:
         slopes[1::2] = [sign * d for d in slopes[1::2]]
         # With a positive period, times that began at the first one and went back end there.
         rows.add((first, abs(period), sign * stop.starts, *slopes))
-    return [f"{{{', '.join(map(literal, row))}}}" for row in sorted(rows)]
+    return [f"{{{', '.join(map(target.literal, row))}}}" for row in sorted(rows)]
 
 
-def _max_step(program: Program) -> str:
+def _max_step(program: Program, target: Target) -> str:
     """Write the longest step at the program's parameter values; nothing if steps are unlimited."""
     longest = program.longest_step(program.layout.parameter_values)
-    return literal(longest) if math.isfinite(longest) else ""
+    return target.literal(longest) if math.isfinite(longest) else ""
 
 
-def _lines(values: Iterable[float]) -> list[str]:
-    text = " ".join(f"{literal(float(value))}," for value in values)
+def _lines(values: Iterable[float], target: Target) -> list[str]:
+    text = " ".join(f"{target.literal(value)}," for value in values)
     return textwrap.wrap(text, 96, break_long_words=False, break_on_hyphens=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from cotree.codegen.printing import literal
+from cotree.codegen.targets import DOUBLE
 from cotree.units import stated_unit
 from cotree.version import VERSION
 
@@ -261,7 +261,7 @@ def _add_unit(parent: ElementTree.Element, name: str, unit: Unit) -> None:
 
 
 def _number(value: float) -> str:
-    return literal(value).removesuffix(".0")
+    return DOUBLE.literal(value).removesuffix(".0")
 
 
 def _text(root: ElementTree.Element) -> str:

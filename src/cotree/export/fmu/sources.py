@@ -16,8 +16,9 @@ from cotree.codegen.integrators import (
 )
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.newton import newton_context, render_newton
-from cotree.codegen.printing import literal, wrapped
+from cotree.codegen.printing import wrapped
 from cotree.codegen.render import render, render_model
+from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_identifier, c_string
 from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
 from cotree.version import VERSION
@@ -206,9 +207,9 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         is_at_rest=facts.is_at_rest,
         has_sizes=bool(facts.sizes),
         n_seeds=len(layout.sensitivities),
-        rtol=literal(facts.rtol),
-        atol=literal(facts.atol),
-        span=literal(facts.t_end),
+        rtol=DOUBLE.literal(facts.rtol),
+        atol=DOUBLE.literal(facts.atol),
+        span=DOUBLE.literal(facts.t_end),
         most_steps=MOST_STEPS,
         most_events=MOST_EVENTS,
         n_stops=len(kernels.starts),
@@ -264,4 +265,4 @@ def _ints(name: str, values: Sequence[int]) -> Iterable[ArrayContext]:
 def _doubles(name: str, values: Sequence[float]) -> Iterable[ArrayContext]:
     if values:
         numbers = [v if math.isfinite(v) else 0.0 for v in values]
-        yield ArrayContext("double", name, wrapped(map(literal, numbers)), len(values))
+        yield ArrayContext("double", name, wrapped(map(DOUBLE.literal, numbers)), len(values))
