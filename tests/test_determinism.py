@@ -8,6 +8,11 @@ import sys
 
 import pytest
 
+import cotree
+from cotree.codegen.context import model_context
+from cotree.codegen.render import render_model
+from cotree.pipeline import formulate, generate
+
 _SCRIPT = """
 import hashlib
 import cotree
@@ -51,3 +56,15 @@ def test_same_bytes_twice_in_one_process(scene_name):
         return render_model(model_context(generate(equations)[0]))
 
     assert text() == text()
+
+
+def test_a_scene_formed_again_gives_the_same_text():
+    """Addresses of objects differ each time, and the order of sets with them."""
+    scene = cotree.load("resonant-circuit")
+    kept, texts = [], set()
+    for i in range(8):
+        kept.append([object() for _ in range(997 * i % 5000)])
+        equations = formulate(scene, list(scene.parameters), None)[1]
+        files = render_model(model_context(generate(equations)[0]))
+        texts.add("".join(files.values()))
+    assert len(texts) == 1

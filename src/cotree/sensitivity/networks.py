@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.derivative import tangents
@@ -87,7 +88,8 @@ class _Seeds:
             return {}
         # Directions in which some symbol of the field changes, with the tangents of these symbols.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        for symbol in self.support.of(node):
+        # A set has an order of its own each time, and the order of directions decides the text.
+        for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
         found = {i: tangents([node], seed)[0] for i, seed in touched.items()}
