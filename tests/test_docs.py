@@ -144,7 +144,7 @@ def test_the_events_on_the_scene_page_run():
     np.testing.assert_allclose(result.events["hit"].t, times, atol=1e-9)
     slopes = [0.0, 2 * np.sqrt(4 / 9.81)]
     np.testing.assert_allclose(result.event_sensitivity("hit", "e"), slopes, atol=1e-9)
-    table = blocks(SCENES, "toml")[2]
+    table = next(text for text in blocks(SCENES, "toml") if "[events" in text)
     head = 'name = "x"\n[parameters]\ne = 0.5\n[edges.b]\ntype = "rigid_body"\nmass = 1.0\n'
     body = 'nodes = ["ground", "B"]\n[edges.j]\ntype = "prismatic"\nnodes = ["ground", "B"]\n'
     scene = read_scene(f"{head}{body}axis = [0, 0, 1]\n{table}", "x.toml", Scene)

@@ -48,6 +48,8 @@ def is_turning(name):
 
 def given(name):
     fields = {row.name: FIELDS[row.name] for row in COMPONENTS[name].fields if row.required}
+    if name.endswith("_rigid_stop"):
+        fields["upper"] = 0.9  # beyond the start
     if name.endswith("_backlash"):
         fields |= {"lower": FIELDS["lower"], "upper": FIELDS["upper"]}
     return {"stiffness": "k", **fields} if name.endswith("_spring") else fields
@@ -82,7 +84,7 @@ def in_a_graph(name):
         )
     )
     scene.edge("M", kind, "ground", "A", initial={rate: 1.0}, **{field: "m"})
-    stretched = COMPONENTS[name].ports[0].kind is Kind.SPRING or name == "shaft"
+    stretched = COMPONENTS[name].ports[0].kind in (Kind.SPRING, Kind.STOP) or name == "shaft"
     initial = {integral: 0.5} if stretched else None
     scene.edge("e", name, "ground", "A", initial=initial, **given(name))
     return scene

@@ -522,7 +522,7 @@ def test_circuits_that_are_refused(edges, message):
 
 def test_lists_of_a_piecewise_source_are_checked():
     scene = Scene("piecewise")
-    with pytest.raises(ModelError, match="needs x that increase"):
+    with pytest.raises(ModelError, match="must ascend: number 3 is 1, after 1"):
         scene.edge("V", "piecewise_voltage", "a", "ground", times=[0, 1, 1], values=[1, 2, 3])
     with pytest.raises(SceneError, match="needs the field 'values'"):
         scene.edge("V", "piecewise_voltage", "a", "ground", times=[0, 1])
