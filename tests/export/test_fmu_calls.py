@@ -150,9 +150,16 @@ def _run(program: Path, first: int, n: int) -> None:
     [
         ("bouncing-ball", 3, 20),
         *(
-            pytest.param(name, version, 1000, marks=pytest.mark.slow)
+            # A robot's evaluations take most of the time of all.
+            pytest.param(
+                name, version, 200 if name == "robot-arm" else 1000, marks=pytest.mark.slow
+            )
             for name in SCENES
             for version in (3, 2)
+        ),
+        *(
+            pytest.param("robot-arm", v, 1000, marks=[pytest.mark.slow, pytest.mark.campaign])
+            for v in (3, 2)
         ),
     ],
 )
