@@ -295,7 +295,7 @@ def _drive(line, name, node, own, rng):
 
 @dataclass
 class Tally:
-    """What was seen over many runs.
+    """Sums and extremes over many runs.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, Plane, Role, Shape, optional
-from cotree.components.law import Law
+from cotree.components.law import Law, law_symbol
 from cotree.components.ports import scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal, Touch
 from cotree.errors import SceneError
@@ -44,6 +44,11 @@ SHAPES = (
     ),
 )
 
+#: How rough the surfaces are.
+FRICTION = optional(
+    "friction", "1", "coefficient of friction; none where left out", None, "nonnegative"
+)
+
 #: The part of a contact that belongs to the multibody system.
 GEOMETRY = Component(
     "contact_geometry",
@@ -52,12 +57,6 @@ GEOMETRY = Component(
     SHAPES,
     keeps_plane=Plane(within=("normal",), along=("axis",)),
 )
-
-
-def _symbol(name: str) -> Any:
-    import sympy
-
-    return sympy.Symbol(name, real=True)
 
 
 def spots_of(edge: str, given: Given) -> int:
@@ -138,8 +137,16 @@ def _is_written_zero(edge: Any) -> bool:
         return False
 
 
-def _suffix(spot: int, n_spots: int) -> str:
+def suffix_of(spot: int, n_spots: int) -> str:
+    """Give the ending of the names of a place's ports: none where there is one place."""
     return f"_{spot + 1}" if n_spots > 1 else ""
+
+
+def geometry_of(given: Given) -> Component:
+    """Give the part of a contact that belongs to the multibody system, by its fields."""
+    # A force through the second node leaves its rotation alone.
+    is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
+    return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
 def directions_of(given: Given) -> int:
@@ -167,26 +174,26 @@ class _Pushing:
         """
         import sympy
 
-        depth = sympy.Max(-_symbol("stretch"), 0)
-        share = 1 - sympy.Rational(3, 2) * _symbol("dissipation") * _symbol("across")
+        depth = sympy.Max(-law_symbol("stretch"), 0)
+        share = 1 - sympy.Rational(3, 2) * law_symbol("dissipation") * law_symbol("across")
         # Far below rounding, the offset keeps second derivatives finite while the gap is open.
         power = depth * (depth + _OFFSET) ** (self._exponent - 1)
-        return _symbol("stiffness") * power * sympy.Max(share, 0)
+        return law_symbol("stiffness") * power * sympy.Max(share, 0)
 
     def _rub(self, normal: str, slides: tuple[str, ...]) -> Any:
         import sympy
 
         # Regularised: the friction of each direction is smooth about rest.
-        squares = sum(_symbol(f"across_{other}") ** 2 for other in slides)
-        speed = sympy.sqrt(squares + _symbol("transition") ** 2)
-        return -_symbol(f"through_{normal}") * _symbol("friction") / speed
+        squares = sum(law_symbol(f"across_{other}") ** 2 for other in slides)
+        speed = sympy.sqrt(squares + law_symbol("transition") ** 2)
+        return -law_symbol(f"through_{normal}") * law_symbol("friction") / speed
 
     def ports(self, n_spots: int) -> tuple[Terminal, ...]:
         """Make the ports of all places."""
         push = Law.formed_by(lambda: -self._push())
         found = []
         for spot in range(n_spots):
-            end = _suffix(spot, n_spots)
+            end = suffix_of(spot, n_spots)
             normal = f"normal{end}"
             gap = Touch(spot, "gap")
             found.append(
@@ -202,7 +209,7 @@ class _Pushing:
         names = tuple(f"slide{i + 1}{end}" for i in range(self._n_directions))
 
         def law(own: str) -> Law:
-            return Law.formed_by(lambda: self._rub(normal, names) * _symbol(f"across_{own}"))
+            return Law.formed_by(lambda: self._rub(normal, names) * law_symbol(f"across_{own}"))
 
         return [
             Terminal(
@@ -217,9 +224,9 @@ class _Pushing:
         ]
 
 
-def _forces(n_spots: int) -> tuple[PortMeasure, ...]:
+def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
     """Sum what pushes, over all places."""
-    terms = tuple((-1, "through", f"normal{_suffix(i, n_spots)}") for i in range(n_spots))
+    terms = tuple((-1, "through", f"normal{suffix_of(i, n_spots)}") for i in range(n_spots))
     return (PortMeasure("force", "N", terms),)
 
 
@@ -242,14 +249,11 @@ def _exponent(edge: str, given: Given) -> Any:
 def _adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     pushing = _Pushing(_exponent(edge, given), directions_of(given), has_friction)
-    # A force through the second node leaves its rotation alone.
-    is_central = not has_friction and not given.keys() & {"axis", "size", "semiaxes"}
-    touches = replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
     own = replace(
         CONTACT,
         ports=pushing.ports(n_spots),
-        measures=_forces(n_spots),
-        geometry=touches,
+        measures=pushes(n_spots),
+        geometry=geometry_of(given),
     )
     return own, nodes, {name: value for name, value in given.items() if name != "exponent"}
 
@@ -262,7 +266,7 @@ _LAWS = (
     optional(
         "dissipation", "s/m", "loss in proportion to the speed of approach", 0.0, "nonnegative"
     ),
-    optional("friction", "1", "coefficient of friction; none where left out", None, "nonnegative"),
+    FRICTION,
     optional("transition", "m/s", "speed below which friction sets in", 1e-3, "positive"),
 )
 
@@ -273,7 +277,7 @@ CONTACT = scalar(
     *_Pushing(1.5, 2, True).ports(1),
     adapt=_adapt,
     geometry=GEOMETRY,
-    measures=_forces(1),
+    measures=pushes(1),
 )
 
 COMPONENTS = (CONTACT,)

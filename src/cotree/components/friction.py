@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Component, Field, optional, value
-from cotree.components.law import Law
+from cotree.components.law import Law, law_symbol
 from cotree.components.ports import ideal_coupling, scalar
 from cotree.components.terminal import Friction, Integral, Kind, Terminal
 from cotree.domains import DOMAINS
@@ -23,12 +23,6 @@ if TYPE_CHECKING:
 
 #: Takes names of fields to their SymPy symbols, and gives an expression.
 _Expression = Callable[[Callable[[str], Any]], Any]
-
-
-def _symbol(name: str) -> Any:
-    import sympy
-
-    return sympy.Symbol(name, real=True)
 
 
 def _is_positive(given: object) -> bool:
@@ -74,10 +68,10 @@ class _Rubbing:
             return sympy.Max(force, 0)
 
         def sliding() -> Any:
-            return pressed(self.force(_symbol))
+            return pressed(self.force(law_symbol))
 
         def holding() -> Any:
-            return pressed(self.raised(_symbol)) if self.peak in given else sliding()
+            return pressed(self.raised(law_symbol)) if self.peak in given else sliding()
 
         def dry() -> Any:
             if "stribeck_speed" not in given:
@@ -86,11 +80,11 @@ class _Rubbing:
 
             # From the force at rest down to that of sliding (L. C. Bo, D. Pavelescu, Wear 82 (1982)
             # 277, with the exponent two).
-            share = sympy.exp(-((_symbol("across") / _symbol("stribeck_speed")) ** 2))
+            share = sympy.exp(-((law_symbol("across") / law_symbol("stribeck_speed")) ** 2))
             return sliding() + (holding() - sliding()) * share
 
         def viscous() -> Any:
-            return _symbol("damping") * _symbol("across") if "damping" in given else 0
+            return law_symbol("damping") * law_symbol("across") if "damping" in given else 0
 
         is_engaged = all(_is_positive(given.get(name)) for name in self.factors)
         friction = Friction(
@@ -198,13 +192,13 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
     def rate() -> Any:
         import sympy
 
-        v, sliding, most = _symbol("across"), _symbol(force), _symbol("breakaway")
-        level = sliding + (most - sliding) * sympy.exp(-((v / _symbol("stribeck_speed")) ** 2))
-        return v - _symbol("stiffness") * sympy.Abs(v) * _symbol("stretch") / level
+        v, sliding, most = law_symbol("across"), law_symbol(force), law_symbol("breakaway")
+        level = sliding + (most - sliding) * sympy.exp(-((v / law_symbol("stribeck_speed")) ** 2))
+        return v - law_symbol("stiffness") * sympy.Abs(v) * law_symbol("stretch") / level
 
     def through() -> Any:
-        bent = _symbol("stiffness") * _symbol("stretch") + _symbol("damping") * rate()
-        return bent + _symbol("viscous") * _symbol("across")
+        bent = law_symbol("stiffness") * law_symbol("stretch") + law_symbol("damping") * rate()
+        return bent + law_symbol("viscous") * law_symbol("across")
 
     speed_unit, slope_unit = f"{length}/s", f"{force_unit} s/{length}"
     port = Terminal(
@@ -235,21 +229,21 @@ def _toothed(given: Given) -> Component:
     """
 
     def passed() -> Any:
-        return _symbol("through_input")
+        return law_symbol("through_input")
 
     def drives(way: int) -> Any:
-        e = _symbol("efficiency")
+        e = law_symbol("efficiency")
         return (passed() * (1 - e) + way * bearing()) / e
 
     def driven(way: int) -> Any:
-        f = _symbol("back_efficiency" if "back_efficiency" in given else "efficiency")
+        f = law_symbol("back_efficiency" if "back_efficiency" in given else "efficiency")
         return passed() * (f - 1) + way * f * bearing()
 
     def bearing() -> Any:
-        return _symbol("torque") if "torque" in given else 0
+        return law_symbol("torque") if "torque" in given else 0
 
     def sliding(way: int) -> Any:
-        own = (1 + way * _symbol("side")) / 2
+        own = (1 + way * law_symbol("side")) / 2
         return own * drives(way) + (1 - own) * driven(way)
 
     def limit(way: int) -> Any:
@@ -263,7 +257,7 @@ def _toothed(given: Given) -> Component:
         backward=Law.formed_by(lambda: sliding(-1)),
         upper=Law.formed_by(lambda: limit(1)),
         lower=Law.formed_by(lambda: limit(-1)),
-        load=Law.formed_by(lambda: passed() + _symbol("through")),
+        load=Law.formed_by(lambda: passed() + law_symbol("through")),
     )
     ideal = ideal_coupling("", "", _RATIO, ("rotational", "input"), ("rotational", "output"))
     ports = tuple(replace(p, between=(p.port, "ground")) for p in ideal.ports)

@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
 
 
+def law_symbol(name: str) -> Any:
+    """Make the SymPy symbol of an argument of laws; SymPy is not imported before."""
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
 @dataclass(frozen=True)
 class Law:
     """A scalar law.

@@ -74,7 +74,7 @@ class PortMeasure:
 
 @dataclass(frozen=True)
 class Touch:
-    """What a port of a contact acts along, at one of the places that may touch.
+    """The direction that a port of a contact acts along, at one of the places that may touch.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _Method = TypeVar("_Method", bound="Callable[..., Any]")
 
 
 class Callee(Protocol):
-    """What an expression may call beside the functions of its grammar."""
+    """A function that an expression may call beside those of its grammar."""
 
     @property
     def n_arguments(self) -> int:
