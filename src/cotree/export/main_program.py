@@ -18,6 +18,7 @@ from cotree.codegen.printing import wrapped
 from cotree.dag.stops import value_of
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_string
+from cotree.solvers.budgets import MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -120,6 +121,8 @@ class MainContext:
     held : list of str
         Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
         where they depend on none.
+    most_steps : int
+        Steps that a run takes at most without an event or a stop.
     digits : str
         Format of a number in tables.
     """
@@ -155,6 +158,7 @@ class MainContext:
     parameters: bool
     held: list[str]
     digits: str
+    most_steps: int
 
 
 def main_context(
@@ -226,6 +230,7 @@ def main_context(
         parameters=bool(model.parameters),
         held=_held(program, has_start=start is not None),
         digits="%.17g",
+        most_steps=MOST_STEPS,
     )
 
 

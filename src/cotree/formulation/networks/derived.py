@@ -10,16 +10,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Kind
-from cotree.components.law import Law
+from cotree.components.law import Law, law_symbol
 
 if TYPE_CHECKING:
     from cotree.components import Terminal
-
-
-def _symbol(name: str) -> Any:
-    import sympy
-
-    return sympy.Symbol(name, real=True)
 
 
 def _or_zero(law: Law | None) -> Any:
@@ -61,7 +55,7 @@ def linear_content(terminal: Terminal) -> Law | None:
     # A loss that contains rates stores something itself, so that the content is not all there is.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
-    return Law.of(terminal.storage.expression * _symbol("across" if is_across else "through"))
+    return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
 
 
 def _stored(terminal: Terminal, is_across: bool) -> Any:
@@ -70,14 +64,14 @@ def _stored(terminal: Terminal, is_across: bool) -> Any:
         return rate_of(terminal.content).expression + loss
     assert terminal.storage is not None
     # A linear storage: capacity * rate of across, or inertance * rate of through, plus its loss.
-    rate = _symbol("across_rate" if is_across else "through_rate")
+    rate = law_symbol("across_rate" if is_across else "through_rate")
     return terminal.storage.expression * rate + loss
 
 
 def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
     if is_across:
-        return _symbol("through"), _or_zero(terminal.through)
-    return _symbol("across"), _or_zero(terminal.across)
+        return law_symbol("through"), _or_zero(terminal.through)
+    return law_symbol("across"), _or_zero(terminal.across)
 
 
 @lru_cache(maxsize=1024)
@@ -85,19 +79,19 @@ def across_residual(terminal: Terminal) -> Law:
     """Give the equation of a branch whose across variable is unknown."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
         # Symmetric, where the laws are.
-        return Law.of(terminal.through.expression - _symbol("through"))
+        return Law.of(terminal.through.expression - law_symbol("through"))
     assert terminal.across is not None
     # The variable less its law, with the slope one where the law does not depend on it.
-    return Law.of(_symbol("across") - terminal.across.expression)
+    return Law.of(law_symbol("across") - terminal.across.expression)
 
 
 @lru_cache(maxsize=1024)
 def through_residual(terminal: Terminal) -> Law:
     """Give the equation of a chord whose through variable is unknown."""
     if terminal.through is not None:
-        return Law.of(_symbol("through") - terminal.through.expression)
+        return Law.of(law_symbol("through") - terminal.through.expression)
     assert terminal.across is not None
-    return Law.of(terminal.across.expression - _symbol("across"))
+    return Law.of(terminal.across.expression - law_symbol("across"))
 
 
 @lru_cache(maxsize=1024)
@@ -108,21 +102,21 @@ def friction_residual(terminal: Terminal) -> Law:
     """
     assert terminal.friction is not None
     own = terminal.friction
-    through, mode = _symbol("through"), _symbol(f"mode{own.suffix}")
+    through, mode = law_symbol("through"), law_symbol(f"mode{own.suffix}")
     struck = impulse = 0
     if own.presser:
         # While it is free, it is the force: the engine asks in this way what a force does.
-        impulse = _symbol(f"impulse{own.suffix}")
+        impulse = law_symbol(f"impulse{own.suffix}")
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
     # The sign makes the slope by through positive in every mode: through slows the motion down.
     return Law.of(
-        -stuck * _symbol("across_rate")
+        -stuck * law_symbol("across_rate")
         + forward * (through - own.forward.expression)
         + backward * (through - own.backward.expression)
         + free * (through - impulse)
-        + struck * (impulse - _symbol("across_rate"))
+        + struck * (impulse - law_symbol("across_rate"))
     )
 
 
@@ -136,13 +130,13 @@ def stop_residual(terminal: Terminal) -> Law:
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
-    mode, through = _symbol(f"mode{suffix}"), _symbol("through")
+    mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
     # One in their modes and zero in the others, exactly.
     free = (1 - mode**2) * (4 - mode**2) / 4
     held = mode**2 * (4 - mode**2) / 3
     struck = mode**2 * (mode**2 - 1) / 12
-    wanted = struck * _symbol(f"impulse{suffix}")
-    return Law.of(free * through + wanted - (held + struck) * _symbol("across_rate"))
+    wanted = struck * law_symbol(f"impulse{suffix}")
+    return Law.of(free * through + wanted - (held + struck) * law_symbol("across_rate"))
 
 
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
@@ -178,7 +172,7 @@ def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
 def spring_residual(terminal: Terminal) -> Law:
     """Form the rate of a spring's through variable by its law, less that by the f-cutset."""
     assert terminal.through is not None
-    return Law.of(rate_of(terminal.through).expression - _symbol("through_rate"))
+    return Law.of(rate_of(terminal.through).expression - law_symbol("through_rate"))
 
 
 @lru_cache(maxsize=1024)
@@ -186,7 +180,7 @@ def spring_rate(terminal: Terminal) -> Law:
     """Solve the differentiated law of a linear spring for the rate of its stretch."""
     assert terminal.storage is not None
     # The differentiated law is affine in the rate of the stretch, with the same slope k.
-    at_rest = spring_residual(terminal).expression.subs(_symbol("stretch_rate"), 0)
+    at_rest = spring_residual(terminal).expression.subs(law_symbol("stretch_rate"), 0)
     return Law.of(-at_rest / terminal.storage.expression)
 
 
@@ -196,14 +190,14 @@ def spring_stretch(terminal: Terminal) -> Law:
     assert terminal.through is not None
     assert terminal.storage is not None
     # The law is affine in the stretch: f = f0 + k s, where ``storage`` holds k.
-    unstretched = terminal.through.expression.subs(_symbol("stretch"), 0)
-    return Law.of((_symbol("through") - unstretched) / terminal.storage.expression)
+    unstretched = terminal.through.expression.subs(law_symbol("stretch"), 0)
+    return Law.of((law_symbol("through") - unstretched) / terminal.storage.expression)
 
 
 @lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
     """Form the residual of an explicit law: the variable less the law."""
-    return Law.of(_symbol(name) - law.expression)
+    return Law.of(law_symbol(name) - law.expression)
 
 
 @lru_cache(maxsize=1024)
@@ -213,7 +207,7 @@ def rate_of(law: Law) -> Law:
 
     total = sympy.Integer(0)
     for name, partial in law.partials.items():
-        total += partial * _symbol(rate_name(name))
+        total += partial * law_symbol(rate_name(name))
     return Law.of(total)
 
 
