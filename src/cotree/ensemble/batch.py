@@ -114,22 +114,34 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> 
     """Let workers run members until none is left, or the ensemble is stopped."""
     if stop is not None and stop.is_set():
         members.stop()
-    if len(workers) == 1:
-        _drive_here(workers[0], members, stop)
-        return
     errors: list[BaseException] = []
 
     def work(worker: Worker) -> None:
         try:
-            while worker.go_on():
+            while worker.go_on(_GLANCE):
                 pass
         except BaseException as error:
             errors.append(error)
             members.stop()
 
-    threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
+    # This thread works, too: where it only waited, systems would begin two others on one core and
+    # move one of them some milliseconds later.
+    threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:
         thread.start()
+    try:
+        _drive_here(workers[0], members, stop)
+    except BaseException:
+        members.stop()
+        raise
+    finally:
+        _await(threads, members, stop)
+    if errors:
+        raise errors[0]
+
+
+def _await(threads: Sequence[threading.Thread], members: BlockInC, stop: Event | None) -> None:
+    """Wait until other threads have ended their work."""
     for thread in threads:
         while thread.is_alive():
             try:
@@ -138,8 +150,6 @@ def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> 
                     members.stop()
             except KeyboardInterrupt:
                 _stop(members, stop)
-    if errors:
-        raise errors[0]
 
 
 def _drive_here(worker: Worker, members: BlockInC, stop: Event | None) -> None:

@@ -72,13 +72,13 @@ class Worker:
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
             self._make_room()
 
-    def go_on(self, glance: float = 0.0) -> bool:
+    def go_on(self, glance: float) -> bool:
         """Run members until something is to be done here, or for some time; tell if any is left.
 
         Parameters
         ----------
         glance : float
-            That time, [s]; zero for as long as there are members.
+            That time, [s]; the same for all workers of a batch.
         """
         c, members = self._worker, self._members
         members.batch.glance = glance

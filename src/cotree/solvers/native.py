@@ -38,7 +38,7 @@ _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
 # Time that C runs before Python regains control, [s], and the number of steps it begins with: few,
 # since steps of a large model may take milliseconds each.
-_GLANCE, _FIRST_STEPS = 0.1, 20
+_GLANCE, _FIRST_STEPS = 0.1, 100
 
 
 def check_available(method: str) -> None:
