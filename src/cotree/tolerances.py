@@ -54,6 +54,9 @@ class Limits(NamedTuple):
     #: reads are kept below so many tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
+    #: Planned pivots do where they solve a system that differs from the true one by at most this
+    #: share of each entry.
+    planned_pivots: float = 1e-10
     #: So many of one event within a billionth of the span are too many.
     event_crowd: int = 100
 

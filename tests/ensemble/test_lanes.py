@@ -4,49 +4,22 @@ import threading
 
 import numpy as np
 import pytest
+from lane_runs import TIMES, assert_same, plan_of, rows_of, runs_in_lanes
 from rod_chain import rod_chain
 
 import cotree
 from cotree.build import find_toolchain
-from cotree.codegen.lanes import Lanes
+from cotree.codegen.lanes import Lanes, lanes_refusal
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.block_in_c import BlockInC
-from cotree.ensemble.lanes import LoadedLanes, find_lanes, lanes_of
+from cotree.ensemble.lanes import find_lanes, lanes_of
 from cotree.ensemble.pattern import find_pattern
-from cotree.ensemble.plan import Plan
 from cotree.errors import SolveError
-from cotree.solvers.settings import Settings
 
 pytestmark = [
     pytest.mark.compiler,
     pytest.mark.skipif(find_toolchain() is None, reason="needs a C compiler"),
 ]
-
-TIMES = np.linspace(0.0, 3.0, 41)
-
-
-def plan_of(model, names, lanes=None, *, times=TIMES, has_sensitivities=True, **others):
-    settings = {"method": "dop853", "rtol": 1e-7, "atol": 1e-7, **others}
-    span = (float(times[0]), float(times[-1]))
-    return Plan(
-        model, Settings(span, times, **settings), names, model.outputs, has_sensitivities, lanes
-    )
-
-
-def rows_of(model, names, n):
-    values = dict(zip(model.parameters, model.default_parameters, strict=True))
-    middle = np.array([values[name] for name in names])
-    return middle * np.random.default_rng(2).uniform(0.9, 1.1, (n, len(names)))
-
-
-def assert_same(block, other):
-    for name in ("z", "outputs", "output_sensitivities", "status", "steps"):
-        np.testing.assert_array_equal(getattr(block, name), getattr(other, name), name)
-    assert block.messages == other.messages
-
-
-def runs_in_lanes(plan):
-    return isinstance(find_lanes(find_pattern(plan)), LoadedLanes)
 
 
 @pytest.fixture(scope="module")
@@ -207,11 +180,11 @@ def test_models_and_runs_without_lanes_say_why(slider):
     linkage = cotree.load("motor-linkage").compile()
     why = {
         "events": plan_of(ball, ("g",)),
-        "explicit": plan_of(slider, ("L",), method="rodas5"),
         "one lane": plan_of(slider, ("L",), 1),
     }
     for word, plan in why.items():
         assert word in find_lanes(find_pattern(plan))
+    assert "no method" in lanes_refusal(slider._program, "cvode", has_sensitivities=True)
     pattern = find_pattern(plan_of(linkage, linkage.parameters[:1]))
     assert isinstance(pattern, str) or "constraints" in find_lanes(pattern)
     with pytest.raises(SolveError, match="lanes is 3"):

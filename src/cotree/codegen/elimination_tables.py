@@ -66,10 +66,10 @@ def elimination_tables(plan: Elimination) -> list[IntTable]:
         )
     ]
     return [
-        _table("factor_values", [step.value for step in steps]),
-        _table("factor_columns", [j for row in ranks for j in row]),
-        _table("pivot_rows", pivots),
-        _table("updates", list(_updates(plan, place))),
+        int_table("factor_values", [step.value for step in steps]),
+        int_table("factor_columns", [j for row in ranks for j in row]),
+        int_table("pivot_rows", pivots),
+        int_table("updates", list(_updates(plan, place))),
     ]
 
 
@@ -110,6 +110,7 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-def _table(name: str, numbers: Sequence[int]) -> IntTable:
+def int_table(name: str, numbers: Sequence[int]) -> IntTable:
+    """Write numbers as a table."""
     # C has no empty arrays.
     return IntTable(name, wrapped(map(str, numbers or [0])), max(len(numbers), 1))

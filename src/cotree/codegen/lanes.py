@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.integrators import batch_files
+from cotree.codegen.integrators import INTEGRATORS, batch_files
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import wrapped
 from cotree.codegen.render import declared, render
-from cotree.codegen.tableaus import TABLEAUS
+from cotree.codegen.stiff_lanes import form_stiff, stiff_refusal
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.traverse import substitute
@@ -27,6 +27,8 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from cotree.codegen.printing import Body
+    from cotree.codegen.stiff_lanes import StiffLanes
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Program
@@ -82,6 +84,13 @@ class LanesContext(KernelFile):
     n_outputs: int
     n_sensitivities: int
     places: list[str]
+    stiff: StiffLanes | None
+
+    @property
+    def bodies(self) -> list[Body]:
+        """Its functions."""
+        plan = None if self.stiff is None else self.stiff.elimination
+        return [*super().bodies, *(() if plan is None else (plan.factor, plan.solve))]
 
     @property
     def part(self) -> int:
@@ -112,8 +121,8 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         A sentence without a capital and an end.
     """
     layout = program.layout
-    if method not in TABLEAUS:
-        return f"'{method}' is no explicit method of cotree"
+    if method not in INTEGRATORS:
+        return f"'{method}' is no method of cotree"
     if layout.events:
         return "there are events"
     if layout.constraints:
@@ -122,7 +131,10 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return "there are algebraic unknowns"
     if not layout.states:
         return "there are no states"
-    return _kernels_refusal(_kernels(program, has_sensitivities=has_sensitivities))
+    kernels = _kernels(program, has_sensitivities=has_sensitivities)
+    if not INTEGRATORS[method].is_implicit:
+        return _kernels_refusal(kernels)
+    return _kernels_refusal([*kernels, program.kernels["jacobian"]]) or stiff_refusal(program)
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
@@ -138,13 +150,17 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
 
 
 @without_collection()
-def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) -> LanesContext:
+def lanes_context(
+    program: Program, method: str, lanes: Lanes, *, has_sensitivities: bool
+) -> LanesContext:
     """Gather what the template needs.
 
     Parameters
     ----------
     program : Program
         After its passes, one that :func:`lanes_refusal` accepts.
+    method : str
+        The method.
     lanes : Lanes
         The vectors.
     has_sensitivities : bool
@@ -154,7 +170,12 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
     outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
     has_outputs = bool(layout.outputs) and not _kernels_refusal(outputs)
-    kernels = [_written_out(k) for k in (*kernels, *(outputs if has_outputs else ()))]
+    kernels += outputs if has_outputs else []
+    stiff = None
+    if INTEGRATORS[method].is_implicit:
+        stiff, derivatives = form_stiff(program, has_sensitivities=has_sensitivities)
+        kernels += derivatives
+    kernels = [*map(_written_out, kernels)]
     nodes = [node for kernel in kernels for node in kernel.order]
     ops = {node.op for node in nodes}
     packs_sines = "sines" in ops
@@ -169,7 +190,7 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         places += [n + place for place in layout.sensitivity_places]
     block = next(length for length in (2, 4, 8) if len(places) <= length or length == 8)
     return LanesContext(
-        **file_fields(layout.name, nodes, contexts),
+        **file_fields(layout.name, nodes, contexts, () if stiff is None else stiff.text),
         width=lanes.width,
         n_bundles=lanes.n_bundles,
         instructions=lanes.instructions,
@@ -190,6 +211,7 @@ def lanes_context(program: Program, lanes: Lanes, *, has_sensitivities: bool) ->
         n_sensitivities=n_s,
         # Most often nothing vanishes.
         places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
+        stiff=stiff,
     )
 
 
@@ -201,7 +223,7 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
     model : LanesContext
         From :func:`lanes_context`.
     method : str
-        A name in ``TABLEAUS``.
+        The same method.
 
     Returns
     -------
@@ -213,7 +235,7 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
         **headers,
         "cotree_lanes.h": lanes_header(),
         f"{model.prefix}_lanes.c": render(
-            "c/lanes/lanes.c.jinja", model=model, method=TABLEAUS[method], limits=LIMITS
+            "c/lanes/lanes.c.jinja", model=model, method=INTEGRATORS[method], limits=LIMITS
         ),
     }
 
@@ -258,6 +280,7 @@ def _written_out(kernel: Kernel) -> Kernel:
     chosen = {
         node
         for node in kernel.order
-        if node.op == "map" or (node.op == "result" and node.args[0].op == "map")
+        if node not in kernel.prepared
+        and (node.op == "map" or (node.op == "result" and node.args[0].op == "map"))
     }
     return replace(rewrite(kernel, chosen, form)) if chosen else kernel

@@ -114,7 +114,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     """
     layout, prefix = program.layout, c_identifier(program.layout.name)
     plan = program.elimination
-    elimination = None if plan is None else _elimination_context(plan, target)
+    elimination = None if plan is None else elimination_context(plan, target)
     curvature = form_curvature(program)
     slope = form_time_slope(program)
     made = [slope] if slope is not None else []
@@ -146,7 +146,16 @@ def is_unrolled(plan: Elimination) -> bool:
     return plan.n_operations <= _LONGEST
 
 
-def _elimination_context(plan: Elimination, target: Target) -> EliminationContext:
+def elimination_context(plan: Elimination, target: Target) -> EliminationContext:
+    """Write a plan as statements, or as tables where these would be many.
+
+    Parameters
+    ----------
+    plan : Elimination
+        The plan.
+    target : Target
+        What is computed with.
+    """
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(

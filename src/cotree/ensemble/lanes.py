@@ -200,7 +200,7 @@ def _load(
         return "no compiler is found"
     # Columns of maps that are written out are new nodes of the model's arena.
     with forming:
-        model = lanes_context(program, lanes, has_sensitivities=has_sensitivities)
+        model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)
         files = render_lanes(model, method)
     try:
         _, library = obtain_library(

@@ -1,0 +1,34 @@
+"""Plans of members in lanes, and what is compared of their results."""
+
+import numpy as np
+
+from cotree.ensemble.lanes import LoadedLanes, find_lanes
+from cotree.ensemble.pattern import find_pattern
+from cotree.ensemble.plan import Plan
+from cotree.solvers.settings import Settings
+
+TIMES = np.linspace(0.0, 3.0, 41)
+
+
+def plan_of(model, names, lanes=None, *, times=TIMES, has_sensitivities=True, **others):
+    settings = {"method": "dop853", "rtol": 1e-7, "atol": 1e-7, **others}
+    span = (float(times[0]), float(times[-1]))
+    return Plan(
+        model, Settings(span, times, **settings), names, model.outputs, has_sensitivities, lanes
+    )
+
+
+def rows_of(model, names, n):
+    values = dict(zip(model.parameters, model.default_parameters, strict=True))
+    middle = np.array([values[name] for name in names])
+    return middle * np.random.default_rng(2).uniform(0.9, 1.1, (n, len(names)))
+
+
+def assert_same(block, other):
+    for name in ("z", "outputs", "output_sensitivities", "status", "steps"):
+        np.testing.assert_array_equal(getattr(block, name), getattr(other, name), name)
+    assert block.messages == other.messages
+
+
+def runs_in_lanes(plan):
+    return isinstance(find_lanes(find_pattern(plan)), LoadedLanes)
