@@ -220,7 +220,23 @@ def test_a_method_that_is_chosen_runs_in_lanes():
     assert not isinstance(find_lanes(pattern), str)
 
 
-def test_eliminations_by_tables_have_no_lanes():
-    model = rc_grid(16).compile()
-    pattern = find_pattern(stiff_plan(model, model.parameters[:1]))
-    assert "tables" in find_lanes(pattern)
+def test_long_eliminations_walk_through_tables():
+    model = rc_grid(10).compile(["R"])
+    assert model._program.elimination.n_operations > 3000
+    names, times = model.parameters[:2], np.linspace(0.0, 50.0, 11)
+    rows = rows_of(model, names, 9)
+    blocks = {n: run_block(stiff_plan(model, names, n, times=times), rows) for n in (1, 2, 8)}
+    assert runs_in_lanes(stiff_plan(model, names, 8, times=times))
+    assert_same(blocks[2], blocks[8])
+    np.testing.assert_array_equal(blocks[8].steps, blocks[1].steps)
+    np.testing.assert_allclose(blocks[8].z, blocks[1].z, rtol=1e-9, atol=1e-12)
+
+
+def test_states_alone_of_a_model_with_sensitivities_change_with_time():
+    model = heater().compile(HEATER)
+    rows = rows_of(model, ("R", "L"), 9)
+    given = {"times": np.linspace(0.0, 5.0, 31), "has_sensitivities": False}
+    found, wanted = (run_block(stiff_plan(model, ("R", "L"), n, **given), rows) for n in (2, 1))
+    assert runs_in_lanes(stiff_plan(model, ("R", "L"), 2, **given))
+    np.testing.assert_array_equal(found.steps, wanted.steps)
+    np.testing.assert_allclose(found.z, wanted.z, rtol=1e-9, atol=1e-12)

@@ -14,7 +14,7 @@ from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, 
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import wrapped
 from cotree.codegen.render import declared, render
-from cotree.codegen.stiff_lanes import form_stiff, stiff_refusal
+from cotree.codegen.stiff_lanes import form_stiff
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.traverse import substitute
@@ -132,9 +132,9 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
     if not layout.states:
         return "there are no states"
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
-    if not INTEGRATORS[method].is_implicit:
-        return _kernels_refusal(kernels)
-    return _kernels_refusal([*kernels, program.kernels["jacobian"]]) or stiff_refusal(program)
+    if INTEGRATORS[method].is_implicit:
+        kernels.append(program.kernels["jacobian"])
+    return _kernels_refusal(kernels)
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
@@ -145,7 +145,7 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
     if "call" in ops:
         return "a function from outside is called"
     if sum(kernel.operations.total for kernel in kernels) > _MOST_OPERATIONS:
-        return f"rates have more than {_MOST_OPERATIONS} operations"
+        return f"rates and their derivatives have more than {_MOST_OPERATIONS} operations"
     return ""
 
 

@@ -12,7 +12,7 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 from cotree.codegen.elimination_tables import int_table
-from cotree.codegen.newton import elimination_context, is_unrolled
+from cotree.codegen.newton import elimination_context
 from cotree.codegen.targets import MEMBERS
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
@@ -32,7 +32,7 @@ class StiffLanes:
     Attributes
     ----------
     elimination : EliminationContext
-        The factors of ``shift - J`` and solutions with them, as straight lines.
+        The factors of ``shift - J`` and solutions with them.
     n_values : int
         Nonzeros of J.
     n_carried, n_couplings : int
@@ -56,27 +56,9 @@ class StiffLanes:
     @property
     def text(self) -> list[str]:
         """Its lines, for the digest of a file."""
-        lines = [line for table in self.tables for line in table.lines]
+        tables = [*self.elimination.tables, *self.tables]
+        lines = [line for table in tables for line in table.lines]
         return [*self.elimination.factor.text, *self.elimination.solve.text, *lines]
-
-
-def stiff_refusal(program: Program) -> str:
-    """Say why the linear systems of a model are not solved in lanes; empty where they are.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-
-    Returns
-    -------
-    str
-        A sentence without a capital and an end.
-    """
-    plan = program.elimination
-    if plan is None:
-        return "the linear systems of an implicit step are always singular"
-    return "" if is_unrolled(plan) else "linear systems are eliminated by tables"
 
 
 def form_stiff(program: Program, *, has_sensitivities: bool) -> tuple[StiffLanes, list[Kernel]]:
@@ -85,7 +67,7 @@ def form_stiff(program: Program, *, has_sensitivities: bool) -> tuple[StiffLanes
     Parameters
     ----------
     program : Program
-        After its passes, one that :func:`stiff_refusal` accepts.
+        After its passes, one without algebraic unknowns.
     has_sensitivities : bool
         Whether sensitivities are integrated.
 
@@ -97,7 +79,7 @@ def form_stiff(program: Program, *, has_sensitivities: bool) -> tuple[StiffLanes
         Derivatives of the rates, which are still to be printed.
     """
     layout, plan = program.layout, program.elimination
-    assert plan is not None  # it was not refused
+    assert plan is not None  # the shift is on all of the diagonal
     slope = form_time_slope(program)
     if slope is not None and not has_sensitivities:
         slope = replace(slope, results=slope.results[: len(layout.states)])
