@@ -333,3 +333,43 @@ def test_random_boxes_come_to_rest_as_contact_allows(first):
             assert np.min(result[f"g{i}"]) >= -1e-6, (seed, i)
             assert np.min(normal) >= -1e-6, (seed, i)
             assert np.max(np.abs(along) - mu * normal) <= 1e-6, (seed, i)
+
+
+def chain(seed, mu):
+    """Make two or three rods in a chain, which falls on a rough floor with all its ends."""
+    rng = np.random.default_rng(seed)
+    scene = cotree.Scene("chain", gravity=[0, -G, 0])
+    n = int(rng.integers(2, 4))
+    start = {"s_dot": float(rng.normal())}
+    scene.edge("x", "prismatic", "ground", "X", axis=[1, 0, 0], initial=start)
+    start = {"s": float(rng.uniform(1.2, 2)), "s_dot": float(rng.normal())}
+    scene.edge("y", "prismatic", "X", "E", axis=[0, 1, 0], initial=start)
+    scene.edge("c", "rigid_contact", "ground", "E", normal=[0, 1, 0], friction=mu, rest_speed=0.05)
+    at = "E"
+    for i in range(n):
+        start = {"theta": float(rng.uniform(-1.5, 1.5)), "theta_dot": float(rng.normal())}
+        scene.edge(f"r{i}", "revolute", at, f"J{i}", axis=[0, 0, 1], initial=start)
+        at, long, mass = f"E{i}", float(rng.uniform(0.2, 0.7)), float(rng.choice([0.5, 1.0, 2.0]))
+        body = {"mass": mass, "inertia": [mass * long**2 / 12] * 3}
+        scene.edge(f"h{i}", "arm", f"J{i}", f"C{i}", vector=[long / 2, 0, 0])
+        scene.edge(f"b{i}", "rigid_body", "ground", f"C{i}", **body)
+        scene.edge(f"a{i}", "arm", f"J{i}", at, vector=[long, 0, 0])
+        own = {"restitution": float(rng.choice([0.0, 0.2])), "rest_speed": 0.05, "friction": mu}
+        scene.edge(f"c{i}", "rigid_contact", "ground", at, normal=[0, 1, 0], **own)
+    return scene, ["c", *(f"c{i}" for i in range(n))]
+
+
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize(("seed", "mu"), [(0, 0.3), (3, 0.6), (5, 0.6), (11, 0.3), (22, 0.6)])
+def test_rods_in_a_chain_come_to_rest_where_several_places_hold_one_motion(seed, mu):
+    scene, contacts = chain(seed, mu)
+    for name in contacts:
+        scene.output(f"N_{name}", f"{name}.force")
+        scene.output(f"T_{name}", f"{name}.slide.f")
+    result = scene.compile(optimize="-O0").simulate((0, 2), rtol=1e-9, atol=1e-11)
+    assert result.success, result.message
+    for name in contacts:
+        normal, along = result[f"N_{name}"], result[f"T_{name}"]
+        assert np.min(normal) >= -1e-6
+        assert np.max(np.abs(along) - mu * normal) <= 1e-6
+        assert result[f"{name}.normal.mode"][-1] == -1.0
