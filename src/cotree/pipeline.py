@@ -18,6 +18,7 @@ from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
 from cotree.codegen.model_text import ModelText
 from cotree.codegen.render import render_model
+from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers
 from cotree.formulation.networks.network import draw_networks
@@ -151,6 +152,8 @@ def formulate(
     # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
     first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
     _check_corners(first, sensitivities)
+    if sensitivities:
+        _check_impacts(first)
     return first, form_equations(first, sensitivities), alternatives
 
 
@@ -169,6 +172,29 @@ def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
                 "is not known; give an expression without corners, or compile without this "
                 "sensitivity"
             )
+
+
+def _check_impacts(first: FirstGraph) -> None:
+    """Refuse sensitivities across impacts whose inertia, or friction, is a function of time.
+
+    The time of an impact moves with parameters, and what these pass on would move with it.
+    """
+    ports = first.network.ports if first.network else {}
+    stops = [port.edge.name for port in ports.values() if port.kind is Kind.STOP]
+    timed = {"t", *first.scene.inputs}
+    for port in ports.values() if stops else ():
+        friction = port.terminal.friction
+        is_pressed = friction is not None and bool(friction.presser)
+        if port.kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED) and not is_pressed:
+            continue
+        for name, field in port.edge.law_fields.items():
+            names = () if name == "restitution" else getattr(field, "names", ())
+            if timed.intersection(names):
+                raise FormulationError(
+                    f"{name} of edge '{port.edge.name}' depends on time or an input, and edge "
+                    f"'{stops[0]}' has impacts, which have no sensitivities then: let it be "
+                    "constant, or compile without sensitivities"
+                )
 
 
 def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:

@@ -249,6 +249,12 @@ def test_a_sphere_slides_down_a_plane_without_friction_in_space():
     assert abs(result["push"][-1] - 1.5 * G * cos(0.3)) <= CLOSE
 
 
+def test_a_point_that_touches_is_marked_in_animations():
+    drawing = rod(1.0, 0.3).compile(optimize="-O0").simulate((0, 0.1)).animate().drawing
+    tip = [solid for solid in drawing.solids if solid.name == "c"]
+    assert min(np.ptp(solid.mesh.points, axis=0).max() for solid in tip) <= 0.1
+
+
 def test_friction_in_space_and_on_a_ball_is_refused_by_name():
     scene = cotree.Scene("space", gravity=[0, 0, -G])
     scene.edge("b", "rigid_body", "ground", "P", mass=1.0, initial={"z": 0.1})

@@ -151,6 +151,7 @@ EVENT_STATUSES = (
     ),
     Status("EVENTS_GAINS", 49, "the impact would leave more energy than there was"),
     Status("EVENTS_SEVERAL", 50, "a contact may hold or let go: friction allows both"),
+    Status("EVENTS_LOSSY", 52, "an impact passes a gear with losses, which has no law of impact"),
     Status("EVENTS_FAINT", 48, "its impacts are too small for the tolerance"),
 )
 

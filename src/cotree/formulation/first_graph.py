@@ -208,7 +208,8 @@ def form_first_graph(
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     owners = {*whole.nodes, *whole.edges}
-    observer = Observer(view, loaded, balanced, applied, observed, owners)
+    names = network.names if network else None
+    observer = Observer(view, loaded, balanced, applied, observed, owners, names)
     measured, reactions = _measured(observer, attached.reacting)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     outputs = form_outputs(observer, scene)

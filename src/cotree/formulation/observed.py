@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from cotree.formulation.clusters import Point
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.laws import Applied
+    from cotree.formulation.networks.names import Names
     from cotree.formulation.through import Balance, Loads
 
 _XYZ = "xyz"
@@ -159,6 +160,8 @@ class Observer:
         Variables of the scalar networks, by name.
     owners : collection of str
         Names of the scene's nodes and edges, for messages.
+    names : Names or None
+        What scenes call the variables of the networks, for messages; None where there are none.
     """
 
     view: View
@@ -167,6 +170,7 @@ class Observer:
     applied: Sequence[Applied]
     networks: Mapping[str, Node]
     owners: Collection[str]
+    names: Names | None = None
 
     @property
     def motion(self) -> Motion:
@@ -207,6 +211,8 @@ class Observer:
             known += [
                 *EDGE_VARIABLES,
                 *([DRIVE] if "motion" in system.edges[first].scalars else []),
+                # Of a contact, whose laws belong to networks.
+                *(self.names.of_edge(first) if self.names is not None else ()),
             ]
             return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
         if last and first in self.owners:

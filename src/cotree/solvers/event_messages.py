@@ -89,13 +89,17 @@ VERDICTS = {
         "at t = {t:.10g} the contact {event} may hold or let go: with friction as strong as this "
         "more than one motion agrees with the laws (Painleve's paradox), so that none is chosen"
     ),
+    "EVENTS_LOSSY": (
+        "at t = {t:.10g} an impact passes the gear with losses {event}, whose laws are those of "
+        "steady forces: let the gear be ideal, or put an elastic shaft between it and the stop"
+    ),
     "EVENTS_FAINT": (
         "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
         "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
     ),
     "EVENTS_BACKWARD": (
         "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
-        "at a relative speed of zero or more"
+        "at a relative speed of zero or more, and put an elastic shaft between it and a rigid stop"
     ),
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
@@ -112,11 +116,11 @@ BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
 #: Sentences that name edges.
 _OF_EDGES = (
     *("EVENTS_MODES", "EVENTS_BACKWARD", "EVENTS_IMPACT", "EVENTS_BEYOND"),
-    *("EVENTS_GAINS", "EVENTS_SEVERAL", "EVENTS_SHARED"),
+    *("EVENTS_GAINS", "EVENTS_SEVERAL", "EVENTS_SHARED", "EVENTS_LOSSY"),
 )
 
 #: What the names of events of friction and stops say of their edges.
-_EDGE = re.compile(r" (stops|rests|hits|hits upper|hits lower)$")
+_EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
 def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from cotree.watch.draft import Drafter
     from cotree.watch.shapes import Mesh
 
+#: Radius of the ball that marks a point that touches, in widths of bars.
+_MARKER = 0.75
+
 
 def contact(draft: Drafter, edge: BoundEdge) -> None:
     """Show the surfaces of a contact."""
@@ -24,6 +27,9 @@ def contact(draft: Drafter, edge: BoundEdge) -> None:
         draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
     else:
         size = 3.0 * draft.w
+        if own is None:  # a point: a small ball marks it, also on a body that is shown
+            marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
+            draft.solid(edge.name, place.cluster, marker, label=True)
     if "normal" in edge.vectors:
         road(draft, edge, 0.0, size)
         return

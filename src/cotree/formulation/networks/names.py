@@ -43,6 +43,11 @@ class Names:
                 found[f"{port.edge.name}.{row.name}"] = ("measure", f"{port.edge.name}|{row.name}")
         return found
 
+    def of_edge(self, edge: str) -> list[str]:
+        """List what follows an edge's name in the names of its variables."""
+        start = f"{edge}."
+        return [name.removeprefix(start) for name in self._of_ports if name.startswith(start)]
+
     def variable(self, name: str) -> Variable | None:
         """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
         if name in self._of_ports:

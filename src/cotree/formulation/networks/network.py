@@ -68,6 +68,8 @@ class Network:
     of_friction : frozenset of Node
         Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
         beside the accelerations, so that they may stand for reactions.
+    names : Names
+        What scenes call its variables.
     """
 
     ports: Mapping[str, Port]
@@ -81,6 +83,7 @@ class Network:
     redundant: tuple[Redundant, ...]
     corners: Mapping[str, frozenset[Node]]
     of_friction: frozenset[Node]
+    names: Names
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -208,6 +211,7 @@ def form_network(
         tuple(row for row in redundant if row.variable not in solved.algebraic),
         terminals.corners,
         used_by_friction(ports, fields),
+        names,
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 
