@@ -302,3 +302,33 @@ def test_nodes_are_those_of_bodies():
         scene.compile()
     with pytest.raises(SceneError, match="two nodes"):
         scene.edge("d", "contact", "ground", normal=[0, 1, 0], stiffness=1e5)
+
+
+@pytest.mark.parametrize("kind", ["contact", "rigid_contact"])
+@pytest.mark.parametrize(
+    ("normal", "across", "slip"),
+    [
+        ([0, 1, 0], [0, 0, 1], 0.3),
+        ([1, 0, 0], [0, 0, 1], -0.2),
+        ([0.6, 0.8, 0], [0, 0, 1], 0.8 * 0.3 - 0.6 * 0.2),
+        ([0, 0, 1], [0, 1, 0], -0.3),
+        ([1, 0, 0], [0, 1, 0], 0.2),
+    ],
+)
+def test_both_contacts_slide_along_the_normal_crossed_with_that_of_the_motion(
+    kind, normal, across, slip
+):
+    up = np.cross(across, [1, 0, 0]) * (1 if across[2] else -1)
+    scene = cotree.Scene("direction", gravity=[float(-9.81 * x) for x in up])
+    far = 3.0 * np.array(normal)
+    start = {"s": float(far[0]), "s_dot": 0.3}
+    scene.edge("x", "prismatic", "ground", "A", axis=[1, 0, 0], initial=start)
+    start = {"s": float(far @ up), "s_dot": 0.2}
+    scene.edge("y", "prismatic", "A", "B", axis=up.tolist(), initial=start)
+    scene.edge("r", "revolute", "B", "P", axis=across)
+    scene.edge("b", "rigid_body", "ground", "P", mass=1.0, inertia=[1.0, 1.0, 1.0])
+    own = {"stiffness": 1e4} if kind == "contact" else {}
+    scene.edge("c", kind, "ground", "P", normal=normal, friction=0.3, **own)
+    scene.output("slip", "c.slide1.v")
+    result = scene.compile(optimize="-O0").simulate((0, 0.01), [0.0, 0.01])
+    assert abs(result["slip"][0] - slip) <= 1e-14

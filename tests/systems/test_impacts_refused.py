@@ -68,6 +68,6 @@ def test_a_misspelt_variable_of_a_contact_is_answered_with_its_own():
     scene = cotree.Scene("ball", gravity=[0, -9.81, 0])
     scene.edge("b", "rigid_body", "ground", "P", mass=1.0, initial={"y": 0.2})
     scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 1, 0], radius=0.1)
-    scene.output("push", "c.forse")
-    with pytest.raises(ExpressionError, match="edge 'c' has no variable 'forse'; did you mean 'f"):
+    scene.output("push", "c.forces")
+    with pytest.raises(ExpressionError, match="edge 'c' has no variable 'forces'; did you mean 'f"):
         scene.compile()

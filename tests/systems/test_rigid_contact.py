@@ -121,7 +121,7 @@ def test_a_disc_slides_until_it_rolls():
     result = disc().compile(["mu", "u"]).simulate((0, 2), **TIGHT)
     # Friction takes mu g of the speed, and gives 2 mu g/R of the spin, until both agree.
     roll = u / (3 * mu * G)
-    assert abs(result.events["c.slide stops"].t[0] - roll) <= CLOSE
+    assert abs(result.events["c.slide1 stops"].t[0] - roll) <= CLOSE
     assert abs(result["b.x_dot"][-1] - 2 / 3 * u) <= CLOSE
     assert abs(result["b.theta_dot"][-1] + 2 / 3 * u / 0.1) <= CLOSE * 10
     assert abs(result["b.x"][-1] - (2 / 3 * u * 2 + u**2 / (18 * mu * G))) <= CLOSE
@@ -164,12 +164,12 @@ def test_a_block_on_an_incline_slips_where_that_is_steep_enough():
     result = incline().compile(["mu"]).simulate((0, 4), **TIGHT)
     start = atan(mu) / r
     # One corner reaches its limit first; the other one holds on until both have.
-    slips = [t for i in range(1, 5) for t in result.events[f"c.slide_{i} slips forwards"].t]
+    slips = [t for i in range(1, 5) for t in result.events[f"c.slide1_{i} slips forwards"].t]
     assert abs(max(slips) - start) <= CLOSE
     name = next(
-        f"c.slide_{i} slips forwards"
+        f"c.slide1_{i} slips forwards"
         for i in range(1, 5)
-        if max(result.events[f"c.slide_{i} slips forwards"].t, default=0) == max(slips)
+        if max(result.events[f"c.slide1_{i} slips forwards"].t, default=0) == max(slips)
     )
     assert abs(result.event_sensitivity(name, "mu")[-1] - 1 / ((1 + mu**2) * r)) <= CLOSE
 
@@ -315,7 +315,7 @@ def boxes(seed):
     )
     for i in range(1, 5):
         scene.output(f"N{i}", f"-c.normal_{i}.f")
-        scene.output(f"T{i}", f"c.slide_{i}.f")
+        scene.output(f"T{i}", f"c.slide1_{i}.f")
         scene.output(f"g{i}", f"c.normal_{i}.s")
     moving = f"0.5*{mass}*(b.x_dot**2 + b.y_dot**2) + 0.5*{inertia}*b.theta_dot**2"
     scene.output("energy", f"{moving} + {mass * G}*b.y")
@@ -371,7 +371,7 @@ def test_rods_in_a_chain_come_to_rest_where_several_places_hold_one_motion(seed,
     scene, contacts = chain(seed, mu)
     for name in contacts:
         scene.output(f"N_{name}", f"{name}.force")
-        scene.output(f"T_{name}", f"{name}.slide.f")
+        scene.output(f"T_{name}", f"{name}.slide1.f")
     result = scene.compile(optimize="-O0").simulate((0, 2), rtol=1e-9, atol=1e-11)
     assert result.success, result.message
     for name in contacts:

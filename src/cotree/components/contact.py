@@ -142,6 +142,19 @@ def suffix_of(spot: int, n_spots: int) -> str:
     return f"_{spot + 1}" if n_spots > 1 else ""
 
 
+def slide_name(direction: int, suffix: str) -> str:
+    """Name the port along a direction in which a place slides.
+
+    Parameters
+    ----------
+    direction : int
+        Its number, from 0 on. In a planar system the first one is in the plane of motion.
+    suffix : str
+        The ending of the names of the place's ports.
+    """
+    return f"slide{direction + 1}{suffix}"
+
+
 def geometry_of(given: Given) -> Component:
     """Give the part of a contact that belongs to the multibody system, by its fields."""
     # A force through the second node leaves its rotation alone.
@@ -206,7 +219,7 @@ class _Pushing:
         return tuple(found)
 
     def _slides(self, spot: int, end: str, normal: str) -> list[Terminal]:
-        names = tuple(f"slide{i + 1}{end}" for i in range(self._n_directions))
+        names = tuple(slide_name(i, end) for i in range(self._n_directions))
 
         def law(own: str) -> Law:
             return Law.formed_by(lambda: self._rub(normal, names) * law_symbol(f"across_{own}"))
@@ -218,7 +231,7 @@ class _Pushing:
                 name,
                 through=law(name),
                 is_passive=False,
-                touch=Touch(spot, f"slip{i}"),
+                touch=Touch(spot, f"slip{i + 1}"),
             )
             for i, name in enumerate(names)
         ]

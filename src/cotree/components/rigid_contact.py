@@ -16,6 +16,7 @@ from cotree.components.contact import (
     SHAPES,
     geometry_of,
     pushes,
+    slide_name,
     spots_of,
     suffix_of,
 )
@@ -44,16 +45,17 @@ def _slip(spot: int, end: str) -> Terminal:
             lambda: -way * law_symbol("friction") * law_symbol(f"through_normal{end}")
         )
 
+    name = slide_name(0, end)
     friction = Friction(
-        most(1), most(-1), most(1), most(-1), presser=f"normal{end}", suffix=f"_slide{end}"
+        most(1), most(-1), most(1), most(-1), presser=f"normal{end}", suffix=f"_{name}"
     )
     return Terminal(
         "translational",
         Kind.FRICTION,
-        f"slide{end}",
+        name,
         is_passive=False,
         friction=friction,
-        touch=Touch(spot, "slip"),
+        touch=Touch(spot, "slip1", is_planar=True),
     )
 
 

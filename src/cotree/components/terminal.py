@@ -81,12 +81,14 @@ class Touch:
     spot : int
         The place, from 0 on.
     quantity : str
-        ``gap``; ``slip0``, ``slip1``, ...: a direction in which it slides; or ``slip`` of planar
-        systems.
+        ``gap``; or ``slip1``, ``slip2``, ...: a direction in which it slides.
+    is_planar : bool
+        Whether its laws hold where everything moves in one plane.
     """
 
     spot: int
     quantity: str
+    is_planar: bool = False
 
 
 @dataclass(frozen=True)

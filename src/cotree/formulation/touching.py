@@ -32,6 +32,11 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         The shapes that may touch.
     touch : Touch
         The place, and what is measured there.
+
+    Raises
+    ------
+    FormulationError
+        If laws that hold in a plane act where not everything moves in one.
     """
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
@@ -42,40 +47,34 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])
     if touch.quantity == "gap":
         return Touching(ends, facing, surface, facing, rise)
-    if touch.quantity == "slip":
-        return Touching(ends, facing, surface, _along(motion, edge, ends), None)
-    number = int(touch.quantity.removeprefix("slip"))
-    direction: Facing
-    if "normal" in edge.vectors:
-        axes = plane_axes(edge.vectors["normal"])
-        # In a scene that keeps a plane the first direction is in that plane.
-        plane = motion.system.plane
-        if plane and not axes[0]["xyz".index(plane)].is_zero:
-            axes = axes[1], axes[0]
-        direction = carried_by(motion, ends, 0, axes[number])
-    else:
-        # No two directions are across that of the centres wherever they are: three axes always
-        # have parts that span them.
-        direction = Tangent(facing, vector.identity(dag)[number])
-    return Touching(ends, facing, surface, direction, None)
-
-
-def _along(motion: Motion, edge: BoundEdge, ends: Ends) -> Facing:
-    """Give the direction along a surface in the plane of motion.
-
-    Raises
-    ------
-    FormulationError
-        If not everything moves in one plane.
-    """
-    plane = motion.system.plane
-    if not plane:
+    if touch.is_planar and not motion.system.plane:
         raise FormulationError(
             f"edge '{edge.name}' has friction, which rigid contact knows where everything moves in "
             "one plane: leave it out, or take a contact that gives way"
         )
-    across = vector.identity(motion.system.dag)["xyz".index(plane)]
-    return carried_by(motion, ends, 0, vector.cross(edge.vectors["normal"], across))
+    along = _directions(motion, edge)[int(touch.quantity.removeprefix("slip")) - 1]
+    # No two directions are across that of the centres wherever they are: three axes always have
+    # parts that span them.
+    direction: Facing = Tangent(facing, along)
+    if "normal" in edge.vectors:
+        direction = carried_by(motion, ends, 0, along)
+    return Touching(ends, facing, surface, direction, None)
+
+
+def _directions(motion: Motion, edge: BoundEdge) -> tuple[Vector, ...]:
+    """List the directions in which a body slides: across a plane's normal, and axes of a ball.
+
+    The first two and the normal are right-handed. In a planar system the first is normal x e, with
+    e the axis across the plane of motion, and the second is against e.
+    """
+    axes = vector.identity(motion.system.dag)
+    if "normal" not in edge.vectors:
+        return tuple(axes)
+    normal, plane = edge.vectors["normal"], motion.system.plane
+    if not plane:
+        return plane_axes(normal)
+    first = vector.cross(normal, axes["xyz".index(plane)])
+    return first, vector.cross(normal, first)
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
