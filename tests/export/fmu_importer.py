@@ -5,12 +5,13 @@ from __future__ import annotations
 import ctypes
 import math
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from fmpy import extract, read_model_description
+from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
@@ -30,6 +31,24 @@ def share(
 
 #: Scenes and versions. Every second one has all scenes, half of them in each version.
 UNITS = [(n, v) for i, n in enumerate(SCENES) for v in ((3, 2) if i % 2 else (2, 3))]
+
+
+def simulated(
+    path: Path, kind: str, t_end: float, interval: float, names: list[str], tolerance: float
+) -> Any:
+    """Let FMPy simulate an FMU, and give its points, an array with a column ``time``."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
+        return simulate_fmu(
+            str(path),
+            fmi_type=kind,
+            stop_time=t_end,
+            output_interval=interval,
+            step_size=interval if kind == "CoSimulation" else None,
+            relative_tolerance=tolerance,
+            output=names,
+            record_events=False,
+        )
 
 
 class Unit:

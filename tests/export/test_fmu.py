@@ -7,14 +7,13 @@ import io
 import math
 import shutil
 import subprocess
-import warnings
 import zipfile
 
 import numpy as np
 import pytest
-from fmpy import read_model_description, simulate_fmu
+from fmpy import read_model_description
 from fmpy.validation import validate_fmu
-from fmu_importer import UNITS, Unit, share
+from fmu_importer import UNITS, Unit, share, simulated
 
 import cotree
 from cotree.errors import BuildError, CodegenError, SceneError
@@ -52,18 +51,7 @@ def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
     # takes more than its 500 steps to the next point in scenes with fast decays.
     is_long = kind == "ModelExchange" and name in ("heated-room", "cart-pole")
     tolerance = 1e-12 if is_long else 1e-10
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
-        found = simulate_fmu(
-            str(path),
-            fmi_type=kind,
-            stop_time=t_end,
-            output_interval=t_end / 100,
-            step_size=t_end / 100 if kind == "CoSimulation" else None,
-            relative_tolerance=tolerance,
-            output=names,
-            record_events=False,
-        )
+    found = simulated(path, kind, t_end, t_end / 100, names, tolerance)
     times = np.minimum(np.asarray(found["time"]), t_end)
     wanted = model.simulate((0.0, t_end), np.unique(times), rtol=1e-11, atol=1e-13)
     places = np.searchsorted(wanted.t, times - 1e-9 * t_end)

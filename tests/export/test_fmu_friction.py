@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 from math import sqrt
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
-from fmu_importer import Unit
+from fmu_importer import Unit, simulated
 from fmu_slopes import close, compare
 
 from cotree import Scene
@@ -131,18 +129,7 @@ def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
     model, path = exported(name, version)
     assert validate_fmu(str(path)) == []
     t_end, names = SCENES[name][1], [*model.states, *model.outputs]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
-        found = simulate_fmu(
-            str(path),
-            fmi_type=kind,
-            stop_time=t_end,
-            output_interval=t_end / 100,
-            step_size=t_end / 100 if kind == "CoSimulation" else None,
-            relative_tolerance=1e-10,
-            output=names,
-            record_events=False,
-        )
+    found = simulated(path, kind, t_end, t_end / 100, names, 1e-10)
     times = np.linspace(0.0, t_end, 101)
     wanted = model.simulate((0.0, t_end), times, rtol=1e-11, atol=1e-13)
     places = np.searchsorted(times, np.asarray(found["time"]) - 1e-9 * t_end)

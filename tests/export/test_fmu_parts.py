@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
-from fmu_importer import Unit
+from fmu_importer import Unit, simulated
 
 from cotree import Scene
 
@@ -47,18 +44,7 @@ def test_fmpy_simulates_what_the_model_does(tmp_path, name, version):
     times = np.linspace(0.0, t_end, 51)
     wanted = model.simulate((0.0, t_end), times, rtol=1e-11, atol=1e-13)
     for kind in ("ModelExchange", "CoSimulation"):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
-            found = simulate_fmu(
-                str(path),
-                fmi_type=kind,
-                stop_time=t_end,
-                output_interval=t_end / 50,
-                step_size=t_end / 50 if kind == "CoSimulation" else None,
-                relative_tolerance=1e-10,
-                output=names,
-                record_events=False,
-            )
+        found = simulated(path, kind, t_end, t_end / 50, names, 1e-10)
         places = np.searchsorted(times, np.asarray(found["time"]) - 1e-9 * t_end)
         for one in names:
             values = np.asarray(wanted[one])[places]

@@ -7,11 +7,10 @@ halving the step changes; an exact trajectory is that far away and no farther.
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import pytest
-from fmpy import simulate_fmu
+from fmu_importer import simulated
 from published import shared_folder
 from test_fmu_references import (
     _bouncing_ball,
@@ -36,18 +35,7 @@ def _published(name):
 
 def _simulated(scene, path, version, kind, t_end, interval, names):
     scene.compile().export_fmu(path, version)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)  # FMPy leaves folders to the collector
-        found = simulate_fmu(
-            str(path),
-            fmi_type=kind,
-            stop_time=t_end,
-            output_interval=interval,
-            step_size=interval if kind == "CoSimulation" else None,
-            relative_tolerance=1e-13,
-            output=names,
-            record_events=False,
-        )
+    found = simulated(path, kind, t_end, interval, names, 1e-13)
     return np.asarray(found["time"]), np.column_stack([found[name] for name in names])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from with_parameters import scene_with
 
 import cotree
 from cotree.errors import FormulationError, SceneError
@@ -15,15 +16,8 @@ TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
 CLOSE = 1e-9
 
 
-def scene_with(**parameters):
-    scene = cotree.Scene("rubbing")
-    for name, value in parameters.items():
-        scene.parameter(name, value)
-    return scene
-
-
 def oscillator(**parameters):
-    scene = scene_with(**{"m": 1.0, "k": 40.0, "F": 2.0, "x0": 0.47} | parameters)
+    scene = scene_with("rubbing", **{"m": 1.0, "k": 40.0, "F": 2.0, "x0": 0.47} | parameters)
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("K", "translational_spring", "ground", "A", stiffness="k", initial={"s": "x0"})
     scene.edge("R", "translational_dry_friction", "ground", "A", force="F")
@@ -32,7 +26,7 @@ def oscillator(**parameters):
 
 
 def belt():
-    scene = scene_with(m=1.0, k=10.0, F=1.0, Fs=1.6, v=0.5)
+    scene = scene_with("rubbing", m=1.0, k=10.0, F=1.0, Fs=1.6, v=0.5)
     scene.edge("M", "translational_mass", "ground", "A", mass="m", initial={"v": "v"})
     scene.edge("K", "translational_spring", "ground", "A", stiffness="k")
     scene.edge("B", "velocity_source", "ground", "belt", velocity="v")
@@ -59,7 +53,7 @@ def pendulum():
 
 def incline():
     """Make a block on an incline that tilts to and fro, by the angle sin(w t)."""
-    scene = scene_with(m=2.0, g=9.81, mu=0.3, mus=0.4, w=1.0)
+    scene = scene_with("rubbing", m=2.0, g=9.81, mu=0.3, mus=0.4, w=1.0)
     scene.output("N", "m*g*cos(sin(w*t))")
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("G", "force_source", "ground", "A", force="m*g*sin(sin(w*t))")
@@ -69,7 +63,7 @@ def incline():
 
 def coaxial():
     """Make two shafts with two clutches between them, which lock at once, and slip again."""
-    scene = scene_with(J1=1.0, J2=2.0, T=0.8, F1=2.0, F2=3.0, w0=10.0)
+    scene = scene_with("rubbing", J1=1.0, J2=2.0, T=0.8, F1=2.0, F2=3.0, w0=10.0)
     scene.edge("J1", "rotational_inertia", "ground", "a", inertia="J1", initial={"w": "w0"})
     scene.edge("J2", "rotational_inertia", "ground", "b", inertia="J2")
     scene.edge("C1", "rotational_dry_friction", "a", "b", torque="F1")
@@ -82,7 +76,7 @@ def coaxial():
 
 def chain():
     """Make three masses in a row, each of which rubs at its neighbours."""
-    scene = scene_with(m=1.0, F1=1.0, F2=1.5, F3=0.7, a=4.0, w=2.0)
+    scene = scene_with("rubbing", m=1.0, F1=1.0, F2=1.5, F3=0.7, a=4.0, w=2.0)
     for node in "ABC":
         scene.edge(f"M{node}", "translational_mass", "ground", node, mass="m")
     for name, first, second in (("F1", "ground", "A"), ("F2", "A", "B"), ("F3", "B", "C")):
@@ -220,7 +214,7 @@ def test_sensitivities_across_transitions_agree_with_differences(make, end, stat
 
 
 def test_a_start_at_rest_slips_at_once_under_a_force_beyond_the_limit():
-    scene = scene_with(P=3.0)
+    scene = scene_with("rubbing", P=3.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
     scene.edge("P", "force_source", "ground", "A", force="P")
     scene.edge("R", "translational_dry_friction", "ground", "A", force=2.0)
@@ -231,7 +225,7 @@ def test_a_start_at_rest_slips_at_once_under_a_force_beyond_the_limit():
 
 
 def test_a_clutch_without_normal_force_is_free_and_engages():
-    scene = scene_with(mu=0.5)
+    scene = scene_with("rubbing", mu=0.5)
     scene.edge("J", "rotational_inertia", "ground", "a", inertia=1.0, initial={"w": 2.0})
     # The normal force is negative at first, zero at t = 1.
     scene.edge("B", "brake", "ground", "a", normal_force="t - 1", friction="mu", radius=1.0)
@@ -245,7 +239,7 @@ def test_a_clutch_without_normal_force_is_free_and_engages():
 
 
 def test_a_table_of_speeds_is_linear_between_them_and_constant_beyond():
-    scene = scene_with(most=3.0)
+    scene = scene_with("rubbing", most=3.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"v": 2.0})
     scene.edge(
         "R", "translational_dry_friction", "ground", "A", force=[[0, "most"], [1, 2.0], [1.5, 2.0]]
@@ -269,14 +263,16 @@ def test_a_table_of_speeds_is_linear_between_them_and_constant_beyond():
     ],
 )
 def test_a_table_that_is_none_is_refused(table, why):
-    scene = scene_with()
+    scene = scene_with(
+        "rubbing",
+    )
     with pytest.raises(SceneError, match=f"force of edge 'R'.* {why}|speeds in force .*{why}"):
         scene.edge("R", "translational_dry_friction", "ground", "A", force=table)
 
 
 @pytest.mark.parametrize("force", [0, "Z"])
 def test_friction_without_force_does_nothing(force):
-    scene = scene_with(Z=0.0)
+    scene = scene_with("rubbing", Z=0.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"v": 1.0})
     scene.edge("K", "translational_spring", "ground", "A", stiffness=4.0)
     scene.edge("R", "translational_dry_friction", "ground", "A", force=force)
@@ -306,7 +302,7 @@ def test_two_edges_on_one_joint_are_refused_by_name():
 
 
 def test_friction_between_massless_nodes_is_refused_by_name():
-    scene = scene_with(k=3.0)
+    scene = scene_with("rubbing", k=3.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
     scene.edge("R", "translational_dry_friction", "A", "B", force=1.0)
     scene.edge("K", "translational_spring", "B", "ground", stiffness="k")
@@ -315,7 +311,7 @@ def test_friction_between_massless_nodes_is_refused_by_name():
 
 
 def test_friction_between_given_speeds_is_refused_by_name():
-    scene = scene_with(v=1.0)
+    scene = scene_with("rubbing", v=1.0)
     scene.edge("V", "velocity_source", "ground", "A", velocity="v")
     scene.edge("R", "translational_dry_friction", "A", "ground", force=1.0)
     with pytest.raises(FormulationError, match=r"'R' .* between given speeds"):
@@ -323,13 +319,17 @@ def test_friction_between_given_speeds_is_refused_by_name():
 
 
 def test_modes_cannot_be_given():
-    scene = scene_with()
+    scene = scene_with(
+        "rubbing",
+    )
     with pytest.raises(SceneError, match="no field 'mode'"):
         scene.edge("R", "translational_dry_friction", "ground", "A", force=1.0, mode=1)
 
 
 def test_a_one_way_clutch_that_turns_the_wrong_way_ends_the_run_with_its_name():
-    scene = scene_with()
+    scene = scene_with(
+        "rubbing",
+    )
     scene.edge("a", "rotational_inertia", "ground", "A", inertia=1.0, initial={"w": 1.0})
     scene.edge("b", "rotational_inertia", "ground", "B", inertia=1.0)
     scene.edge("C", "one_way_clutch", "A", "B", normal_force=0, friction=0.1, radius=1.0)
@@ -340,7 +340,7 @@ def test_a_one_way_clutch_that_turns_the_wrong_way_ends_the_run_with_its_name():
 
 def test_parallel_brakes_hold_as_much_as_both_together():
     """On one shaft, by way of a gear, what reaches its limit first goes on with that."""
-    scene = scene_with(r=2.0)
+    scene = scene_with("rubbing", r=2.0)
     scene.edge("a", "rotational_inertia", "ground", "A", inertia=1.0)
     scene.edge("b", "rotational_inertia", "ground", "B", inertia=1.0)
     scene.edge("G", "ideal_gear", "A", "B", ratio="r")

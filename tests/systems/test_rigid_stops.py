@@ -4,6 +4,7 @@ from math import asin, cos, pi, sin, sqrt
 
 import numpy as np
 import pytest
+from with_parameters import scene_with
 
 import cotree
 from cotree.errors import ExpressionError, FormulationError, ParameterError, SceneError
@@ -13,16 +14,9 @@ TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
 CLOSE = 1e-9
 
 
-def scene_with(**parameters):
-    scene = cotree.Scene("stops")
-    for name, value in parameters.items():
-        scene.parameter(name, value)
-    return scene
-
-
 def ball(**parameters):
     given = {"m": 2.0, "g": 9.81, "h": 1.0, "e": 0.8, "vr": 0.05} | parameters
-    scene = scene_with(**given)
+    scene = scene_with("stops", **given)
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("G", "force_source", "ground", "A", force="-m*g")
     limit = {"lower": 0.0, "restitution": "e", "rest_speed": "vr"}
@@ -33,7 +27,7 @@ def ball(**parameters):
 
 def table():
     """Make a mass on a table that moves by a sin(w t), faster than it falls."""
-    scene = scene_with(m=2.0, g=9.81, a=0.05, w=20.0)
+    scene = scene_with("stops", m=2.0, g=9.81, a=0.05, w=20.0)
     scene.edge("T", "velocity_source", "ground", "T", velocity="a*w*cos(w*t)")
     scene.edge("M", "translational_mass", "ground", "A", mass="m", initial={"v": "a*w"})
     scene.edge("G", "force_source", "ground", "A", force="-m*g")
@@ -44,7 +38,7 @@ def table():
 
 def pair():
     """Make two masses, of which one runs into the other."""
-    scene = scene_with(m1=2.0, m2=3.0, u=1.5, e=0.6, gap=0.4)
+    scene = scene_with("stops", m1=2.0, m2=3.0, u=1.5, e=0.6, gap=0.4)
     scene.edge("M1", "translational_mass", "ground", "A", mass="m1", initial={"v": "u"})
     scene.edge("M2", "translational_mass", "ground", "B", mass="m2")
     limit = {"lower": 0.0, "restitution": "e"}
@@ -54,7 +48,7 @@ def pair():
 
 def slot():
     """Make a mass that rubs and bounces between two limits."""
-    scene = scene_with(m=1.0, u=1.5, e=0.5, b=0.3, F=0.05)
+    scene = scene_with("stops", m=1.0, u=1.5, e=0.5, b=0.3, F=0.05)
     scene.edge("M", "translational_mass", "ground", "A", mass="m", initial={"v": "u"})
     scene.edge("R", "translational_dry_friction", "ground", "A", force="F")
     limits = {"lower": "-b", "upper": "b", "restitution": "e"}
@@ -63,7 +57,7 @@ def slot():
 
 
 def oscillator(**parameters):
-    scene = scene_with(**{"m": 1.0, "k": 40.0, "x0": 0.5, "b": 0.3, "e": 0.8} | parameters)
+    scene = scene_with("stops", **{"m": 1.0, "k": 40.0, "x0": 0.5, "b": 0.3, "e": 0.8} | parameters)
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("K", "translational_spring", "ground", "A", stiffness="k", initial={"s": "x0"})
     limit = {"lower": "-b", "restitution": "e"}
@@ -73,7 +67,7 @@ def oscillator(**parameters):
 
 def pressed():
     """Make a mass that rubs, and that a force presses against a wall and pulls off again."""
-    scene = scene_with(m=1.0, P=3.0, w=1.0, b=0.2, F=1.0)
+    scene = scene_with("stops", m=1.0, P=3.0, w=1.0, b=0.2, F=1.0)
     scene.edge("M", "translational_mass", "ground", "A", mass="m")
     scene.edge("P", "force_source", "ground", "A", force="P*sin(w*t)")
     scene.edge("R", "translational_dry_friction", "ground", "A", force="F")
@@ -84,7 +78,7 @@ def pressed():
 
 def row_of_masses(n=3, restitution=1.0):
     """Make masses in a row, all but the first of which touch."""
-    scene = scene_with(m=1.0, u=1.0)
+    scene = scene_with("stops", m=1.0, u=1.0)
     for i in range(n):
         initial = {"v": "u"} if i == 0 else {}
         scene.edge(f"M{i}", "translational_mass", "ground", f"N{i}", mass="m", initial=initial)
@@ -96,7 +90,7 @@ def row_of_masses(n=3, restitution=1.0):
 
 def stack():
     """Make two blocks on each other that fall on the floor."""
-    scene = scene_with(m=1.0, g=9.81, h=0.3, e=0.3)
+    scene = scene_with("stops", m=1.0, g=9.81, h=0.3, e=0.3)
     limit = {"lower": 0.0, "restitution": "e", "rest_speed": 0.02}
     for i, (node, below, mass) in enumerate((("A", "ground", "m"), ("B", "A", "2*m"))):
         scene.edge(f"M{i}", "translational_mass", "ground", node, mass=mass)
@@ -257,7 +251,7 @@ def test_what_touches_takes_part_in_an_impact():
 
 
 def test_gaps_that_close_at_once():
-    scene = scene_with(u=1.0)
+    scene = scene_with("stops", u=1.0)
     for i, sign in enumerate((1, 0, -1)):
         initial = {"v": f"{sign}*u"}
         scene.edge(f"M{i}", "translational_mass", "ground", f"N{i}", mass=1.0, initial=initial)
@@ -330,7 +324,7 @@ def test_a_start_at_a_limit_rests_there_or_begins_with_an_impact():
     rest = ball(h=0.0).compile(["m"]).simulate((0, 1), [0.0, 1.0], **TIGHT)
     assert np.max(np.abs(rest["F.mode"] + 1)) == 0.0
     assert np.max(np.abs(rest["push"] - 2.0 * 9.81)) <= CLOSE
-    scene = scene_with(u=-2.0)
+    scene = scene_with("stops", u=-2.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"v": "u"})
     scene.edge("F", "translational_rigid_stop", "ground", "A", lower=0.0, restitution=0.5)
     result = scene.compile(["u"]).simulate((0, 1), **TIGHT)
@@ -340,7 +334,7 @@ def test_a_start_at_a_limit_rests_there_or_begins_with_an_impact():
 
 
 def test_an_event_that_drives_what_rests_into_its_stop_is_an_impact():
-    scene = scene_with(u=2.0)
+    scene = scene_with("stops", u=2.0)
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
     scene.edge("G", "force_source", "ground", "A", force=-9.81)
     scene.edge("F", "translational_rigid_stop", "ground", "A", lower=0.0, restitution=0.5)
@@ -365,7 +359,9 @@ def test_an_event_that_drives_what_rests_into_its_stop_is_an_impact():
     ],
 )
 def test_a_stop_that_is_none_is_refused_by_name(fields, why):
-    scene = scene_with()
+    scene = scene_with(
+        "stops",
+    )
     scene.edge("M", "translational_mass", "ground", "A", mass=1.0)
 
     def run():
@@ -389,7 +385,9 @@ def test_two_edges_that_hold_one_joint_are_refused_by_name():
 
 
 def test_a_stop_between_massless_nodes_is_refused_by_name():
-    scene = scene_with()
+    scene = scene_with(
+        "stops",
+    )
     scene.edge("D", "translational_damper", "ground", "A", damping=1.0)
     scene.edge("F", "translational_rigid_stop", "ground", "A", lower=0.0)
     with pytest.raises(FormulationError, match=r"'F' of type .* holds at its limits, so "):
