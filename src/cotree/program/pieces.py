@@ -8,9 +8,9 @@ from there on the next piece. States and their sensitivities are continuous at a
 nothing else happens there.
 
 Left as they are: conditions whose two sides do not evidently meet, which would be jumps; those that
-are known functions of time, where integration stops anyway; and corners within roots, powers,
-logarithms, exponentials, divisors and constraints, where a piece has no value beyond its end, or a
-huge one.
+are known functions of time, where integration stops anyway; corners within roots, powers, logarithms,
+exponentials, divisors and constraints, where a piece has no value beyond its end, or a huge one; and
+tables with very many points, whose corners are small.
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 #: alone that may have corners, and of a linear system the right-hand side.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
 _TAME |= {"select", "sign", "table", "result", "sines"}
+
+#: Tables with more points than this along an axis are left to the error test: a run would stop at
+#: each of them.
+_MOST_POINTS = 1000
 
 
 def hold_pieces(equations: Equations) -> Equations:
@@ -99,7 +103,8 @@ def _find(equations: Equations) -> dict[Node, None]:
             if looked_at in moving:
                 conditions[looked_at] = conditions.get(looked_at, True) and is_corner
         elif _is_table(node) and node not in wild:
-            tables[node] = None
+            if max(map(len, _axes(node))) <= _MOST_POINTS:
+                tables[node] = None
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
     kept = [node for node, is_corner in conditions.items() if is_corner and node not in timed]
@@ -125,6 +130,11 @@ def _is_timed(node: Node) -> bool:
 
 def _is_table(node: Node) -> bool:
     return isinstance(node.data, (Table, PlaneTable))
+
+
+def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
+    """List the points of a table along each of its axes."""
+    return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 
 def _wild(order: list[Node], equations: Equations) -> set[Node]:
@@ -204,8 +214,8 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
 
     def table(node: Node) -> tuple[Node, ...]:
         given = [of(arg) for arg in node.args]
-        axes = node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
-        pieces = [piece_of(axis, arg) for axis, arg in zip(axes, node.args, strict=True)]
+        pairs = zip(_axes(node), node.args, strict=True)
+        pieces = [piece_of(axis, arg) for axis, arg in pairs]
         data: HeldTable | HeldPlane
         if isinstance(node.data, PlaneTable):
             data = HeldPlane(node.data.x, node.data.y, node.data.z)
