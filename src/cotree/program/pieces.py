@@ -8,9 +8,9 @@ from there on the next piece. States and their sensitivities are continuous at a
 nothing else happens there.
 
 Left as they are: conditions whose two sides do not evidently meet, which would be jumps; those that
-are known functions of time, where integration stops anyway; corners within roots, powers, logarithms,
-exponentials, divisors and constraints, where a piece has no value beyond its end, or a huge one; and
-tables with very many points, whose corners are small.
+are known functions of time, where integration stops anyway; corners within roots, powers,
+logarithms, exponentials, divisors and constraints, where a piece has no value beyond its end, or
+a huge one; and tables with very many points, whose corners are small.
 """
 
 from __future__ import annotations
@@ -102,9 +102,8 @@ def _find(equations: Equations) -> dict[Node, None]:
             looked_at = node.args[0]
             if looked_at in moving:
                 conditions[looked_at] = conditions.get(looked_at, True) and is_corner
-        elif _is_table(node) and node not in wild:
-            if max(map(len, _axes(node))) <= _MOST_POINTS:
-                tables[node] = None
+        elif _is_table(node) and node not in wild and _n_points(node) <= _MOST_POINTS:
+            tables[node] = None
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
     kept = [node for node, is_corner in conditions.items() if is_corner and node not in timed]
@@ -130,6 +129,10 @@ def _is_timed(node: Node) -> bool:
 
 def _is_table(node: Node) -> bool:
     return isinstance(node.data, (Table, PlaneTable))
+
+
+def _n_points(node: Node) -> int:
+    return max(map(len, _axes(node)))
 
 
 def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
