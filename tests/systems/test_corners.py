@@ -7,7 +7,7 @@ import shlex
 import subprocess
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,6 +15,9 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from cotree import Scene
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 pytestmark = pytest.mark.compiler
 
@@ -387,3 +390,67 @@ def test_a_c_project_locates_corners(tmp_path: Path, method: str, end: float) ->
     position = next(float(text.split()[0]) for name, text in found.items() if name.strip() == "j.s")
     exact = bilinear(np.array([end]))[0] if end > 0.0 else -bilinear(np.array([-end]), 1.0, 4.0)[0]
     assert position == pytest.approx(exact, abs=1e-9 if end > 0.0 else 1e-8)
+
+
+@pytest.mark.parametrize("method", [*METHODS, "cvode", "ida"])
+@pytest.mark.parametrize("law", ["f(x.v)", "max(0, 1 - 100*abs(x.v - 1.01))"])
+def test_a_peak_that_a_long_step_would_not_see(law: str, method: str) -> None:
+    """It is 0.02 wide, beyond a second in which nothing changes at all."""
+    scene = Scene("peak")
+    scene.table("f", [0, 1, 1.01, 1.02], [0, 0, 1, 0])
+    for name, current in (("x", "1"), ("y", law)):
+        scene.edge(name, "capacitor", name, "ground", capacitance=1.0)
+        scene.edge(f"I{name}", "current_source", "ground", name, current=current)
+    result = scene.compile().simulate((0, 20), method=method, **_TIGHT)
+    assert result["y.v"][-1] == pytest.approx(0.01, rel=1e-9)
+
+
+def backlash(c: float) -> Scene:
+    """Make a mass of 1 kg that flies at 1 m/s between two springs."""
+    scene = Scene("play")
+    for name, value in (("k", 400.0), ("a", 0.2), ("c", c)):
+        scene.parameter(name, value)
+    scene.edge("m", "translational_mass", "ground", "A", mass=1.0, initial={"v": 1.0})
+    scene.edge(
+        *("K", "translational_backlash", "ground", "A"),
+        lower="-a",
+        upper="a",
+        stiffness="k",
+        damping="c",
+        initial={"s": 0.0},
+    )
+    return scene
+
+
+@pytest.mark.parametrize("method", [*METHODS, "cvode", "ida"])
+def test_a_mass_with_play(method: str) -> None:
+    """Four flights over a, and two halves of a sine, seven times."""
+    model = backlash(0.0).compile(["k", "a"])
+    end = 7 * (0.8 + 2.0 * math.pi / 20.0) + 0.15
+    result = model.simulate((0, end), method=method, **_TIGHT)
+    scale = 200.0 if method in ("cvode", "ida") else 10.0
+    assert result["K.s"][-1] == pytest.approx(0.15, abs=1e-9 * scale)
+    assert result.sensitivity("K.s", "a")[-1] == pytest.approx(-28.0, abs=2e-7 * scale)
+    exact = 7 * math.pi * 400.0**-1.5
+    assert result.sensitivity("K.s", "k")[-1] == pytest.approx(exact, abs=1e-10 * scale)
+
+
+@pytest.mark.parametrize("method", [*METHODS, "cvode", "ida"])
+def test_corners_within_corners(method: str) -> None:
+    """Damping sets in and ends between limits that are corners themselves.
+
+    The derivatives of the law write its conditions in another order, and with other signs.
+    """
+    model = backlash(3.0).compile(["k", "c"])
+    end, h = 7.8, 1e-4
+    exact = model.simulate((0, end), method="dop853", rtol=1e-13, atol=1e-14)
+    result = model.simulate((0, end), method=method, **_TIGHT)
+    scale = 20.0 if method in ("cvode", "ida") else 1.0
+    assert result["K.s"][-1] == pytest.approx(exact["K.s"][-1], abs=2e-9 * scale)
+    for name, value in (("k", 400.0), ("c", 3.0)):
+        high, low = (
+            model.simulate((0, end), parameters={name: value + d}, rtol=1e-13, atol=1e-14)
+            for d in (h, -h)
+        )
+        slope = (high["K.s"][-1] - low["K.s"][-1]) / (2 * h)
+        assert result.sensitivity("K.s", name)[-1] == pytest.approx(slope, abs=2e-8 * scale)

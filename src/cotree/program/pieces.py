@@ -42,6 +42,9 @@ _TAME |= {"select", "sign", "table", "result", "sines"}
 #: each of them.
 _MOST_POINTS = 1000
 
+#: Sums of more terms than this are compared as they stand.
+_MOST_TERMS = 64
+
 
 def hold_pieces(equations: Equations) -> Equations:
     """Let steps hold the pieces of what has corners."""
@@ -93,20 +96,24 @@ def _find(equations: Equations) -> dict[Node, None]:
     order = reachable([*equations.forcing, *equations.rates])
     moving = dependent(order, _moving(order, equations))
     wild = _wild(order, equations)
-    conditions: dict[Node, bool] = {}
+    conditions: dict[_Key, bool] = {}
+    looked_at: dict[_Key, Node] = {}
     tables: dict[Node, None] = {}
+    keys = _Keys()
     for node in (item for item in order if not moving.isdisjoint(item.args)):
         if node.op in ("select", "abs", "sign"):
             # One condition serves all that it decides: one of these may rule it out.
             is_corner = node not in wild and (node.op == "abs" or _meets(node))
-            looked_at = node.args[0]
-            if looked_at in moving:
-                conditions[looked_at] = conditions.get(looked_at, True) and is_corner
+            if node.args[0] in moving:
+                key, _ = keys.of(node.args[0])
+                looked_at.setdefault(key, node.args[0])
+                conditions[key] = conditions.get(key, True) and is_corner
         elif _is_table(node) and node not in wild and _n_points(node) <= _MOST_POINTS:
             tables[node] = None
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
-    kept = [node for node, is_corner in conditions.items() if is_corner and node not in timed]
+    located = [looked_at[key] for key, is_corner in conditions.items() if is_corner]
+    kept = [node for node in located if node not in timed]
     kept += [node for node in tables if not timed.issuperset(node.args)]
     return dict.fromkeys(kept)
 
@@ -175,6 +182,46 @@ def _meets(node: Node) -> bool:
         return False
 
 
+#: A sum as its terms by their numbers, with coefficients; the first of these is one.
+_Key = tuple[tuple[int, float], ...]
+
+
+class _Keys:
+    """Tells conditions that are the same but for their sign, a factor, or the order of their terms.
+
+    Derivatives of laws write the conditions of the laws themselves in other ways.
+    """
+
+    def __init__(self) -> None:
+        self._terms: dict[Node, dict[Node, float]] = {}
+
+    def of(self, condition: Node) -> tuple[_Key, float]:
+        """Give the key of a condition, and the factor by which it is what the key says."""
+        terms = sorted((node.index, factor) for node, factor in self._sum(condition).items())
+        scale = terms[0][1] if terms else 1.0
+        return tuple((index, factor / scale) for index, factor in terms), scale
+
+    def _sum(self, node: Node) -> dict[Node, float]:
+        found = self._terms.get(node)
+        if found is None:
+            found = self._terms[node] = self._formed(node)
+        return found
+
+    def _formed(self, node: Node) -> dict[Node, float]:
+        if node.op in ("add", "sub", "neg"):
+            factors = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}[node.op]
+            total: dict[Node, float] = {}
+            for arg, factor in zip(node.args, factors, strict=True):
+                for term, own in self._sum(arg).items():
+                    total[term] = total.get(term, 0.0) + factor * own
+            if len(total) <= _MOST_TERMS:
+                return {term: factor for term, factor in total.items() if factor != 0.0}
+        if node.op == "mul" and node.args[0].value is not None:
+            factor = node.args[0].value
+            return {term: factor * own for term, own in self._sum(node.args[1]).items()}
+        return {node.dag.one: node.value} if node.value else {node: 1.0}
+
+
 @dataclass
 class _Held:
     """What is found while pieces are numbered."""
@@ -187,7 +234,8 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
     """Form what takes the place of each value that has a corner, from the inside out."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
-    signs: dict[Node, Node] = {}
+    keys = _Keys()
+    signs: dict[_Key, tuple[Node, float]] = {}
     slots: dict[tuple[object, Node], Node] = {}
     motion = [] if equations.motion is None else [equations.motion]
     motion += [] if equations.direction is None else [equations.direction]
@@ -202,13 +250,14 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
         held.pieces.append(dag.zero)
         return dag.symbol(PIECE, len(held.pieces) - 1)
 
-    def sign(condition: Node) -> Node:
-        if condition not in signs:
-            piece, value = slot(), of(condition)
-            held.rows.append(CornerRow(value, piece.data[1], 0))
-            # Minus its size is zero or more where it is zero itself.
-            signs[condition] = dag.select(-dag.function("abs", piece), value, piece)
-        return signs[condition]
+    def sign(condition: Node, key: _Key, scale: float) -> Node:
+        if key not in signs:
+            signs[key] = slot(), scale
+            held.rows.append(CornerRow(of(condition), signs[key][0].data[1], 0))
+        piece, first = signs[key]
+        # Minus its size is zero or more where it is zero itself.
+        own = piece if scale * first > 0.0 else -piece
+        return dag.select(-dag.function("abs", piece), of(condition), own)
 
     def piece_of(axis: tuple[float, ...], at: Node) -> Node:
         if (axis, at) not in slots:
@@ -236,6 +285,7 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
         return made
 
     results: dict[Node, tuple[Node, ...]] = {}
+    followed = {keys.of(node)[0] for node in found if not _is_table(node)}
     for node in order:
         if node in found and _is_table(node):
             results[node] = table(node)
@@ -243,8 +293,9 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
         if node.op == "result" and node.args[0] in results:
             new[node] = results[node.args[0]][node.data]
             continue
-        if node.op in ("select", "abs", "sign") and node.args[0] in found:
-            own = sign(node.args[0])
+        key, scale = keys.of(node.args[0]) if node.op in ("select", "abs", "sign") else ((), 0.0)
+        if key and key in followed:
+            own = sign(node.args[0], key, scale)
             if node.op == "select":
                 made = dag.select(own, of(node.args[1]), of(node.args[2]))
             else:
