@@ -454,3 +454,39 @@ def test_corners_within_corners(method: str) -> None:
         )
         slope = (high["K.s"][-1] - low["K.s"][-1]) / (2 * h)
         assert result.sensitivity("K.s", name)[-1] == pytest.approx(slope, abs=2e-8 * scale)
+
+
+@pytest.mark.parametrize("method", [*METHODS, "cvode", "ida"])
+def test_corners_beside_dry_friction(method: str) -> None:
+    """Modes of friction are chosen with the pieces that hold there."""
+    scene = Scene("rubbed")
+    scene.parameter("k", 30.0)
+    scene.edge("mass", "translational_mass", "ground", "A", mass=1.0)
+    ends = ("ground", "A")
+    scene.edge("spring", "translational_spring", *ends, stiffness="k", initial={"s": 0.9})
+    push = "-20*max(spring.s - 0.2, 0) - 5*abs(spring.s)"
+    scene.edge("push", "force_source", *ends, force=push)
+    scene.edge("rub", "translational_dry_friction", *ends, force=1.0, breakaway=1.2)
+    found = scene.compile(["k"]).simulate((0, 3), method=method, **_TIGHT)
+    tested = scene.compile(["k"], locate_corners=False)
+    exact = tested.simulate((0, 3), method="dop853", rtol=1e-12, atol=1e-14)
+    assert len(found.events["rub stops"].t) == len(exact.events["rub stops"].t) == 5
+    assert found["spring.s"][-1] == pytest.approx(exact["spring.s"][-1], abs=1e-9)
+    own, other = (r.sensitivity("spring.s", "k")[-1] for r in (found, exact))
+    assert own == pytest.approx(other, abs=2e-8)
+
+
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_fmus_leave_corners_to_the_error_test(tmp_path: Path, kind: str) -> None:
+    fmpy = pytest.importorskip("fmpy")
+    model = mass(SPRINGS["abs"], {"k1": 4.0, "k2": 1.0}, s_dot=1.0).compile()
+    model.export_fmu(tmp_path / "mass.fmu")
+    found = fmpy.simulate_fmu(
+        str(tmp_path / "mass.fmu"),
+        stop_time=10,
+        fmi_type=kind,
+        output=["j.s"],
+        relative_tolerance=1e-8,
+        output_interval=0.1,
+    )
+    assert found["j.s"] == pytest.approx(bilinear(found["time"]), abs=1e-5)
