@@ -251,6 +251,7 @@ def made_up() -> Callable[..., Program]:
             "parameters": rows("p", n_parameters),
             "outputs": rows("y", len(results.get("outputs", ()))),
             "parameter_values": (1.0,) * n_parameters,
+            "n_pieces": 0,
             "column_starts": (0,) * (n_states + 1),
             "sensitivity_starts": (0,),
         }

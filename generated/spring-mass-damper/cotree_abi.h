@@ -78,12 +78,15 @@ typedef struct cotree_event {
     int n_kept;    /* targets that stay as set; those after them are speeds after an impact */
     int n_targets; /* states that it sets */
     const int *targets;
+    int piece; /* that ends there, of a corner */
 } cotree_event;
 
 /* What events need to know of a model. */
 typedef struct cotree_hybrid {
-    int n_events;
-    int n_jumps; /* targets of all events */
+    int n_events;  /* with the corners of rates, which are the last of them */
+    int n_corners;
+    int n_pieces; /* what ends at these: the last prepared values, zero where no step holds them */
+    int n_jumps;  /* targets of all events */
     const cotree_event *events;
     int n_coordinates;     /* the first states */
     int n_speeds;          /* the next ones */
@@ -158,14 +161,14 @@ typedef struct cotree_model {
     cotree_state_kernel projection;
     /* ds: the step that makes sensitivities satisfy the differentiated constraints */
     cotree_sensitivity_kernel sensitivity_projection;
-    /* g: what events look at for zeros */
+    /* g: what events look at for zeros, then corners; then the numbers of pieces of tables */
     cotree_state_kernel events;
     /* r: what each event sets its targets to, in turn */
     cotree_state_kernel jumps;
-    /* dg: sensitivities of events, then of jumps, parameter by parameter */
+    /* dg: sensitivities of events, zeros of corners, then of jumps, parameter by parameter */
     cotree_sensitivity_kernel event_sensitivity;
-    /* dg: time derivatives of events, of jumps, of residuals of algebraic unknowns, where s holds
-     * those of the states */
+    /* dg: time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns,
+     * where s holds those of the states */
     cotree_sensitivity_kernel event_rates;
     /* d: from a guess of the algebraic unknowns: rates of the others after a step, this step and
      * its last part, n_algebraic each, how far it reaches, of the order of 1 where series
@@ -178,7 +181,7 @@ typedef struct cotree_model {
     cotree_sensitivity_kernel extended_augmented_rhs;
     /* ds: sensitivities of the algebraic unknowns, where s holds those of states alone */
     cotree_sensitivity_kernel algebraic_sensitivity;
-    const cotree_hybrid *hybrid; /* of models with events; NULL in others */
+    const cotree_hybrid *hybrid; /* of models with events or corners; NULL in others */
 } cotree_model;
 /* cotree: end of the part that cffi reads */
 

@@ -86,6 +86,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         native: bool = False,
         baumgarte: float = 0.0,
         tunable: Sequence[str] | None = None,
+        locate_corners: bool = True,
     ) -> Model:
         """Form the equations, generate C, compile and load it.
 
@@ -106,6 +107,10 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         tunable : sequence of str, optional
             Parameters that runs may change, with those of sensitivities; others become numbers in
             the code. As the scene says where absent.
+        locate_corners : bool
+            Whether runs locate the corners of absolute values, minima, maxima and linear tables of
+            what moves, and begin a new step there. False leaves them to the error test; ensembles
+            then run several members at once in vectors.
 
         Returns
         -------
@@ -122,9 +127,6 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             If the C text cannot be compiled.
         """
         begun = time.perf_counter()
-        # What compiles is imported at the first call, which counts as time to formulate.
-        from cotree.compilation import compile_scene
-
         names = listed_names(sensitivities, "sensitivities")
         # Parameters that no run may change become numbers, which fold into the code.
         described = keep_tunable(self, tunable, names)
@@ -136,10 +138,10 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         prepared = time.perf_counter() - begun
         # The model keeps the scene as it is now, whatever is added to it later.
         described = described.copied()
-        recipe = Recipe(described, tuple(names), tree, options, rate)
+        recipe = Recipe(described, tuple(names), tree, options, rate, bool(locate_corners))
         try:
             with origins_told(self):
-                compiled = compile_scene(described, names, tree, options, rate)
+                compiled = recipe.compiled()
                 model = Model(compiled, recipe)
                 model.times["formulate"] += prepared
                 # Faults that only numbers show, as a motion without inertia, are refused here.

@@ -81,6 +81,7 @@ def compile_scene(
     tree: TreeChoice,
     options: BuildOptions,
     baumgarte: float = 0.0,
+    locates_corners: bool = True,
 ) -> Compiled:
     """Take a scene all the way to kernels that can be called.
 
@@ -96,6 +97,8 @@ def compile_scene(
         The user's choices for the compiler.
     baumgarte : float
         Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
+    locates_corners : bool
+        Whether runs locate the corners of rates, in place of leaving them to the error test.
 
     Raises
     ------
@@ -113,9 +116,9 @@ def compile_scene(
         # Where the program was kept, nothing of the formulation is even imported.
         from cotree.pipeline import form_text
 
-        return form_text(scene, sensitivities, tree, baumgarte)
+        return form_text(scene, sensitivities, tree, baumgarte, locates_corners)
 
-    key = _key(scene, sensitivities, tree, baumgarte)
+    key = _key(scene, tuple(sensitivities), tree, baumgarte, locates_corners)
     text, formed = find_text(key) if key else None, None
     times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
     if text is None:
@@ -124,7 +127,7 @@ def compile_scene(
         if key:
             keep_text(key, text)
     for sentence in impossible_inertias(scene):
-        warnings.warn(sentence, RuntimeWarning, stacklevel=3)  # whoever asked for the model
+        warnings.warn(sentence, RuntimeWarning, stacklevel=4)  # whoever asked for the model
     loaded = time.perf_counter()
     kernels, cached = load_kernels(text, options)
     times["compile"] = time.perf_counter() - loaded
@@ -156,7 +159,7 @@ def load_kernels(text: ModelText, options: BuildOptions) -> tuple[Kernels, bool]
         warnings.warn(
             f"{reason}: the model is evaluated in Python, which is much slower",
             RuntimeWarning,
-            stacklevel=4,  # whoever asked for the model
+            stacklevel=5,  # whoever asked for the model
         )
         # The same nodes without C: a model always runs, if slowly.
         return PythonKernels(text.program), False
@@ -172,14 +175,12 @@ def load_kernels(text: ModelText, options: BuildOptions) -> tuple[Kernels, bool]
     return CKernels(text.program, loaded, text.prefix), library.cached
 
 
-def _key(
-    scene: SceneDescription, sensitivities: Sequence[str], tree: TreeChoice, baumgarte: float
-) -> str | None:
+def _key(scene: SceneDescription, *asked_for: object) -> str | None:
     """Hash all that a program and its text follow from; None where that is not possible."""
     # Laws that a user registered are functions, of which nobody can tell whether they are the same.
     if not KEEPS or any(edge.statement["type"] not in OWN for edge in scene.edges.values()):
         return None
-    asked = pickled((scene, tuple(sensitivities), tree, baumgarte))
+    asked = pickled((scene, *asked_for))
     return None if asked is None else hashlib.sha256(_sources() + asked).hexdigest()
 
 

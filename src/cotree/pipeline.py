@@ -24,6 +24,7 @@ from cotree.formulation.early import check_numbers
 from cotree.formulation.networks.network import draw_networks
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
+from cotree.program.pieces import hold_pieces
 from cotree.quiet import without_collection
 from cotree.scene.dimensions import check_scene_units
 from cotree.scene.graphs import (
@@ -248,7 +249,11 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
 
 
 def form_text(
-    scene: SceneDescription, sensitivities: Sequence[str], tree: TreeChoice, baumgarte: float
+    scene: SceneDescription,
+    sensitivities: Sequence[str],
+    tree: TreeChoice,
+    baumgarte: float,
+    locates_corners: bool = True,
 ) -> Formed:
     """Take a scene to its C text; parameters as of :func:`cotree.compilation.compile_scene`.
 
@@ -265,7 +270,8 @@ def form_text(
         acting, sensitivities, tree, baumgarte, check_numbers
     )
     marks.append(time.perf_counter())
-    program, reports = generate(equations)
+    # Steps of a run keep to the pieces of what has corners. Equations for people have none.
+    program, reports = generate(hold_pieces(equations) if locates_corners else equations)
     context = model_context(program)
     text = text_of(program, context)
     marks.append(time.perf_counter())

@@ -11,6 +11,7 @@ from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
     from cotree.build import BuildOptions
+    from cotree.compilation import Compiled
     from cotree.compiled import Model
     from cotree.formulation.first_graph import FirstGraph
     from cotree.pipeline import Formed
@@ -29,7 +30,7 @@ class Recipe:
         The scene, which nobody changes.
     sensitivities : tuple of str
         Parameters and states to take sensitivities to.
-    tree, options, baumgarte
+    tree, options, baumgarte, locates_corners
         As of :func:`cotree.compilation.compile_scene`.
     """
 
@@ -38,6 +39,7 @@ class Recipe:
     tree: TreeChoice
     options: BuildOptions
     baumgarte: float
+    locates_corners: bool = True
 
     @property
     def defaults(self) -> Simulation:
@@ -48,16 +50,29 @@ class Recipe:
         """Form the equations, for those who look at the stages before the program."""
         from cotree.pipeline import form_text
 
-        return form_text(self.scene, self.sensitivities, self.tree, self.baumgarte)
+        return form_text(
+            self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
+        )
+
+    def compiled(self) -> Compiled:
+        """Compile the program; its library comes from the cache where it is there."""
+        # What compiles is imported at the first call.
+        from cotree.compilation import compile_scene
+
+        return compile_scene(
+            self.scene,
+            self.sensitivities,
+            self.tree,
+            self.options,
+            self.baumgarte,
+            self.locates_corners,
+        )
 
     def made(self) -> Model:
-        """Compile the model; its library comes from the cache where it is there."""
-        from cotree.compilation import compile_scene
+        """Compile the model."""
         from cotree.compiled import Model
 
-        names = self.sensitivities
-        compiled = compile_scene(self.scene, names, self.tree, self.options, self.baumgarte)
-        return Model(compiled, self)
+        return Model(self.compiled(), self)
 
     def of(self, scene: SceneDescription, first: FirstGraph) -> Recipe:
         """Give the recipe of another scene of the same edges, in the coordinates of a model."""

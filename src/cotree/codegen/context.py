@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from cotree.program import Layout, Program
 
 
+#: What stands in the place of ``is_jump`` for a corner, see ``cotree_jumps.h``.
+_CORNER = 11
+
+
 @dataclass(frozen=True)
 class QuantityContext:
     """A row of a table of names."""
@@ -56,13 +60,16 @@ class EventContext:
     n_kept: int
     n_targets: int
     targets: list[str]
+    piece: int  # that ends at a corner
 
 
 @dataclass(frozen=True)
 class HybridContext:
-    """Data of a model that its events need; not written for a model without events."""
+    """Data of a model that its events need; not written for a model without any, or corners."""
 
-    events: list[EventContext]
+    events: list[EventContext]  # then the corners
+    n_corners: int
+    n_pieces: int
     n_jumps: int
     n_coordinates: int
     n_speeds: int
@@ -207,11 +214,18 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             len(row.kept),
             len(row.targets),
             wrapped(map(str, row.targets)),
+            piece=0,
         )
         for row in layout.events
     ]
+    events += [
+        EventContext(c_string(""), direction, False, _CORNER, False, 0, 0, [], piece)
+        for piece, direction in layout.corners
+    ]
     return HybridContext(
         events,
+        len(layout.corners),
+        layout.n_pieces,
         sum(event.n_targets for event in events),
         layout.n_coordinates,
         layout.n_speeds,

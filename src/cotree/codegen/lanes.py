@@ -125,6 +125,8 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return f"'{method}' is no method of cotree"
     if layout.events:
         return "there are events"
+    if layout.corners:
+        return "corners of laws are located"
     if layout.constraints:
         return "there are constraints"
     if layout.n_algebraic:

@@ -35,6 +35,7 @@ _MOST_WAITING = 3
 # What gcc 12 measures (-O0 -mno-red-zone -fstack-usage) of the functions that come with a model.
 #: Of the elimination in loops, and of reading a table.
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
+_HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Several sines at once, with the function that selects them by processor.
 _SINES = 1520
 #: The elimination of one to three unknowns that is written out.

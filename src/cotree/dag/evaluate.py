@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cotree.dag.multi_output import SEVERAL
 from cotree.dag.operations import OPERATIONS
+from cotree.dag.symbols import PIECE
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:
@@ -60,7 +61,9 @@ def evaluate(
         elif op == "constant":
             known[node] = node.value
         elif op == "symbol":
-            raise KeyError(node.data)
+            if node.data[0] != PIECE:
+                raise KeyError(node.data)
+            known[node] = 0.0  # nobody holds it
         elif op == "result":
             known[node] = known[node.args[0]][node.data]
         elif op in SEVERAL:

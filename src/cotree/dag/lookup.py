@@ -99,23 +99,143 @@ class PlaneTable:
     @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
         """Look it up at two numbers, real or complex, or at two arrays of numbers."""
-        x, y = np.array(self.x), np.array(self.y)
-        z = np.array(self.z).reshape(len(x), len(y))
-        i, j = _piece(x, values[0]), _piece(y, values[1])
-        width, height = x[i + 1] - x[i], y[j + 1] - y[j]
-        s, u = values[0] - x[i], values[1] - y[j]
-        by_x = (z[i + 1, j] - z[i, j]) / width
-        by_y = (z[i, j + 1] - z[i, j]) / height
-        twist = ((z[i + 1, j + 1] - z[i, j + 1]) / width - by_x) / height
+        given = []
+        for axis, at in zip(map(np.array, self.axes), values, strict=True):
+            k = _piece(axis, at)
+            given.append((axis, k, at - axis[k]))
+        return _bilinear(given, np.array(self.z))
+
+
+@dataclass(frozen=True)
+class HeldTable:
+    """A piecewise linear function, constant outside its range, of which a piece may be held.
+
+    Arguments: where to look it up, and the number of the piece, zero where the argument decides.
+    The first piece lies below all points, the last one beyond. Results: value and slope, both ends
+    of the piece, and its number. Where a piece goes on for ever, an end is one unit away.
+
+    Attributes
+    ----------
+    x : tuple of float
+        Ascending arguments, at least two.
+    y : tuple of float
+        Values at ``x``.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+    function = "cotree_held_table"
+    results = ("", "slope", "low", "high", "piece")
+    # The ends that are one unit away move with the argument, but are never met.
+    partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {}, {}, {}, {})
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Arguments at which pieces meet."""
+        return (self.x,)
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by a name for each row, those of the axes first."""
+        return {"x": self.x, "y": self.y}
+
+    def ends(self, _: int) -> tuple[int, int, int]:
+        """Give the places of both ends and of the number of a piece among the results."""
+        return 2, 3, 4
+
+    def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
+        """Look it up at a number, real or complex, or at an array of numbers."""
+        x, y, at = np.array(self.x), np.array(self.y), values[0]
+        n, place = len(x), np.real(at)
+        inside = np.clip(np.searchsorted(x, place, side="right"), 1, n - 1)
+        own = np.where(place <= x[0], 0, np.where(place >= x[-1], n, inside))
+        k = np.where(np.real(values[1]) == 0.0, own, np.real(values[1]).astype(int) - 1)
+        low, high = np.clip(k - 1, 0, n - 1), np.clip(k, 0, n - 1)
+        width = np.where(high > low, x[high] - x[low], 1.0)
+        slope = (y[high] - y[low]) / width
         return [
-            z[i, j] + s * by_x + u * (by_y + s * twist),
-            by_x + u * twist,
-            by_y + s * twist,
-            twist,
+            y[low] + slope * (at - x[low]),
+            slope,
+            np.where(k == 0, place - 1.0, x[low]),
+            np.where(k == n, place + 1.0, x[high]),
+            k + 1.0,
         ]
 
 
-LookupData = CubicTable | PlaneTable
+@dataclass(frozen=True)
+class HeldPlane:
+    """A bilinear function of two arguments, of which a piece may be held along each of them.
+
+    Arguments: where to look it up, then the numbers of the pieces, zero where the arguments decide.
+    Results: those of :class:`PlaneTable`, then along both axes the ends of the piece, and their
+    numbers.
+
+    Attributes
+    ----------
+    x, y, z : tuple of float
+        As of :class:`PlaneTable`.
+    """
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    z: tuple[float, ...]
+
+    function = "cotree_held_plane"
+    results = (
+        *PlaneTable.results,
+        *("low_x", "high_x", "piece_x", "low_y", "high_y", "piece_y"),
+    )
+    partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Arguments at which pieces meet."""
+        return (self.x, self.y)
+
+    @property
+    def arrays(self) -> dict[str, tuple[float, ...]]:
+        """Numbers that C reads, by a name for each row, those of the axes first."""
+        return {"x": self.x, "y": self.y, "z": self.z}
+
+    def ends(self, axis: int) -> tuple[int, int, int]:
+        """Give the places of both ends and of the number of a piece among the results."""
+        first = 4 + 3 * axis
+        return first, first + 1, first + 2
+
+    def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
+        """Look it up at two numbers, real or complex, or at two arrays of numbers."""
+        given, further = [], []
+        for axis, at, held in zip(map(np.array, self.axes), values[:2], values[2:], strict=True):
+            n, place = len(axis), np.real(at)
+            own = _piece(axis, at)
+            k = np.where(np.real(held) == 0.0, own, np.real(held).astype(int) - 1)
+            given.append((axis, k, at - axis[k]))
+            further += [
+                np.where(k == 0, place - 1.0, axis[k]),
+                np.where(k == n - 2, place + 1.0, axis[k + 1]),
+                k + 1.0,
+            ]
+        return [*_bilinear(given, np.array(self.z)), *further]
+
+
+LookupData = CubicTable | PlaneTable | HeldTable | HeldPlane
+
+
+def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
+    """Evaluate a bilinear piece: of each axis its points, the piece, and the way into it."""
+    (x, i, s), (y, j, u) = given
+    z = numbers.reshape(len(x), len(y))
+    width, height = x[i + 1] - x[i], y[j + 1] - y[j]
+    by_x = (z[i + 1, j] - z[i, j]) / width
+    by_y = (z[i, j + 1] - z[i, j]) / height
+    twist = ((z[i + 1, j + 1] - z[i, j + 1]) / width - by_x) / height
+    return [
+        z[i, j] + s * by_x + u * (by_y + s * twist),
+        by_x + u * twist,
+        by_y + s * twist,
+        twist,
+    ]
 
 
 def _piece(x: Any, at: Any) -> Any:

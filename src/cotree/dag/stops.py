@@ -3,7 +3,7 @@
 A condition of time and parameters alone (what a selection, a sign, an absolute value, a floor or a
 table looks at) changes at times that are known before a run, if it is linear in time, or linear in
 time since the last whole period. Integration stops there, so that no pulse is stepped over and no
-step has a kink within. Other conditions are left to the error test.
+step has a kink within. Corners at other conditions are located, see :mod:`cotree.program.pieces`.
 
 That test is blind where something acts during a part of each period only, such as a diode driven
 by a sine: a long step may skip all of that part. Steps are then limited to a share of the period.

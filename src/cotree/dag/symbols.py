@@ -27,6 +27,9 @@ PACKED_SENSITIVITY = "packed"
 STATE_RATE = "rate"
 #: A direction of the states, along which a kernel differentiates.
 DIRECTION = "v"
+#: The piece that a step holds of something with corners, zero for none: a sign, or the number of a
+#: piece of a table. Kernels read it among the prepared values.
+PIECE = "piece"
 
 #: The argument of a kernel that holds the values of each kind.
 ARGUMENT_OF = {
@@ -38,6 +41,7 @@ ARGUMENT_OF = {
     PACKED_SENSITIVITY: "s",
     STATE_RATE: "s",
     DIRECTION: "v",
+    PIECE: "k",
 }
 
 #: Change of a state, and of the parameter of sensitivity j, along any direction in common.

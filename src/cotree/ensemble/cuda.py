@@ -111,6 +111,8 @@ def _refusal(pattern: Pattern) -> str:
         return f"'{pattern.row.name}' is no explicit method of its own; take 'dop853' or 'dopri5'"
     if problem.events is not None:
         return "it has events"
+    if pattern.plan.model.layout.corners:
+        return "corners of its laws are located"
     if pattern.is_searched or problem.project is not None:
         return "its constraints or corners belong to each member"
     if job.n_replaced or pattern.signals.by_position:

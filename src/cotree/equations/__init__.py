@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cotree.equations.corner import CornerRow
 from cotree.equations.derivative import Derivative, spread, substituted
 from cotree.equations.derived import DerivedParameter
 from cotree.equations.equations import (
@@ -16,6 +17,7 @@ from cotree.equations.equations import (
 
 __all__ = [
     "ConstraintSet",
+    "CornerRow",
     "Derivative",
     "DerivedParameter",
     "Equations",

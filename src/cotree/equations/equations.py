@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.equations.corner import CornerRow
     from cotree.equations.derivative import Derivative
     from cotree.equations.derived import DerivedParameter
     from cotree.linear.tree import TreeLink
@@ -316,6 +317,10 @@ class Equations:
     direction : Derivative or None
         Along a change of all states and of the parameters that sensitivities are taken to, where
         these are several, in terms of these changes as symbols; see :mod:`cotree.dag.symbols`.
+    corners : tuple of CornerRow
+        What ends the pieces that steps hold; see :mod:`cotree.program.pieces`.
+    pieces : tuple of Node
+        For each of these pieces the number of the one that an argument is in; zero for signs.
     """
 
     name: str
@@ -350,6 +355,8 @@ class Equations:
     events: tuple[EventRow, ...] = ()
     motion: Derivative | None = None
     direction: Derivative | None = None
+    corners: tuple[CornerRow, ...] = ()
+    pieces: tuple[Node, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()
 
     @property

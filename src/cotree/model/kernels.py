@@ -15,7 +15,7 @@ import numpy as np
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
-from cotree.dag.symbols import ARGUMENT_OF
+from cotree.dag.symbols import ARGUMENT_OF, PIECE
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.arrays import Array
@@ -330,5 +330,5 @@ class _Plan:
         )
         # What `prepare` gives is known, and the walk ends there.
         order = reachable([*kernel.results, *accepted], stop=kernel.prepared)
-        symbols = tuple(node for node in order if node.op == "symbol")
+        symbols = tuple(n for n in order if n.op == "symbol" and n.data[0] != PIECE)
         return cls(kernel.results, accepted, symbols, order)

@@ -23,6 +23,7 @@ import numpy as np
 
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
+from cotree.dag.symbols import PIECE
 from cotree.dag.traverse import dependent, reachable
 from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.linear import Linear, solve_entries
@@ -117,7 +118,7 @@ class HeldEquations:
         values = {
             node: float(known[node.data[0]][node.data[1]])
             for node in order
-            if node.op == "symbol" and node not in self._free
+            if node.op == "symbol" and node not in self._free and node.data[0] != PIECE
         }
         moving = dependent(order, self._free)
         # What does not depend on unknowns is evaluated once.

@@ -13,7 +13,7 @@ import numpy as np
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.symbols import ARGUMENT_OF
+from cotree.dag.symbols import ARGUMENT_OF, PIECE
 from cotree.dag.traverse import reachable, symbols_in
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
     given = {
         node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])
         for node in order
-        if node.op == "symbol"
+        if node.op == "symbol" and node.data[0] != PIECE
     }
     with np.errstate(all="ignore"):
         values = dict(zip(order, evaluate(order, given, order=order), strict=True))

@@ -1,7 +1,8 @@
 """Pass: stage. What depends on parameters only moves to ``prepare``.
 
 Assumes that nothing is prepared yet. Guarantees that no kernel but ``prepare`` computes a value of
-parameters only: each reads it as a prepared value.
+parameters only: each reads it as a prepared value. Pieces that steps hold stand behind these, and
+are zero until someone holds them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cotree.dag.multi_output import SEVERAL
-from cotree.dag.symbols import PARAMETER
+from cotree.dag.symbols import PARAMETER, PIECE
 from cotree.dag.traverse import dependent, reachable
 
 if TYPE_CHECKING:
@@ -24,9 +25,14 @@ def stage_parameters(program: Program) -> Program:
     """Move values of parameters only to ``prepare``."""
     # Over all kernels at once, so that a value that several of them read is prepared once.
     results = [node for kernel in program.kernels.values() for node in kernel.results]
-    prepared = {node: i for i, node in enumerate(_frontier(results))}
+    dag, n_pieces = program.dag, program.layout.n_pieces
+    frontier = _frontier(results)
+    pieces = [dag.symbol(PIECE, i) for i in range(n_pieces)]
+    prepared = {node: i for i, node in enumerate([*frontier, *pieces])}
     kernels = {name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()}
-    kernels["prepare"] = replace(kernels["prepare"], results=tuple(prepared), prepared={})
+    kernels["prepare"] = replace(
+        kernels["prepare"], results=(*frontier, *[dag.zero] * n_pieces), prepared={}
+    )
     return replace(program, kernels=kernels)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cotree.dag.derivative import tangents
+from cotree.dag.symbols import STATE_RATE, TIME
 from cotree.program.impacts import form_impact
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def event_kernels(
     motion : Along
         Derivatives along the motion.
     """
-    if not equations.events:
+    if not (equations.events or equations.corners):
         return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
     dag, rows = equations.dag, equations.events
     # Events without a restitution set states, and have no impulse.
@@ -49,26 +51,54 @@ def event_kernels(
     for row, impact in zip(rows, impacts, strict=True):
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
-    def derivatives(changes: Mapping[int, Node], seed: Mapping[Node, Node]) -> list[Node]:
+    corners = solved.put([row.value for row in equations.corners])
+    seed_of_motion = _along_the_motion(equations)
+    still = [dag.zero] * len(corners)
+
+    def derivatives(
+        changes: Mapping[int, Node], seed: Mapping[Node, Node], of_corners: Sequence[Node]
+    ) -> list[Node]:
         # All watched values first, then event by event what it sets, as in the kernels of values.
-        found = [changes.get(row.watched, dag.zero) for row in rows]
+        found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_corners]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
             if impact is not None and row.restitution is not None:
                 found += impact.tangent(solved, seed, changes.get(row.restitution, dag.zero))
         return found
 
-    assert equations.motion is not None  # it comes with the events
     directions = zip(along, equations.sensitivities, strict=True)
     # Algebraic unknowns are the last states.
     n_rated = len(equations.states) - equations.n_algebraic
     # The rates of algebraic unknowns are their residuals, which stand behind all others.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     return {
-        "events": [values[row.watched] for row in rows],
+        "events": [
+            *(values[row.watched] for row in rows),
+            *corners,
+            *solved.put(equations.pieces),
+        ],
         "jumps": jumps,
         "event_sensitivity": [
-            node for row, own in directions for node in derivatives(row.outputs, own.seed)
+            # Nothing jumps at a corner, whenever it is.
+            node
+            for row, own in directions
+            for node in derivatives(row.outputs, own.seed, still)
         ],
-        "event_rates": [*derivatives(motion.outputs, equations.motion.seed), *residuals],
+        "event_rates": [
+            *derivatives(motion.outputs, seed_of_motion, tangents(corners, seed_of_motion)),
+            *residuals,
+        ],
     }
+
+
+def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
+    """Give the tangents along the motion: of states symbols, of inputs the scene's own."""
+    if equations.motion is not None:
+        return equations.motion.seed
+    dag = equations.dag
+    time = dag.symbol(TIME, 0)
+    inputs = zip(
+        equations.input_symbols, tangents(equations.input_values, {time: dag.one}), strict=True
+    )
+    seed = {state.symbol: dag.symbol(STATE_RATE, i) for i, state in enumerate(equations.states)}
+    return seed | {s: d for s, d in inputs if not d.is_zero} | {time: dag.one}

@@ -150,7 +150,13 @@ _ROWS = (
         "the step that makes sensitivities satisfy the differentiated constraints",
         is_optional=True,
     ),
-    KernelSpec("events", _STATE, "g", "what events look at for zeros", is_optional=True),
+    KernelSpec(
+        "events",
+        _STATE,
+        "g",
+        "what events look at for zeros, then corners; then the numbers of pieces of tables",
+        is_optional=True,
+    ),
     KernelSpec(
         "jumps", _STATE, "r", "what each event sets its targets to, in turn", is_optional=True
     ),
@@ -158,15 +164,15 @@ _ROWS = (
         "event_sensitivity",
         _SENSITIVITY,
         "dg",
-        "sensitivities of events, then of jumps, parameter by parameter",
+        "sensitivities of events, zeros of corners, then of jumps, parameter by parameter",
         is_optional=True,
     ),
     KernelSpec(
         "event_rates",
         _SENSITIVITY,
         "dg",
-        "time derivatives of events, of jumps, of residuals of algebraic unknowns, where s holds "
-        "those of the states",
+        "time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns, "
+        "where s holds those of the states",
         is_optional=True,
     ),
     KernelSpec(

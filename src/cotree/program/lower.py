@@ -96,21 +96,22 @@ def lower(equations: Equations) -> Program:
         **reduced_kernels(equations, rates, columns, along, motion, reached),
     }
     names = [row.name for row in equations.parameters]
+    of_events = results["events"][: len(equations.events)]
     layout = replace(
         _layout(equations, starts, rows),
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
         sensitivity_rows=tuple(chain.from_iterable(reached)),
-        event_inputs=_inputs_in(equations, [*results["events"], *results["jumps"]]),
+        event_inputs=_inputs_in(equations, [*of_events, *results["jumps"]]),
     )
     return Program(
         equations.dag,
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        _timed(equations, _of_time(equations, [*rates, *results["events"]], find_stops)),
+        _timed(equations, _of_time(equations, [*rates, *of_events], find_stops)),
         # A long step would pass over what events look at, too, where it is driven by a sine.
-        _of_time(equations, [*rates, *results["events"]], find_longest_steps)
-        if acts_in_part(rates) or results["events"]
+        _of_time(equations, [*rates, *of_events], find_longest_steps)
+        if acts_in_part(rates) or of_events
         else {},
     )
 
@@ -235,5 +236,7 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         uses_multipliers=tuple(node in on_multipliers for node in observed),
         followers=followers(equations),
         events=equations.events,
+        corners=tuple((row.piece, row.direction) for row in equations.corners),
+        n_pieces=len(equations.pieces),
         derived=equations.derived,
     )

@@ -122,6 +122,11 @@ class Layout:
         from each: a start that is not given the one has the other.
     events : tuple of EventRow
         In the order of the kernel ``events``.
+    corners : tuple of (int, int)
+        What that kernel gives next: of each corner the piece that ends there, and the direction,
+        as of :class:`cotree.equations.CornerRow`.
+    n_pieces : int
+        Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
     event_inputs : tuple of str
         The inputs that these kernels read.
     """
@@ -155,6 +160,8 @@ class Layout:
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()
+    corners: tuple[tuple[int, int], ...] = ()
+    n_pieces: int = 0
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:
@@ -281,7 +288,9 @@ class Program:
 
     @property
     def can_extend(self) -> bool:
-        """Whether there are rates of algebraic unknowns, and sensitivities beside them."""
+        """Whether rates of algebraic unknowns stand for all of a run, sensitivities included."""
+        if self.layout.corners:
+            return False  # these rates jump where the residuals have a corner
         name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
         return bool(self.kernels[name].results)
 

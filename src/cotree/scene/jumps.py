@@ -7,7 +7,8 @@ mechanism locates every jump, restarts the integration there and lets sensitivit
 Each step then stays on the branch that it began on, however far it reaches. Conditions of time and
 parameters alone that are piecewise linear in time are left as they are: their times are known
 before a run, see :mod:`cotree.dag.stops`. So are expressions with a corner but no jump, such as
-``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous there.
+``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous there,
+and :mod:`cotree.program.pieces` locates corners without modes.
 """
 
 from __future__ import annotations

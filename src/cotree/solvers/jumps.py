@@ -66,7 +66,8 @@ class ModelEvents:
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
         """Evaluate the values that the events watch, shape (n_events,), a fresh array."""
-        return self._at(t).call("events", *self._parts(z))
+        # Corners come behind them.
+        return self._at(t).call("events", *self._parts(z))[: len(self.rows)]
 
     def check_start(self, t: float, z: FloatArray) -> None:
         """Refuse sensitivities where an expression jumps right at the start.

@@ -19,6 +19,7 @@ from cotree.export.fmu.variables import list_variables
 from cotree.files import written_whole
 from cotree.markup import names
 from cotree.naming import c_identifier
+from cotree.program.pieces import without_corners
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -100,6 +101,8 @@ def write_fmu(
     t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
+    # Whoever imports it locates events, and knows of no pieces.
+    program = without_corners(program)
     _check_calls(program)
     outside = _outside(program, choice.inputs)
     kernels = form_kernels(program, outside)

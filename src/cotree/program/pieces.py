@@ -1,0 +1,310 @@
+"""Corners of right-hand sides that depend on the state: each step keeps to the pieces it began on.
+
+In: equations that hold absolute values, selections and piecewise linear tables of what moves. Out:
+the same equations with a symbol in each condition and each table that says which piece is to be
+taken; where it is zero, the argument decides. The engine holds the pieces while it takes a step,
+looks for the time at which an argument leaves its piece as it looks for events, and begins anew
+from there on the next piece. States and their sensitivities are continuous at a corner, so that
+nothing else happens there.
+
+Left as they are: conditions whose two sides do not evidently meet, which would be jumps; those that
+are known functions of time, where integration stops anyway; corners within roots, powers,
+logarithms, exponentials, divisors and constraints, where a piece has no value beyond its end, or
+a huge one; and tables with very many points, whose corners are small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
+from cotree.dag.multi_output import Table
+from cotree.dag.stops import stops_within
+from cotree.dag.symbols import INPUT, PIECE, STATE, TIME, UNKNOWN
+from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
+from cotree.equations import CornerRow, substituted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Equations
+    from cotree.program.program import Program
+
+#: Functions that have a value beyond any corner, and no large one. Of a quotient it is the dividend
+#: alone that may have corners, and of a linear system the right-hand side.
+_TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
+_TAME |= {"select", "sign", "table", "result", "sines"}
+
+#: Tables with more points than this along an axis are left to the error test: a run would stop at
+#: each of them.
+_MOST_POINTS = 1000
+
+#: Sums of more terms than this are compared as they stand.
+_MOST_TERMS = 64
+
+
+def hold_pieces(equations: Equations) -> Equations:
+    """Let steps hold the pieces of what has corners."""
+    found = _find(equations)
+    if not found:
+        return equations
+    new, held = _held(equations, found)
+
+    def again(nodes: Iterable[Node]) -> tuple[Node, ...]:
+        return tuple(substitute(nodes, new))
+
+    return replace(
+        equations,
+        forcing=again(equations.forcing),
+        rates=again(equations.rates),
+        output_values=again(equations.output_values),
+        sensitivities=substituted(equations.sensitivities, new),
+        columns=substituted(equations.columns, new),
+        motion=equations.motion and substituted([equations.motion], new)[0],
+        direction=equations.direction and substituted([equations.direction], new)[0],
+        corners=tuple(held.rows),
+        pieces=tuple(held.pieces),
+    )
+
+
+def without_corners(program: Program) -> Program:
+    """Let no engine look for corners, so that all pieces are those that arguments decide."""
+    layout, kernels = program.layout, dict(program.kernels)
+    n, m = len(layout.events), len(layout.corners)
+    if not m:
+        return program
+
+    def cut(name: str, n_blocks: int = 1) -> None:
+        results = kernels[name].results
+        width = len(results) // n_blocks
+        blocks = [results[i * width : (i + 1) * width] for i in range(n_blocks)]
+        left = [block[:n] + block[n + m :] for block in blocks] if n else []
+        kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
+
+    kernels["events"] = replace(kernels["events"], results=kernels["events"].results[:n])
+    cut("event_rates")
+    if kernels["event_sensitivity"].results:
+        cut("event_sensitivity", len(layout.sensitivities))
+    return replace(program, layout=replace(layout, corners=(), n_pieces=0), kernels=kernels)
+
+
+def _find(equations: Equations) -> dict[Node, None]:
+    """List the conditions and the tables that are followed, in order of evaluation."""
+    order = reachable([*equations.forcing, *equations.rates])
+    moving = dependent(order, _moving(order, equations))
+    wild = _wild(order, equations)
+    conditions: dict[_Key, bool] = {}
+    looked_at: dict[_Key, Node] = {}
+    tables: dict[Node, None] = {}
+    keys = _Keys()
+    for node in (item for item in order if not moving.isdisjoint(item.args)):
+        if node.op in ("select", "abs", "sign"):
+            # One condition serves all that it decides: one of these may rule it out.
+            is_corner = node not in wild and (node.op == "abs" or _meets(node))
+            if node.args[0] in moving:
+                key, _ = keys.of(node.args[0])
+                looked_at.setdefault(key, node.args[0])
+                conditions[key] = conditions.get(key, True) and is_corner
+        elif _is_table(node) and node not in wild and _n_points(node) <= _MOST_POINTS:
+            tables[node] = None
+    known = stops_within(equations.dag, order)
+    timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
+    located = [looked_at[key] for key, is_corner in conditions.items() if is_corner]
+    kept = [node for node in located if node not in timed]
+    kept += [node for node in tables if not timed.issuperset(node.args)]
+    return dict.fromkeys(kept)
+
+
+def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
+    """List the symbols that change between events; modes do not."""
+    still = {
+        state.symbol
+        for state, rate in zip(equations.states, equations.rates, strict=True)
+        if rate.is_zero
+    }
+    kinds = (TIME, STATE, INPUT, UNKNOWN)
+    symbols = [node for node in order if node.op == "symbol" and node.data[0] in kinds]
+    return [node for node in symbols if node not in still]
+
+
+def _is_timed(node: Node) -> bool:
+    return all(symbol.data[0] not in (STATE, INPUT, UNKNOWN) for symbol in symbols_in([node]))
+
+
+def _is_table(node: Node) -> bool:
+    return isinstance(node.data, (Table, PlaneTable))
+
+
+def _n_points(node: Node) -> int:
+    return max(map(len, _axes(node)))
+
+
+def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
+    """List the points of a table along each of its axes."""
+    return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
+
+
+def _wild(order: list[Node], equations: Equations) -> set[Node]:
+    """Give the values that something reads which must not be given a piece beyond its end."""
+    held = equations.constraints
+    found = set(reachable(list(chain.from_iterable(equations.matrix))))
+    values = [node for node in held.values if node is not None]
+    found |= set(reachable([*values, *held.rates]))
+    for node in reversed(order):
+        if node in found or (node.op not in _TAME and not _is_table(node)):
+            found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
+    return found
+
+
+def _meets(node: Node) -> bool:
+    """Tell whether both sides of a selection evidently agree where its condition is zero."""
+    if node.op != "select":
+        return False
+    condition, accepted, refused = node.args
+    zero = node.dag.zero
+    ways: list[dict[Node, Node]] = [{condition: zero}]
+    while condition.op == "neg" or (condition.op == "mul" and condition.args[0].value is not None):
+        condition = condition.args[-1]
+        ways.append({condition: zero})
+    if condition.op in ("add", "sub"):
+        a, b = condition.args
+        for one, other in ((a, b), (b, a)):
+            # One term may be replaced by the other where it does not occur in it.
+            if one.value is None and one not in reachable([other]):
+                ways.append({one: -other if condition.op == "add" else other})
+    difference = accepted - refused
+    try:
+        return any(substitute([difference], way)[0].is_zero for way in ways)
+    except (ArithmeticError, ValueError):  # it has no value there
+        return False
+
+
+#: A sum as its terms by their numbers, with coefficients; the first of these is one.
+_Key = tuple[tuple[int, float], ...]
+
+
+class _Keys:
+    """Tells conditions that are the same but for their sign, a factor, or the order of their terms.
+
+    Derivatives of laws write the conditions of the laws themselves in other ways.
+    """
+
+    def __init__(self) -> None:
+        self._terms: dict[Node, dict[Node, float]] = {}
+
+    def of(self, condition: Node) -> tuple[_Key, float]:
+        """Give the key of a condition, and the factor by which it is what the key says."""
+        terms = sorted((node.index, factor) for node, factor in self._sum(condition).items())
+        scale = terms[0][1] if terms else 1.0
+        return tuple((index, factor / scale) for index, factor in terms), scale
+
+    def _sum(self, node: Node) -> dict[Node, float]:
+        found = self._terms.get(node)
+        if found is None:
+            found = self._terms[node] = self._formed(node)
+        return found
+
+    def _formed(self, node: Node) -> dict[Node, float]:
+        if node.op in ("add", "sub", "neg"):
+            factors = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}[node.op]
+            total: dict[Node, float] = {}
+            for arg, factor in zip(node.args, factors, strict=True):
+                for term, own in self._sum(arg).items():
+                    total[term] = total.get(term, 0.0) + factor * own
+            if len(total) <= _MOST_TERMS:
+                return {term: factor for term, factor in total.items() if factor != 0.0}
+        if node.op == "mul" and node.args[0].value is not None:
+            factor = node.args[0].value
+            return {term: factor * own for term, own in self._sum(node.args[1]).items()}
+        return {node.dag.one: node.value} if node.value else {node: 1.0}
+
+
+@dataclass
+class _Held:
+    """What is found while pieces are numbered."""
+
+    rows: list[CornerRow]
+    pieces: list[Node]
+
+
+def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, Node], _Held]:
+    """Form what takes the place of each value that has a corner, from the inside out."""
+    dag, held = equations.dag, _Held([], [])
+    new: dict[Node, Node] = {}
+    keys = _Keys()
+    signs: dict[_Key, tuple[Node, float]] = {}
+    slots: dict[tuple[object, Node], Node] = {}
+    motion = [] if equations.motion is None else [equations.motion]
+    motion += [] if equations.direction is None else [equations.direction]
+    rows = [*equations.sensitivities, *equations.columns, *motion]
+    derived = chain.from_iterable(row.nodes for row in rows)
+    order = reachable([*equations.forcing, *equations.rates, *equations.output_values, *derived])
+
+    def of(node: Node) -> Node:
+        return new.get(node, node)
+
+    def slot() -> Node:
+        held.pieces.append(dag.zero)
+        return dag.symbol(PIECE, len(held.pieces) - 1)
+
+    def sign(condition: Node, key: _Key, scale: float) -> Node:
+        if key not in signs:
+            signs[key] = slot(), scale
+            held.rows.append(CornerRow(of(condition), signs[key][0].data[1], 0))
+        piece, first = signs[key]
+        # Minus its size is zero or more where it is zero itself.
+        own = piece if scale * first > 0.0 else -piece
+        return dag.select(-dag.function("abs", piece), of(condition), own)
+
+    def piece_of(axis: tuple[float, ...], at: Node) -> Node:
+        if (axis, at) not in slots:
+            slots[axis, at] = slot()
+        return slots[axis, at]
+
+    def table(node: Node) -> tuple[Node, ...]:
+        given = [of(arg) for arg in node.args]
+        pairs = zip(_axes(node), node.args, strict=True)
+        pieces = [piece_of(axis, arg) for axis, arg in pairs]
+        data: HeldTable | HeldPlane
+        if isinstance(node.data, PlaneTable):
+            data = HeldPlane(node.data.x, node.data.y, node.data.z)
+        else:
+            data = HeldTable(node.data.x, node.data.y)
+        made = dag.several("lookup", [*given, *pieces], data, len(data.results))
+        for i, (at, piece) in enumerate(zip(given, pieces, strict=True)):
+            number = piece.data[1]
+            if not held.pieces[number].is_zero:
+                continue  # another table with these arguments at the same value
+            low, high, which = data.ends(i)
+            held.pieces[number] = made[which]
+            held.rows.append(CornerRow(at - made[low], number, -1))
+            held.rows.append(CornerRow(at - made[high], number, 1))
+        return made
+
+    results: dict[Node, tuple[Node, ...]] = {}
+    followed = {keys.of(node)[0] for node in found if not _is_table(node)}
+    for node in order:
+        if node in found and _is_table(node):
+            results[node] = table(node)
+            continue
+        if node.op == "result" and node.args[0] in results:
+            new[node] = results[node.args[0]][node.data]
+            continue
+        key, scale = keys.of(node.args[0]) if node.op in ("select", "abs", "sign") else ((), 0.0)
+        if key and key in followed:
+            own = sign(node.args[0], key, scale)
+            if node.op == "select":
+                made = dag.select(own, of(node.args[1]), of(node.args[2]))
+            else:
+                made = dag.function("sign", own)
+                made = made if node.op == "sign" else made * of(node.args[0])
+        elif new.keys().isdisjoint(node.args):
+            continue
+        else:
+            made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
+        if made is not node:
+            new[node] = made
+    return new, held
