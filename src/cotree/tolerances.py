@@ -18,6 +18,10 @@ LOOSE_RTOL = 1e-2
 #: A step whose end constraints would move by so many tolerances, in the mean, has failed.
 FARTHEST_CORRECTION = 10.0
 
+#: Added to sizes that are divided by, or a least size: changes none but zero. In another type of
+#: numbers the constant is the same share of its range.
+TINY = 1e-290
+
 #: Gradients of constraints whose singular values or pivots are below this share of the largest
 #: follow from the others.
 RANK = 1e-10

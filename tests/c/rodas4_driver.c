@@ -56,8 +56,8 @@ static double distance(double t, const double *z)
 int main(int argc, char **argv)
 {
     static double workspace[COTREE_RODAS4_WORKSPACE(4)], shift;
-    const cotree_implicit_equation equation = {4,         0,         NULL,  1,     rate, NULL,
-                                               linearise, factorise, solve, &shift};
+    const cotree_implicit_equation equation = {4,         0,     NULL, 1,    rate,  NULL, linearise,
+                                               factorise, solve, NULL, NULL, &shift};
     static const double start[4] = {1.0, 0.0, 0.0, 0.0};
     const double rtol = argc > 1 ? atof(argv[1]) : 1e-6;
     double z[4], at_ends = 0.0, between = 0.0;

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from c_programs import build, printed, run
@@ -13,9 +13,6 @@ from loop_with_network import four_bar, with_a_network
 from cotree import load
 from cotree.export.c_project import write_c_project
 from cotree.pipeline import formulate
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = [
     pytest.mark.compiler,
@@ -121,3 +118,23 @@ def test_shipped_rectifier_runs_to_its_end(
         for parameter in sensitivities:
             expected = float(result.sensitivity(name, parameter)[-1])
             assert values[f"d({name})/d({parameter})"] == pytest.approx(expected, rel=1e-6), name
+
+
+@pytest.mark.parametrize("rtol", ["1e-3", "1e-4", "1e-6"])
+@pytest.mark.parametrize(("real", "spacing"), [("double", 2.0**-52), ("float", 2.0**-23)])
+def test_accepted_points_solve_their_equations(
+    compiler: str, tmp_path: Path, real: str, spacing: float, rtol: str
+) -> None:
+    """Unknowns were up to 15 mV off, where currents of diodes are doubled, and the run stopped."""
+    model = load("bridge-rectifier").compile(["RL"])
+    project = model.write(tmp_path, "rodas5", real=real)
+    driver = Path(__file__).with_name("accepted_driver.c").read_text()
+    (tmp_path / "main.c").write_text(f"#define REAL {real}\n{driver}")
+    words = run([build(project, compiler), rtol], tmp_path).split()
+    status, t, of_states, of_sensitivities = int(words[0]), *map(float, words[2:])
+    assert (status, t) == (0, pytest.approx(0.05))
+    # Diodes enlarge the rounding of 12 V by 12 V / U; it meets 24 A, what the winding could drive.
+    rounding = 24.0 * 12.0 / 0.02585 * spacing
+    assert of_states < rounding
+    # Their derivatives contain currents by U, times dv/dRL: a millivolt for an ohm of a hundred.
+    assert of_sensitivities < 1e-3 / 0.02585 * rounding

@@ -143,17 +143,18 @@ class _Printer:
         """Print an expression."""
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
-            self._check(expression)
+            numbers = self._fitted(expression)
         # Outside of loops all numbers are plain: the quick way for nearly all of the text.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
 
-    def _check(self, expression: CExpression) -> None:
-        """Refuse constants that the type of numbers cannot hold."""
-        for number, slot in zip(expression.numbers, expression.form.slots, strict=True):
-            if slot == "r" and isinstance(number, float):
-                self._target.checked(number)
+    def _fitted(self, expression: CExpression) -> tuple[Number, ...]:
+        """Give the numbers of an expression as their type holds them, or refuse them."""
+        return tuple(
+            self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
+            for number, slot in zip(expression.numbers, expression.form.slots, strict=True)
+        )
 
     def _assign(self, row: Assign) -> str:
         to = " = ".join([self.expression(place) for place in row.to])

@@ -10,6 +10,7 @@ from cotree.codegen.expressions import fields_of
 from cotree.codegen.statements import REAL, SCALAR, WHOLE
 from cotree.dag.operations import OPERATIONS
 from cotree.errors import CodegenError
+from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
     from cotree.codegen.statements import Argument
@@ -124,6 +125,18 @@ class Target:
         for part in parts:
             self.checked(float(part))
         return " / ".join(part + self.suffix for part in parts)
+
+    def fitted(self, value: float) -> float:
+        """Return a number of a program as the type holds it; ``TINY`` is a share of its range.
+
+        Raises
+        ------
+        CodegenError
+            If the type cannot hold it.
+        """
+        if value != TINY or self.most_decades == DOUBLE.most_decades:
+            return self.checked(value)
+        return float(self.extreme(repr(TINY)).removesuffix(self.suffix))
 
     def checked(self, value: float) -> float:
         """Return a number that is within the range of the type.

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from cotree.model.linear import ROUNDING, SMALL, TINY, linearise, longest
+from cotree.model.linear import ROUNDING, SMALL, linearise, longest
+from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cotree.tolerances import LIMITS, RANK
+from cotree.tolerances import LIMITS, RANK, TINY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -32,10 +32,8 @@ ROUNDING = 4 * float(np.finfo(np.float64).eps)
 SMALL = LIMITS.small_correction
 _STALLED = 1e4 * float(np.finfo(np.float64).eps)
 
-#: Residuals below this share of their terms are what these leave of each other. No divisor is less
-#: than the other number.
+#: Residuals below this share of their terms are what these leave of each other.
 _MET = 1e-3
-TINY = 1e-290
 
 #: Up to so many rows, and from this share of nonzeros on, full matrices cost less.
 _FEW, _SHARE = 60, 0.1

@@ -26,6 +26,7 @@ from cotree.dag.traverse import dependent, reachable, substitute
 from cotree.equations import spread
 from cotree.linear.factors import factorise_unsymmetric
 from cotree.program.counts import count_operations
+from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,9 +43,6 @@ _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 # a kink, where it changes by its own size.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
-
-#: Added to sizes that are divided by: changes none but zero.
-_TINY = 1e-290
 
 
 def reduced_kernels(
@@ -201,7 +199,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     sizes = [dag.function("abs", change) for change in changes]
     shares = [
         # A share tends to one where the change exceeds the value itself.
-        size / (dag.function("abs", arg) + size + _TINY)
+        size / (dag.function("abs", arg) + size + TINY)
         for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
     ]
     return [*sizes[: len(of_change)], *shares]

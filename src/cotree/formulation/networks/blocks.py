@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.multi_output import SolveShape, solve
 from cotree.linear.factors import factorise_definite
+from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.linear.factors import LinearSolver
-
-
-# Added to sizes that are divided by: changes none but zero, whose row the rank then shows.
-_TINY = 1e-290
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,8 @@ def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) 
 
 
 def _size(dag: Dag, entries: Sequence[Node]) -> Node:
-    total = dag.constant(_TINY)
+    # A row of zeros is divided by it, so that the rank shows it.
+    total = dag.constant(TINY)
     for entry in entries:
         total = total + dag.function("abs", entry)
     return total
