@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rod_chain import rod_chain
 
 import cotree
 from cotree.build import find_toolchain
@@ -35,6 +37,8 @@ class OnProcessor:
         (folder / "members.cpp").write_text(text)
         # No fused products, as everywhere else.
         command = ["g++", "-O0", "-ffp-contract=off", "-DCOTREE_CUDA_ON_HOST", "-fPIC", "-shared"]
+        # A warning may be of a macro that two sources define.
+        command.append("-Werror")
         subprocess.run([*command, "members.cpp", "-o", "members.so"], cwd=folder, check=True)
         self.library = ctypes.CDLL(str(folder / "members.so"))
         self.thread = ctypes.c_int.in_dll(self.library, "cotree_cuda_thread")
@@ -58,10 +62,10 @@ class OnProcessor:
             getattr(self.library, name)(*given)
 
 
-def plan_of(wanted=("L",), method="dop853", outputs=()):
-    model = cotree.load("slider-pendulum").compile(wanted)
-    settings = Settings((0.0, 1.0), TIMES, method, 1e-8, 1e-10)
-    return Plan(model, settings, COLUMNS, outputs, lanes=1)
+def plan_of(outputs=(), model=None, columns=COLUMNS):
+    model = model or cotree.load("slider-pendulum").compile(["L"])
+    settings = Settings((0.0, 1.0), TIMES, "dop853", 1e-8, 1e-10)
+    return Plan(model, settings, columns, outputs, lanes=1)
 
 
 def rows():
@@ -88,6 +92,29 @@ def test_threads_give_what_members_one_by_one_give(tmp_path):
         )
     assert found.status[4] != 0
     np.testing.assert_array_equal(found.steps, right.steps)
+
+
+def test_threads_take_models_whose_kernels_use_vectors(tmp_path):
+    if find_toolchain().is_clang:
+        pytest.skip("g++ is called here")
+    scene, wanted = rod_chain(3)
+    model = scene.compile(wanted[:1])
+    assert any(name.endswith("_vectors.h") for name in model._compiled.text.files)
+    plan = plan_of(model=model, columns=wanted[:1])
+    pattern, members = cuda.fitting_pattern(plan), np.array([[0.9], [1.0], [1.1]])
+    machine = OnProcessor(cuda.pattern_text(pattern), tmp_path)
+    found, right = cuda.run_block_on(machine, pattern, members), run_block(plan, members)
+    assert not found.status.any()
+    np.testing.assert_allclose(found.z, right.z, rtol=1e-9, atol=1e-11)
+
+
+def test_functions_of_one_name_take_different_structures():
+    """C++ then tells them apart wherever they are called: no structure stands for another."""
+    text = cuda.pattern_text(cuda.fitting_pattern(plan_of()))
+    found = re.findall(r"^COTREE_STATIC [^;{]*?(\w+)\(([^,)]*)[^;{]*\)\n\{", text, re.MULTILINE)
+    kinds = [(name, first.removeprefix("const ").split()[0]) for name, first in found]
+    assert len(kinds) > 250  # all functions of the engine
+    assert len(set(kinds)) == len(kinds)
 
 
 @pytest.mark.parametrize(

@@ -1,36 +1,35 @@
 """The C of a model and of the engine that runs members of an ensemble, as one file of CUDA.
 
-In: the C text of a model and a method. Out: the same text in one unit, which compilers of C++ take,
-too, with the functions that threads of a graphics processor begin with.
+In: the program of a model and a method. Out: their C as the target ``CUDA`` prints it, in one unit,
+which compilers of C++ take, too, with the functions that threads of a graphics processor begin
+with.
+
+Functions of different sources may share a name: C++ tells them apart by the structures that they
+take first. Macros that sources share are undefined in between by the templates of these.
 """
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from typing import TYPE_CHECKING
 
+from cotree.codegen.context import model_context
 from cotree.codegen.integrators import batch_files, engine_files
-from cotree.codegen.render import render
+from cotree.codegen.render import render, render_model
+from cotree.codegen.targets import CUDA
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from cotree.codegen.model_text import ModelText
 
 #: What each worker has for itself, in the order in which its memory holds it.
 ROOMS = ("memory", "k", "u", "z", "times", "inputs", "outputs", "slopes")
 
-_INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
-_SYSTEM = re.compile(r"^#include <.*>\n", re.MULTILINE)
-_MACRO = re.compile(r"^#define (\w+)", re.MULTILINE)
-# Functions that are joined into their callers take the compiler minutes; short ones are inline.
-_APART = re.compile(r"^static (?!const|inline)(?=[^=;]*?\()", re.MULTILINE)
-# Names that a file keeps for itself: functions and tables, types, and constants.
-_STATIC = re.compile(r"^static [^=;(\n]*?\b(\w+)(?:\(|\[|\s*=|;)", re.MULTILINE)
-_TYPE = re.compile(r"^(?:typedef .*?\b|\} )(\w+);", re.MULTILINE)
-_ENUM = re.compile(r"^enum \{(.*?)\};", re.MULTILINE | re.DOTALL)
+# Headers that are the same for every model and method, each behind those that it reads.
+_HEADERS = (
+    *("cotree_abi.h", "cotree_lu.h", "cotree_run.h", "cotree_job.h", "cotree_batch.h"),
+    *("cotree_integrator.h", "cotree_history.h", "cotree_jumps.h", "cotree_events.h"),
+    *("cotree_sweep.h", "cotree_stepper.h"),
+)
 
 
 def cuda_text(model: ModelText, stepper: str) -> str:
@@ -43,52 +42,18 @@ def cuda_text(model: ModelText, stepper: str) -> str:
     stepper : str
         An explicit method of ``codegen.integrators.INTEGRATORS``.
     """
-    files = {**batch_files(), **engine_files(stepper), **model.files}
+    own = render_model(model_context(model.program, CUDA))
+    files = {**batch_files(CUDA), **engine_files(stepper, CUDA), **own}
+    # All headers come first: what they declare has the same name in all sources.
+    headers = (*_HEADERS, f"{model.prefix}.h", f"cotree_{stepper}.h")
     sources = sorted(name for name in files if name.endswith(".c"))
-    own = {name: _own_names(files[name]) for name in sources}
-    shared = Counter(name for names in own.values() for name in names)
-    seen: set[str] = set()
-    # All headers come first: what they declare has the same name in all units.
-    headers = "".join(_included(files, name, seen) for name in sources)
-    units = [
-        _unit(place, files[name], [word for word in own[name] if shared[word] > 1])
-        for place, name in enumerate(sources)
-    ]
     return render(
         "c/cuda/members.cu.jinja",
+        CUDA,
         generator=VERSION,
-        units=headers + "\n".join(units),
+        headers=[files[name] for name in headers],
+        sources=[files[name] for name in sources],
         rooms=ROOMS,
         prefix=model.prefix,
         stepper=stepper,
     )
-
-
-def _own_names(text: str) -> set[str]:
-    """Find the names that a unit does not share with others."""
-    constants = re.findall(r"\w+", " ".join(_ENUM.findall(text)))
-    return {*_STATIC.findall(text), *_TYPE.findall(text), *constants}
-
-
-def _included(files: Mapping[str, str], name: str, seen: set[str]) -> str:
-    """Give the headers that a file includes, each behind those that it includes itself."""
-    found = ""
-    for header in _INCLUDE.findall(files[name]):
-        if header not in seen:
-            seen.add(header)
-            found += _included(files, header, seen) + _without_includes(files[header])
-    return found
-
-
-def _without_includes(text: str) -> str:
-    return _SYSTEM.sub("", _INCLUDE.sub("", text))
-
-
-def _unit(place: int, text: str, names: list[str]) -> str:
-    """Give a unit in which names that others have, too, get another end."""
-    text = _without_includes(text)
-    for name in names:
-        # Members of structures keep their names.
-        text = re.sub(rf"(?<![.>\w]){name}\b", f"{name}_{place}", text)
-    ends = "".join(f"#undef {name}\n" for name in dict.fromkeys(_MACRO.findall(text)))
-    return f"{_APART.sub('COTREE_STATIC ', text)}\n{ends}"

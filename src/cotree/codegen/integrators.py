@@ -86,30 +86,33 @@ def integrator_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     return files
 
 
-def engine_files(name: str) -> Mapping[str, str]:
+def engine_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the engine of a method: a job with the stepper that runs it, the same for every model.
 
     Parameters
     ----------
     name : str
         A name in ``STEPPERS``.
+    target : Target
+        The type of numbers and the spelling of qualifiers.
 
     Returns
     -------
     mapping of str to str
         Text by file name.
     """
-    files = {**driver_files(name), **run_files()}
-    files["cotree_abi.h"] = abi_header()
+    files = {**driver_files(name, target), **run_files(target)}
+    files["cotree_abi.h"] = abi_header(target)
     # In one file, so that what is called often can be inlined.
     parts = [files.pop("cotree_lu.c"), files.pop(f"cotree_{name}_stepper.c")]
     if name in INTEGRATORS:
-        files |= integrator_files(name)
+        files |= integrator_files(name, target)
         parts = [files.pop("cotree_history.c"), files.pop(f"cotree_{name}.c"), *parts]
         # Implicit methods read the Jacobian and its elimination through an interface of their own.
         if INTEGRATORS[name].is_implicit:
-            files |= stiff_files()
-    files["cotree_integrator.h"] = render(f"{_FOLDER}/cotree_integrator.h.jinja", **_COMMON)
+            files |= stiff_files(target)
+    text = render(f"{_FOLDER}/cotree_integrator.h.jinja", target, **_COMMON)
+    files["cotree_integrator.h"] = text
     files.pop("cotree_integrator.c", None)
     return {**files, "engine.c": "\n".join(parts)}
 
@@ -192,12 +195,12 @@ def stiff_files(target: Target = DOUBLE) -> Mapping[str, str]:
     }
 
 
-def sweep_files() -> Mapping[str, str]:
+def sweep_files(target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the evaluation of outputs at many points, the same for every model."""
     names = ("cotree_sweep.h", "cotree_sweep.c")
     return {
-        "cotree_abi.h": abi_header(),
-        **{name: render(f"c/engine/{name}.jinja", **_COMMON) for name in names},
+        "cotree_abi.h": abi_header(target),
+        **{name: render(f"c/engine/{name}.jinja", target, **_COMMON) for name in names},
     }
 
 
@@ -226,21 +229,26 @@ def columns_declarations(files: Mapping[str, str]) -> str:
     )
 
 
-def batch_files() -> Mapping[str, str]:
+def batch_files(target: Target = DOUBLE) -> Mapping[str, str]:
     """Write the loop over many runs of a model, the same for every model and method.
+
+    Parameters
+    ----------
+    target : Target
+        The spelling of qualifiers; its numbers are doubles.
 
     Returns
     -------
     mapping of str to str
         Text by file name. Jobs run in the engine of a method, whose functions it is given.
     """
-    files = {**run_files(), **sweep_files()}
+    files = {**run_files(target), **sweep_files(target)}
     for name in ("cotree_history.h", "cotree_integrator.h"):
-        files[name] = render(f"{_FOLDER}/{name}.jinja", **_COMMON)
+        files[name] = render(f"{_FOLDER}/{name}.jinja", target, **_COMMON)
     for name in ("cotree_events.h", "cotree_jumps.h"):
-        files[name] = render(f"c/run/{name}.jinja", **_COMMON)
+        files[name] = render(f"c/run/{name}.jinja", target, **_COMMON)
     for name in ("cotree_job.h", "cotree_batch.h", "cotree_batch.c"):
-        files[name] = render(f"c/engine/{name}.jinja", **_COMMON)
+        files[name] = render(f"c/engine/{name}.jinja", target, **_COMMON)
     # Sources of which only the headers are read.
     return {n: text for n, text in files.items() if n not in ("cotree_run.c", "cotree_lu.c")}
 

@@ -50,7 +50,9 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         The type of numbers. Templates of C write ``{{ real }}`` for the type, ``{{ f }}`` behind
         each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
         in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
-        empty and the others are what they are called.
+        empty and the others are what they are called. Functions that only their own file calls
+        begin with ``{{ static }}``, and what only separate files need, such as the inclusion of
+        headers, depends on ``has_files``.
     is_html : bool
         Whether texts are HTML.
     """
@@ -75,6 +77,8 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         "DBL": target.limits,
         "HUGE_VAL": target.infinity,
         "strtod": target.reader,
+        "static": target.static,
+        "has_files": target.has_files,
         "share": target.share,
         "extreme": target.extreme,
     }
