@@ -93,3 +93,43 @@ def _plain():
     scene.edge("R1", "resistor", "a", "b", resistance="1 + sqrt(0.5 - C1.v)")
     scene.edge("C1", "capacitor", "b", "ground", capacitance=1e-3)
     return scene.compile()
+
+
+def disc(**edge):
+    """A disc or cylinder that lies flat on the ground at the start."""
+    scene = cotree.Scene("disc", gravity=[0, 0, -9.81])
+    scene.edge("j", "free", "ground", "C")
+    scene.edge("b", "rigid_body", "ground", "C", mass=1.0, inertia=[0.1, 0.1, 0.2])
+    shape = {"normal": [0, 0, 1], "axis": [0, 0, 1], "radius": 0.1}
+    scene.edge("floor", "contact", "ground", "C", stiffness=1e4, **shape, **edge)
+    return scene
+
+
+def pair(kind, **edge):
+    """Two bodies at one place."""
+    scene = cotree.Scene("pair")
+    for end in "AB":
+        scene.edge(f"j{end}", "free", "ground", end)
+        scene.edge(f"b{end}", "rigid_body", "ground", end, mass=1.0, inertia=[1, 1, 1])
+    scene.edge("touch", kind, "A", "B", stiffness=1e3, **edge)
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("scene", "expected"),
+    [
+        (disc(), "tilt of edge 'floor', whose axis must not lie along the normal; tilt it, or"),
+        (disc(length=0.1, friction=0.3), "tilt of edge 'floor', whose axis must not lie along"),
+        (
+            pair("contact", ball=0.1, radius=0.1),
+            "distance of the centres of edge 'touch', which must lie apart: 1 / 0 is inf at 'jA.x'",
+        ),
+        (
+            pair("spring", free_length=1.0),
+            "length of edge 'touch', whose nodes must lie apart: 1 / 0 is inf at 'jA.x'",
+        ),
+    ],
+)
+def test_a_start_at_which_a_length_vanishes_names_the_edge(scene, expected):
+    with pytest.raises(SingularSystemError, match=re.escape(f"({expected}")):
+        scene.compile()

@@ -63,15 +63,22 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
-        args = tuple([new.get(arg, arg) for arg in node.args])
-        if args != node.args:
-            # Rebuilding folds: what replaces an argument may make the value simpler.
-            made = node.dag.rebuild(node, args)
-            if made is not node:
-                new[node] = made
-                if node in node.dag.origins:
-                    node.dag.note_origin(made, node.dag.origins[node])
+        made = rebuilt(node, new)
+        if made is not node:
+            new[node] = made
     return [new.get(root, root) for root in roots]
+
+
+def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
+    """Rebuild a value from what replaces its arguments; it keeps its origin."""
+    args = tuple([new.get(arg, arg) for arg in node.args])
+    if args == node.args:
+        return node
+    # Rebuilding folds: what replaces an argument may make the value simpler.
+    made = node.dag.rebuild(node, args)
+    if node in node.dag.origins:
+        node.dag.note_origin(made, node.dag.origins[node])
+    return made
 
 
 def symbols_of_each(

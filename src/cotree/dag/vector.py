@@ -135,13 +135,15 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
     return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
 
 
-def polar(a: Vector) -> tuple[Node, Vector]:
-    """Give the length of a vector and its direction.
+def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
+    """Give the length of a vector and its direction; messages name a length of zero by its origin.
 
     With the direction e, the length changes by e . a', and e by (a' - (e . a') e) / length.
     """
     value = value_of(a)
     length = value[0].dag.function("sqrt", dot(value, value))
+    if origin:
+        length.dag.note_origin(length, origin)
     # One division serves the direction and its derivative.
     inverse = 1.0 / length
     direction = scale(inverse, value)

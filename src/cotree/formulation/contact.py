@@ -75,17 +75,22 @@ class Facing(Protocol):
 
 @dataclass(frozen=True)
 class Centres:
-    """The direction from one ball's centre to the other's."""
+    """The direction from one ball's centre to the other's, of an edge by its name."""
 
     ends: Ends
+    edge: str
+
+    def _polar(self, view: View) -> Any:
+        origin = f"distance of the centres of edge '{self.edge}', which must lie apart"
+        return vector.polar(self.ends.reach(view), origin)
 
     def value(self, view: View) -> Any:
         """Give the unit vector."""
-        return vector.polar(self.ends.reach(view))[1]
+        return self._polar(view)[1]
 
     def rate(self, view: View) -> Any:
         """Give the part of r' across it, over the distance."""
-        length, along = vector.polar(self.ends.reach(view))
+        length, along = self._polar(view)
         closing = self.ends.closing(view)
         across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
         return vector.scale(1.0 / length, across)
@@ -150,10 +155,11 @@ class Ball:
 
 @dataclass(frozen=True)
 class Rim:
-    """A circle about the second node, across an axle that it carries."""
+    """A circle about the second node, across an axle that it carries, of an edge by its name."""
 
     axle: Carried
     radius: Node
+    edge: str
 
     def _down(self, view: View, facing: Facing) -> tuple[Any, Any, Any]:
         """Give the part of the normal within the disc, its length, and its direction."""
@@ -161,7 +167,11 @@ class Rim:
         # The contact lies on the rim, furthest down: opposite to the normal's projection on the
         # disc. Where the disc lies flat the projection vanishes, and no point is lowest.
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
-        return part, *vector.polar(part)
+        origin = (
+            f"tilt of edge '{self.edge}', whose axis must not lie along the normal; tilt it, or "
+            "take a box or an ellipsoid"
+        )
+        return part, *vector.polar(part, origin)
 
     def depth(self, view: View, facing: Facing) -> Any:
         """Give r |p|: n.up is |p|, the sine of the angle between normal and axle."""
@@ -315,5 +325,5 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
         return Ellipsoid((x, y, z), edge.vectors["semiaxes"])
     radius = edge.scalars.get("radius", motion.system.dag.zero)
     if "axis" in edge.vectors:
-        return Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), radius)
+        return Rim(carried_by(motion, ends, 1, edge.vectors["axis"]), radius, edge.name)
     return Ball(radius)

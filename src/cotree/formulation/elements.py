@@ -169,7 +169,9 @@ def _line(
                 f"the nodes of edge '{edge.name}' coincide whatever the coordinates, so the line "
                 "between them has no direction: give the edge an axis"
             )
-        length, direction = vector.polar(reach)
+        length, direction = vector.polar(
+            reach, f"length of edge '{edge.name}', whose nodes must lie apart"
+        )
     else:
         direction = carried(motion, first, edge.vectors["axis"], ancestor)
         length = vector.dot(direction, reach)

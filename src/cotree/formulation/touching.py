@@ -41,7 +41,7 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag
     surface = surface_of(motion, edge, ends)
-    facing: Facing = Centres(ends)
+    facing: Facing = Centres(ends, edge.name)
     rise = edge.scalars.get("ball", dag.zero)
     if "normal" in edge.vectors:
         facing = carried_by(motion, ends, 0, edge.vectors["normal"])

@@ -63,13 +63,22 @@ def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> st
 
 
 def _place(program: Program, wrong: Node) -> str:
-    """Name the field of an element that an operation stands in, the smallest there is."""
+    """Name the field of an element that an operation stands in, the smallest there is.
+
+    Where it stands in none, what it is applied to may come from one: of a quotient the divisor.
+    """
     found: list[tuple[int, str]] = []
     for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
         inside = reachable([node])
         if wrong in inside:
             found.append((len(inside), name))
-    return f"{min(found)[1]}: " if found else ""
+    name = min(found)[1] if found else _origin_of_arguments(program, wrong)
+    return f"{name}: " if name else ""
+
+
+def _origin_of_arguments(program: Program, wrong: Node) -> str:
+    origins = program.dag.origins
+    return next((origins[arg] for arg in reversed(wrong.args) if arg in origins), "")
 
 
 def _operation(node: Node, values: Mapping[Node, Any]) -> str:

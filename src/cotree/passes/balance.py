@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
-from cotree.passes.rewriting import for_each_kernel, rebuilt, rewrite
+from cotree.dag.traverse import rebuilt
+from cotree.passes.rewriting import for_each_kernel, rewrite
 from cotree.passes.stage import varying_values
 from cotree.program.cost_model import bounds, waits
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cotree.dag.traverse import rebuilt
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Mapping
 
@@ -51,9 +53,3 @@ def rewrite(
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
-
-
-def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
-    """Rebuild a value from what replaces its arguments."""
-    args = tuple([new.get(arg, arg) for arg in node.args])
-    return node if args == node.args else node.dag.rebuild(node, args)
