@@ -18,8 +18,8 @@ def rate(i: int, j: int) -> float:
     return 10.0 ** ((7 * i + 11 * j) % 5 - 3)
 
 
-def all_to_all(n: int) -> Model:
-    """n species, each of which turns into all others."""
+def all_to_all(n: int, feed: str = "flow", *, locate_corners: bool = True) -> Model:
+    """n species, each of which turns into all others, and a feed of the first."""
     scene = Scene(f"all-to-all-{n}")
     for i in range(n):
         scene.edge(f"S{i}", "species", f"S{i}", "ground", volume=1.0, initial={"c": 1.0 + i})
@@ -28,8 +28,9 @@ def all_to_all(n: int) -> Model:
                 names = {"reactants": [f"S{i}"], "products": [f"S{j}"]}
                 scene.edge(f"R{i}to{j}", "reaction", **names, rate=rate(i, j))
     scene.input("flow", 0.0)
-    scene.edge("feed", "molar_flow_source", "ground", "S0", flow="flow")
-    return scene.compile()
+    scene.table("valve", [0.0, 1.0, 2.0], [0.0, 1.0, 1.5])
+    scene.edge("feed", "molar_flow_source", "ground", "S0", flow=feed)
+    return scene.compile(locate_corners=locate_corners)
 
 
 def test_cvode_where_steps_of_rodas5_cost_much() -> None:
@@ -55,6 +56,16 @@ def test_rodas5_where_corners_would_restart_cvode() -> None:
     flow = np.linspace(0.0, END, 7), np.array([0.0, 1.0, 0.0, 2.0, 0.0, 1.0, 0.0])
     result = all_to_all(30).simulate((0.0, END), [0.0, END], inputs={"flow": flow}, throw=True)
     assert result.statistics.method == "rodas5"
+
+
+@pytest.mark.parametrize("feed", ["max(1 - S0.c, 0)", "abs(S0.c - 1)", "valve(S0.c)"])
+def test_rodas5_where_corners_of_rates_would_restart_cvode(feed: str) -> None:
+    taken = {}
+    for locates in (True, False):
+        model = all_to_all(30, feed, locate_corners=locates)
+        result = model.simulate((0.0, END), [0.0, END], throw=True)
+        taken[locates] = result.statistics.method
+    assert taken == {True: "rodas5", False: "cvode"}
 
 
 def test_rodas5_without_sundials(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -249,6 +249,7 @@ class Preparation:
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
             "events": ModelEvents(model, p, u) if model.layout.events else None,
+            "has_corners": bool(model.layout.corners),
         }
 
 

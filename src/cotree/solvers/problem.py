@@ -143,6 +143,9 @@ class Problem:
         :mod:`cotree.solvers.singularity_crossing`.
     events : ModelEvents or None
         The events of the problem, which only methods in C take; time must increase.
+    has_corners : bool
+        Whether the rates have corners that methods in C locate while time increases: they begin
+        anew behind each.
     n_observed : int
         How many values are evaluated at each stored point besides z, for the bound on memory.
     reach : callable or None
@@ -190,6 +193,7 @@ class Problem:
     native: Native | None = None
     not_native: str = "its equations are Python functions"
     events: ModelEvents | None = None
+    has_corners: bool = False
     places: npt.NDArray[np.intp] | None = None
     n_observed: int = 0
     reach: Callable[[float, FloatArray], None] | None = None

@@ -65,7 +65,9 @@ def cost_of_rodas5(problem: Problem) -> float:
     move what it remembers; algebraic unknowns it would solve for at each evaluation. There, and
     without scikit-sundae, the number is zero.
     """
-    has_restarts = problem.events is not None or len(problem.breakpoints) > _MOST_CORNERS
+    # How often a run passes corners of its rates is known as little as how often events happen.
+    locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
+    has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
     is_wide = problem.n_states > _MOST_STATES  # an elimination of it takes long to plan
     if has_restarts or is_wide or problem.n_algebraic or problem.project is not None:
         return 0.0
