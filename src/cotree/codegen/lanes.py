@@ -83,6 +83,8 @@ class LanesContext(KernelFile):
     has_outputs: bool
     n_outputs: int
     n_sensitivities: int
+    corners: tuple[tuple[int, int], ...]
+    n_pieces: int
     places: list[str]
     stiff: StiffLanes | None
 
@@ -125,8 +127,6 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
         return f"'{method}' is no method of cotree"
     if layout.events:
         return "there are events"
-    if layout.corners:
-        return "corners of laws are located"
     if layout.constraints:
         return "there are constraints"
     if layout.n_algebraic:
@@ -211,6 +211,8 @@ def lanes_context(
         has_outputs=has_outputs,
         n_outputs=len(layout.outputs),
         n_sensitivities=n_s,
+        corners=layout.corners,
+        n_pieces=layout.n_pieces,
         # Most often nothing vanishes.
         places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
         stiff=stiff,
@@ -253,9 +255,10 @@ def lanes_declarations(model: LanesContext) -> str:
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Give the kernels of rates, and of inputs where there are any."""
+    """Give the kernels of rates, and of inputs and of corners where there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
+    names += ["events"] if program.layout.corners else []
     return [program.kernels[name] for name in names]
 
 

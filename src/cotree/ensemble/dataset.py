@@ -264,7 +264,11 @@ def _of_lanes(plan: Plan, n_members: int) -> str:
     why = refusal_of(found)
     if plan.lanes == 1 and n_members < FEW:
         why = f"lanes are not compiled for fewer than {FEW} members, unless lanes= asks for it"
-    return f"members run one after another: {why}" if why else "members run side by side"
+    if why:
+        return f"members run one after another: {why}"
+    near = ", except for those that come near a corner of the rates"
+    is_forwards = plan.settings.t_span[1] >= plan.settings.t_span[0]
+    return f"members run side by side{near if plan.model.layout.corners and is_forwards else ''}"
 
 
 def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
