@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from cotree.dag.multi_output import Table
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -83,7 +85,7 @@ class PlaneTable:
     z: tuple[float, ...]
 
     function = "cotree_plane"
-    results = ("", "slope_x", "slope_y", "twist")
+    results: ClassVar[tuple[str, ...]] = ("", "slope_x", "slope_y", "twist")
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1, 1: 2}, {1: 3}, {0: 3}, {})
 
     @property
@@ -107,23 +109,13 @@ class PlaneTable:
 
 
 @dataclass(frozen=True)
-class HeldTable:
-    """A piecewise linear function, constant outside its range, of which a piece may be held.
+class HeldTable(Table):
+    """A table of which a piece may be held.
 
     Arguments: where to look it up, and the number of the piece, zero where the argument decides.
     The first piece lies below all points, the last one beyond. Results: value and slope, both ends
     of the piece, and its number. Where a piece goes on for ever, an end is one unit away.
-
-    Attributes
-    ----------
-    x : tuple of float
-        Ascending arguments, at least two.
-    y : tuple of float
-        Values at ``x``.
     """
-
-    x: tuple[float, ...]
-    y: tuple[float, ...]
 
     function = "cotree_held_table"
     results = ("", "slope", "low", "high", "piece")
@@ -134,11 +126,6 @@ class HeldTable:
     def axes(self) -> tuple[tuple[float, ...], ...]:
         """Arguments at which pieces meet."""
         return (self.x,)
-
-    @property
-    def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by a name for each row, those of the axes first."""
-        return {"x": self.x, "y": self.y}
 
     def ends(self, _: int) -> tuple[int, int, int]:
         """Give the places of both ends and of the number of a piece among the results."""
@@ -164,22 +151,13 @@ class HeldTable:
 
 
 @dataclass(frozen=True)
-class HeldPlane:
+class HeldPlane(PlaneTable):
     """A bilinear function of two arguments, of which a piece may be held along each of them.
 
     Arguments: where to look it up, then the numbers of the pieces, zero where the arguments decide.
     Results: those of :class:`PlaneTable`, then along both axes the ends of the piece, and their
     numbers.
-
-    Attributes
-    ----------
-    x, y, z : tuple of float
-        As of :class:`PlaneTable`.
     """
-
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    z: tuple[float, ...]
 
     function = "cotree_held_plane"
     results = (
@@ -187,16 +165,6 @@ class HeldPlane:
         *("low_x", "high_x", "piece_x", "low_y", "high_y", "piece_y"),
     )
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
-
-    @property
-    def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces meet."""
-        return (self.x, self.y)
-
-    @property
-    def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by a name for each row, those of the axes first."""
-        return {"x": self.x, "y": self.y, "z": self.z}
 
     def ends(self, axis: int) -> tuple[int, int, int]:
         """Give the places of both ends and of the number of a piece among the results."""

@@ -135,7 +135,7 @@ def _is_timed(node: Node) -> bool:
 
 
 def _is_table(node: Node) -> bool:
-    return isinstance(node.data, (Table, PlaneTable))
+    return type(node.data) in (Table, PlaneTable)  # not one that is held already
 
 
 def _n_points(node: Node) -> int:
