@@ -45,6 +45,15 @@ def read_text(source: str | Path, largest: int) -> str:
         raise SceneError(f"{source}:{line}: not a text in UTF-8") from None
 
 
+def is_number(text: str) -> bool:
+    """Tell whether a cell of a table is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
     """Give the suffix of a file that is to be written, in small letters.
 

@@ -43,7 +43,7 @@ def test_polynomials_of_short_steps_tell_no_sizes(compiler: str, tmp_path: Path)
 
 
 def test_forces_that_edges_share_are_solved_for(compiler: str, tmp_path: Path) -> None:
-    """What keeps rows of zeros from being divided by zero is a number of the type."""
+    """The constant that keeps rows of zeros from being divided by zero is a number of the type."""
     scene = Scene("ring")
     for node in "abc":
         scene.edge(f"J{node}", "rotational_inertia", "ground", node, inertia=1.0)

@@ -184,7 +184,7 @@ def test_budgets_hold_in_lanes(hires):
 
 
 def test_a_member_whose_planned_pivots_vanish_leaves_its_lane(monkeypatch):
-    """Where a mode grows as fast as the pivot has it, rows are exchanged by the scalar engine."""
+    """The scalar engine exchanges rows where a mode grows as fast as the pivot has it."""
     left = []
 
     def takes_back(block):

@@ -1,4 +1,4 @@
-"""What impacts have no law for, or no sensitivities, is refused by the names of the edges."""
+"""Impacts that have no law, or no sensitivities, are refused by the names of the edges."""
 
 import numpy as np
 import pytest

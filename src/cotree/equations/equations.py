@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import symbols_in
+from cotree.equations.derivative import substituted
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
     from cotree.equations.corner import CornerRow
@@ -376,6 +377,16 @@ class Equations:
         # Free rotations have four coordinates and three speeds, so that the numbers differ.
         others = self.n_speeds + self.n_network_states + self.n_algebraic
         return len(self.states) - others
+
+    def with_derivatives(self, replacement: Mapping[Node, Node]) -> Equations:
+        """Replace some nodes in all derivatives; see :func:`substituted`."""
+        return replace(
+            self,
+            sensitivities=substituted(self.sensitivities, replacement),
+            columns=substituted(self.columns, replacement),
+            motion=self.motion and substituted([self.motion], replacement)[0],
+            direction=self.direction and substituted([self.direction], replacement)[0],
+        )
 
     def summary(self) -> str:
         """Describe the equations in a few lines."""

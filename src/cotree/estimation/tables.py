@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
-from cotree.files import read_text
+from cotree.files import is_number, read_text
 from cotree.units import check_fits, check_unit
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _read_csv(path: Path, where: str) -> tuple[dict[str, Column], list[str]]:
         fields.append(row)
         rows.append(f"line {reader.line_num}")
     header = header or []
-    if all(_is_number(item) for item in header):
+    if all(is_number(item) for item in header):
         raise ParameterError(
             f"{where} begins with numbers: its first line must name the columns, time,v say"
         )
@@ -281,14 +281,6 @@ def _number(value: Any, where: str) -> float:
         if type(value).__name__ == "NAType":
             return np.nan
         raise ParameterError(f"{where}: '{brief(str(value))}' is not a number") from None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _time_column(columns: Mapping[str, Column], where: str, time: str | None) -> str:

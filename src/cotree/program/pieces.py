@@ -24,7 +24,7 @@ from cotree.dag.multi_output import Table
 from cotree.dag.stops import stops_within
 from cotree.dag.symbols import INPUT, PIECE, STATE, TIME, UNKNOWN
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
-from cotree.equations import CornerRow, substituted
+from cotree.equations import CornerRow
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -57,14 +57,10 @@ def hold_pieces(equations: Equations) -> Equations:
         return tuple(substitute(nodes, new))
 
     return replace(
-        equations,
+        equations.with_derivatives(new),
         forcing=again(equations.forcing),
         rates=again(equations.rates),
         output_values=again(equations.output_values),
-        sensitivities=substituted(equations.sensitivities, new),
-        columns=substituted(equations.columns, new),
-        motion=equations.motion and substituted([equations.motion], new)[0],
-        direction=equations.direction and substituted([equations.direction], new)[0],
         corners=tuple(held.rows),
         pieces=tuple(held.pieces),
     )
@@ -224,7 +220,7 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """What is found while pieces are numbered."""
+    """Rows and symbols that are found while pieces are numbered."""
 
     rows: list[CornerRow]
     pieces: list[Node]

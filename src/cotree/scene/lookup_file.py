@@ -6,6 +6,7 @@ import csv
 import io
 
 from cotree.errors import SceneError, brief
+from cotree.files import is_number
 
 #: Bytes that a file of points may have.
 LARGEST_POINTS = 20_000_000
@@ -55,7 +56,7 @@ def read_points(
         return [_number(item, f"{where}: {file}, line {n}") for item in row]
 
     if width == 2:
-        own = rows if _is_number(rows[0][1][0]) else rows[1:]
+        own = rows if is_number(rows[0][1][0]) else rows[1:]
         points = [numbers(n, row) for n, row in own]
         return [point[0] for point in points], None, [point[1] for point in points]
     number, head = rows[0]
@@ -64,15 +65,7 @@ def read_points(
     return [point[0] for point in points], y, [point[1:] for point in points]
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def _number(text: str, where: str) -> float:
-    if not _is_number(text):
+    if not is_number(text):
         raise SceneError(f"{where}: {brief(repr(text.strip()))} is no number")
     return float(text)

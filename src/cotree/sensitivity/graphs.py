@@ -373,15 +373,11 @@ def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
     # Loads of inertia that is tied to joints stand in the matrix.
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
-        equations,
+        equations.with_derivatives(known),
         # What fields put into the right-hand side may contain accelerations, whose terms the matrix
         # has.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),
         output_values=closed(equations.output_values),
-        sensitivities=substituted(equations.sensitivities, known),
-        columns=substituted(equations.columns, known),
-        motion=equations.motion and substituted([equations.motion], known)[0],
-        direction=equations.direction and substituted([equations.direction], known)[0],
     )
