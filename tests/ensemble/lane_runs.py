@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cotree.ensemble.batch import run_block
 from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.pattern import find_pattern
 from cotree.ensemble.plan import Plan
@@ -28,6 +29,20 @@ def assert_same(block, other):
     for name in ("z", "outputs", "output_sensitivities", "status", "steps"):
         np.testing.assert_array_equal(getattr(block, name), getattr(other, name), name)
     assert block.messages == other.messages
+
+
+def assert_bits_depend_on_the_member_alone(make, rows, lanes):
+    """Run members in numbers of lanes, threads, orders and blocks; ``make(n)`` makes a plan."""
+    blocks = {n: run_block(make(n), rows) for n in lanes}
+    assert (blocks[2].status == 0).all()
+    for block in blocks.values():
+        assert_same(block, blocks[2])
+    plan, turned = make(None), rows[::-1].copy()
+    assert runs_in_lanes(plan)
+    assert_same(run_block(plan, rows, threads=2), blocks[2])
+    assert_same(run_block(plan, turned), run_block(plan, turned, threads=2))
+    np.testing.assert_array_equal(run_block(plan, turned).z[::-1], blocks[2].z)
+    np.testing.assert_array_equal(run_block(plan, rows[5:6]).z[0], blocks[2].z[5])
 
 
 def runs_in_lanes(plan):

@@ -4,7 +4,14 @@ import threading
 
 import numpy as np
 import pytest
-from lane_runs import TIMES, assert_same, plan_of, rows_of, runs_in_lanes
+from lane_runs import (
+    TIMES,
+    assert_bits_depend_on_the_member_alone,
+    assert_same,
+    plan_of,
+    rows_of,
+    runs_in_lanes,
+)
 from rod_chain import rod_chain
 
 import cotree
@@ -30,17 +37,11 @@ def slider():
 @pytest.mark.parametrize("method", ["dop853", "dopri5"])
 def test_bits_are_the_same_for_any_lanes_threads_order_and_division(slider, method):
     names = ("L", "m2", "k")
-    rows = rows_of(slider, names, 37)
-    blocks = {n: run_block(plan_of(slider, names, n, method=method), rows) for n in (2, 4, 8)}
-    assert (blocks[2].status == 0).all()
-    for block in blocks.values():
-        assert_same(block, blocks[2])
-    plan = plan_of(slider, names, method=method)
-    assert runs_in_lanes(plan)
-    assert_same(run_block(plan, rows, threads=2), blocks[2])
-    assert_same(run_block(plan, rows[::-1].copy()), run_block(plan, rows[::-1].copy(), threads=2))
-    np.testing.assert_array_equal(run_block(plan, rows[::-1].copy()).z[::-1], blocks[2].z)
-    np.testing.assert_array_equal(run_block(plan, rows[5:6]).z[0], blocks[2].z[5])
+
+    def make(n):
+        return plan_of(slider, names, n, method=method)
+
+    assert_bits_depend_on_the_member_alone(make, rows_of(slider, names, 37), (2, 4, 8))
 
 
 @pytest.mark.parametrize("method", ["dop853", "dopri5", "rkf45"])

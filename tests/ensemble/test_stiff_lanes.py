@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from cascades import HEATER, heater
 from domain_scenes import scene_of_domain
-from lane_runs import assert_same, plan_of, rows_of, runs_in_lanes
+from lane_runs import (
+    assert_bits_depend_on_the_member_alone,
+    assert_same,
+    plan_of,
+    rows_of,
+    runs_in_lanes,
+)
 from network_scenes import rc_grid, rc_ladder
 
 import cotree
@@ -76,16 +82,11 @@ TIMES = np.linspace(0.0, 321.8122, 41)
 
 def test_bits_are_the_same_for_any_lanes_threads_order_and_division(hires):
     names = hires.parameters[:3]
-    rows = rows_of(hires, names, 37)
-    blocks = {n: run_block(stiff_plan(hires, names, n, times=TIMES), rows) for n in (2, 4, 8, 16)}
-    assert (blocks[2].status == 0).all()
-    for block in blocks.values():
-        assert_same(block, blocks[2])
-    plan = stiff_plan(hires, names, times=TIMES)
-    assert runs_in_lanes(plan)
-    assert_same(run_block(plan, rows, threads=2), blocks[2])
-    np.testing.assert_array_equal(run_block(plan, rows[::-1].copy()).z[::-1], blocks[2].z)
-    np.testing.assert_array_equal(run_block(plan, rows[5:6]).z[0], blocks[2].z[5])
+
+    def make(n):
+        return stiff_plan(hires, names, n, times=TIMES)
+
+    assert_bits_depend_on_the_member_alone(make, rows_of(hires, names, 37), (2, 4, 8, 16))
 
 
 @pytest.mark.parametrize("method", METHODS)
