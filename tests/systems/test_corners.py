@@ -492,3 +492,33 @@ def test_fmus_leave_corners_to_the_error_test(tmp_path: Path, kind: str) -> None
         output_interval=0.1,
     )
     assert found["j.s"] == pytest.approx(bilinear(found["time"]), abs=1e-5)
+
+
+def test_a_jump_and_a_corner_elsewhere_in_one_scene():
+    """R C v' = 2 - v up to 0.5, then 1 - v; beside it, s'' = -10 s while s > 0."""
+    scene = Scene("apart")
+    scene.edge("V", "voltage_source", "a", "ground", voltage="where(C.v < 0.5, 2, 1)")
+    scene.edge("R", "resistor", "a", "b", resistance=1.0)
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0)
+    scene.edge("m", "translational_mass", "ground", "p", mass=1.0, initial={"v": 1.0})
+    scene.edge("k", "translational_spring", "ground", "p", force="10*max(k.s, 0)")
+    result = scene.compile().simulate((0, 2.0), **_TIGHT)
+    switched = math.log(2.0 / 1.5)
+    assert result.events["C.v < 0.5 down"].t == pytest.approx([switched], rel=1e-9)
+    assert result["C.v"][-1] == pytest.approx(1.0 - 0.5 * math.exp(switched - 2.0), rel=1e-8)
+    # Half a period on the spring, then back at the speed that it had.
+    assert result["k.s"][-1] == pytest.approx(math.pi / math.sqrt(10.0) - 2.0, rel=1e-8)
+
+
+@pytest.mark.parametrize("law", ["mod(x.v, 2)", "x.v - 2*floor(x.v/2)"])
+def test_a_table_of_what_jumps(law):
+    """A tooth of area 1 in each period of 2, passed with unit speed."""
+    scene = Scene("teeth")
+    scene.table("tooth", [0, 0.5, 1.5, 2], [0, 1, 0, 0])
+    scene.edge("x", "capacitor", "a", "ground", capacitance=1.0)
+    scene.edge("I", "current_source", "ground", "a", current=1.0)
+    scene.edge("y", "capacitor", "b", "ground", capacitance=1.0)
+    scene.edge("J", "current_source", "ground", "b", current=f"tooth({law})")
+    result = scene.compile().simulate((0, 7.0), **_TIGHT)
+    # Three whole teeth of area 3/4, and of the fourth 0.25 to its peak and 0.375 beyond.
+    assert result["y.v"][-1] == pytest.approx(3 * 0.75 + 0.25 + 0.375, rel=1e-9)

@@ -135,7 +135,7 @@ def _values(at: Moment, y: Array, part: ModePart) -> dict[int, float]:
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
         return {}
-    found = at.call("events", y)
+    found = at.event_values(y)
     return {
         row.targets[0]: float(value)
         for row, value in zip(rows, found, strict=True)

@@ -57,3 +57,7 @@ class Moment:
         """
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
+
+    def event_values(self, y: Array, s: Array | None = None) -> Array:
+        """Return what the events of the model watch, shape (n_events,), without its corners."""
+        return self.call("events", y, s)[: len(self.model.layout.events)]

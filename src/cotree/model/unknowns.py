@@ -158,7 +158,7 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
     for _ in range(_MOST_ROUNDS * len(rows)):
         # `jumps` gives what each event sets. An event whose value is beyond zero in its direction
         # has the point on its side.
-        values, wanted = at.call("events", y), at.call("jumps", y)
+        values, wanted = at.event_values(y), at.call("jumps", y)
         changed = False
         for row, value in zip(rows, values, strict=True):
             # One jump at a time, since the others may look at what this one changes.

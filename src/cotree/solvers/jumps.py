@@ -66,8 +66,7 @@ class ModelEvents:
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
         """Evaluate the values that the events watch, shape (n_events,), a fresh array."""
-        # Corners come behind them.
-        return self._at(t).call("events", *self._parts(z))[: len(self.rows)]
+        return self._at(t).event_values(*self._parts(z))
 
     def check_start(self, t: float, z: FloatArray) -> None:
         """Refuse sensitivities where an expression jumps right at the start.
@@ -126,7 +125,7 @@ class ModelEvents:
                 other, _ = solve_start(at, other, s)
             except (ModelError, SolveError):
                 continue
-            with_friction, without = (at.call("events", point, s)[force] for point in (y, other))
+            with_friction, without = (at.event_values(point, s)[force] for point in (y, other))
             if with_friction > _JAMMED * without > 0.0:
                 found.append(f"'{self.rows[force].name.removesuffix(' lifts')}'")
         if not found:
