@@ -186,9 +186,3 @@ def test_wrong_tables_are_refused(text, told, tmp_path, capsys):
     table.write_text(text)
     assert main([*SWEEP, "--members", str(table)]) == 2
     assert told in capsys.readouterr().err
-
-
-def test_another_device_is_refused(capsys):
-    command = ["sweep", "slider-pendulum", "--grid", "L=0.9,1.1", "--device", "gpu"]
-    assert main(command) == 2
-    assert "device is 'gpu': give 'cpu' or 'cuda'" in capsys.readouterr().err

@@ -92,9 +92,6 @@ def sweep_scene(
         int | None,
         typer.Option(min=1, help="Members side by side in vectors; 1 for none."),
     ] = None,
-    device: Annotated[
-        str, typer.Option(metavar="cpu|cuda", help="The processor, or a graphics processor.")
-    ] = "cpu",
     store: Annotated[
         Path | None,
         typer.Option(help="Keep results here as they are done; a killed sweep goes on from there."),
@@ -168,7 +165,6 @@ def sweep_scene(
                 initial=read_numbers("--initial", initial),
                 threads=threads,
                 lanes=lanes,
-                device=device,
                 store=store,
                 on_error=on_error,
                 **settings,

@@ -51,8 +51,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
         in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
         empty and the others are what they are called. Functions that only their own file calls
-        begin with ``{{ static }}``, and what only separate files need, such as the inclusion of
-        headers, depends on ``has_files``.
+        begin with ``{{ static }}``.
     is_html : bool
         Whether texts are HTML.
     """
@@ -78,7 +77,6 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         "HUGE_VAL": target.infinity,
         "strtod": target.reader,
         "static": target.static,
-        "has_files": target.has_files,
         "share": target.share,
         "extreme": target.extreme,
     }

@@ -41,8 +41,6 @@ class Target:
         Function of the C library that reads a number from text.
     static : str
         Qualifier of a function that only its own file calls.
-    has_files : bool
-        Whether the text is several files, which include each other; else it is one.
     function : str
         Qualifiers and result of a function that is part of another.
     name : str
@@ -79,7 +77,6 @@ class Target:
     infinity: str = "HUGE_VAL"
     reader: str = "strtod"
     static: str = "static"
-    has_files: bool = True
     function: str = "COTREE_APART static void"
     name: str = "{}"
     aligned: str = "COTREE_ALIGNED "
@@ -95,11 +92,8 @@ class Target:
 
     @property
     def has_lanes(self) -> bool:
-        """Whether maps may compute several columns at a time.
-
-        Vectors hold doubles, and threads of a graphics processor have none.
-        """
-        return self.scalar != SINGLE.scalar and self.has_files
+        """Whether maps may compute several columns at a time: vectors hold doubles."""
+        return self.scalar != SINGLE.scalar
 
     @property
     def lanes(self) -> Target:
@@ -244,9 +238,6 @@ SINGLE = Target(
     digits=24,
     most_decades=38,
 )
-#: Threads of a graphics processor: all files in one, which a compiler of C++ takes. The header of
-#: templates/c/cuda defines the qualifier, which keeps functions out of their callers.
-CUDA = Target(static="COTREE_STATIC", has_files=False)
 #: Targets of C projects, by the type of their numbers.
 BY_REAL = {target.real: target for target in (DOUBLE, SINGLE)}
 #: Maps of columns: as many at a time as a vector has lanes, whatever their number is.

@@ -67,10 +67,6 @@ def run_block(
     Block
         Members that were not run have the status -3.
     """
-    if plan.device == "cuda":
-        from cotree.ensemble.cuda import run_block_on_cuda
-
-        return run_block_on_cuda(plan, rows)
     rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
     pattern = pattern_of(plan)
     if isinstance(pattern, Unfit):

@@ -256,8 +256,6 @@ def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) ->
 
 def _of_lanes(plan: Plan, n_members: int) -> str:
     """Say whether members run side by side, or why not."""
-    if plan.device != "cpu":
-        return f"each member runs in a thread of the device '{plan.device}'"
     found = pattern_of(plan)
     if isinstance(found, Unfit):
         return f"members run one after another, in Python: {found.why}"

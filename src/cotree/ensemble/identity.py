@@ -59,7 +59,6 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         **{name: _plain(getattr(settings, name)) for name in _SETTINGS},
         # Members that an automatically chosen method finds stiff are run with another one.
         "method_is_chosen": plan.is_chosen,
-        "device": plan.device,
         "t_span": _plain(settings.t_span),
         "inputs": {name: _short(_plain(table)) for name, table in tables.items()},
         # A column goes before these.

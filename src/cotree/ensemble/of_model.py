@@ -51,7 +51,6 @@ class EnsembleMethods:
         inputs: Mapping[str, Any] | None = None,
         threads: int | None = None,
         lanes: int | None = None,
-        device: str = "cpu",
         executor: Any = None,
         store: Any = None,
         progress: bool = True,
@@ -97,10 +96,6 @@ class EnsembleMethods:
             Members side by side in vectors of an explicit method: 1 for none; where absent, as many
             as the processor has, and 1 for fewer than 100 members, which take less time than
             compiling the code of lanes.
-        device : {"cpu", "cuda"}
-            Who runs members: the processor, or a graphics processor of NVIDIA, one thread for each
-            member (extra ``cuda``). That takes ``dopri5``, ``dop853`` and ``rkf45``, without events
-            and constraints, and its results are the same to rounding.
         executor : concurrent.futures.Executor, optional
             Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
             ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
@@ -184,7 +179,6 @@ class EnsembleMethods:
             sensitivities=sensitivities,
             outputs=outputs,
             lanes=lanes,
-            device=device,
         )
         expressions = expressions_among(inputs or {})
         told = {**_described(model), "model": compiled.digest, "inputs": expressions}

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
     from cotree.solvers.settings import Settings
 
-#: Who may run members.
-DEVICES = ("cpu", "cuda")
-
 #: Members for which the code of lanes is not compiled, where nobody asks for lanes.
 FEW = 100
 
@@ -48,8 +45,6 @@ class Plan:
         Whether the method was chosen for all members and not asked for, and some may become stiff:
         a member that an explicit one finds stiff on its way is then run from its start with one for
         stiff problems.
-    device : str
-        One of ``DEVICES``: the processor, or a graphics processor.
     """
 
     model: CompiledModel
@@ -59,7 +54,6 @@ class Plan:
     has_sensitivities: bool = True
     lanes: int | None = None
     is_chosen: bool = False
-    device: str = "cpu"
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from cotree.ensemble.collected import Collected, member_bytes
 from cotree.ensemble.dataset import Frame, check_xarray
 from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
 from cotree.ensemble.interrupts import stopped_by_interrupt
-from cotree.ensemble.plan import DEVICES, FEW, Plan
+from cotree.ensemble.plan import FEW, Plan
 from cotree.ensemble.progress import EnsembleProgress
 from cotree.ensemble.results import NOT_RUN
 from cotree.ensemble.sizing import timed_size
@@ -204,8 +204,6 @@ class Pace:
         self._most = max(1, most // max(1, member_bytes(plan)))
         # All lanes of all threads have something to do.
         self._least = self.threads * (_LANES if plan.lanes is None else plan.lanes)
-        if plan.device == "cuda":  # which has thousands of threads
-            self._least = self._most
 
     def size(self, plan: Plan, rows: FloatArray) -> int:
         """Try how many members a block of a store is to have; they are run again with theirs."""
@@ -244,7 +242,6 @@ def make_plan(
     sensitivities: bool,
     outputs: Sequence[str] | None,
     lanes: int | None,
-    device: str = "cpu",
 ) -> Plan:
     """Check what members share, and choose their method.
 
@@ -263,14 +260,10 @@ def make_plan(
         check_count(lanes, "lanes")
     elif len(members.rows) < FEW:
         lanes = 1
-    if device not in DEVICES:
-        raise SolveError(f"device is {brief(repr(device))}: give {' or '.join(map(repr, DEVICES))}")
     is_chosen = settings.method == "auto"
     settings = tried_settings(model, settings, members)
     has_sensitivities = bool(sensitivities and model.sensitivities)
-    return Plan(
-        model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen, device
-    )
+    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen)
 
 
 def check_execution(execution: Execution) -> None:
