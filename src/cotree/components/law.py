@@ -12,13 +12,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag.clips import SINGULAR, Clips
+from cotree.dag.derivative import tangents
 from cotree.dag.dual import is_varied, tangent_of, value_of, varied
 from cotree.dag.from_sympy import from_sympy
+from cotree.dag.nodes import Dag
+from cotree.dag.symbols import ARGUMENT
+from cotree.dag.traverse import reachable, substitute
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-    from cotree.dag.nodes import Dag, Node
+    from cotree.dag.nodes import Node
 
 
 def law_symbol(name: str) -> Any:
@@ -161,17 +166,37 @@ class Law:
         name : str
             The argument to differentiate by.
         """
-        if name not in self.partials:
-            return None
-        value = from_sympy(self.partials[name], dag, arguments)
-        return None if value.is_zero else value
+        return self.partial_values(dag, arguments, [name]).get(name)
 
-    def partial_values(self, dag: Dag, arguments: Mapping[str, Node]) -> dict[str, Node]:
-        """Evaluate the pre-formed partial derivatives; those that fold to zero are absent."""
-        values = {
-            name: from_sympy(partial, dag, arguments) for name, partial in self.partials.items()
-        }
-        return {name: value for name, value in values.items() if not value.is_zero}
+    def partial_values(
+        self, dag: Dag, arguments: Mapping[str, Node], names: Iterable[str] | None = None
+    ) -> dict[str, Node]:
+        """Evaluate the partial derivatives by some or all arguments; those that vanish are absent.
+
+        They are the pre-formed ones, but where the law has a root or a power of what its arguments
+        clip: there the branch is chosen first (:mod:`cotree.dag.clips`).
+        """
+        wanted = [name for name in names or self.partials if name in self.partials]
+        symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
+        standing = {symbols[name]: arguments[name] for name in symbols if name in arguments}
+        if self._has_root:
+            whole, clips = from_sympy(self.expression, dag, symbols), Clips(standing)
+            if any(clips.reaches(node) for node in reachable([whole])):
+                rows = (tangents([whole], {symbols[name]: dag.one}, standing) for name in wanted)
+                values = [substitute(row, standing)[0] for row in rows]
+                pairs = zip(wanted, values, strict=True)
+                return {name: value for name, value in pairs if not value.is_zero}
+        values = [from_sympy(self.partials[name], dag, arguments) for name in wanted]
+        return {n: value for n, value in zip(wanted, values, strict=True) if not value.is_zero}
+
+    @cached_property
+    def _has_root(self) -> bool:
+        """Whether the law has an operation without a finite derivative at some arguments."""
+        dag = Dag()
+        symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
+        return any(
+            node.op in SINGULAR for node in reachable([from_sympy(self.expression, dag, symbols)])
+        )
 
 
 class _Deferred(Law):

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+from cotree.dag.clips import Clips
 from cotree.dag.multi_output import SEVERAL, call, results, sizes_of, solve
 from cotree.dag.symbols import CHANGE
 from cotree.dag.traverse import reachable, substitute
@@ -62,7 +64,8 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives by operation, one for each argument; None where it is zero.
+#: Partial derivatives by operation, one for each argument; None where it is zero. A selection has
+#: the derivative of the branch taken; what jumps where its condition changes is left to events.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -87,12 +90,6 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "floor": (None,),
     "atan2": (lambda n: n.args[1] / _norm2(n), lambda n: -(n.args[0] / _norm2(n))),
     "pow": (_d_pow_base, _d_pow_exponent),
-    "select": (
-        # A condition has no derivative. What jumps where it changes is left to stops and events.
-        None,
-        lambda n: n.dag.select(n.args[0], n.dag.one, n.dag.zero),
-        lambda n: n.dag.select(n.args[0], n.dag.zero, n.dag.one),
-    ),
 }
 
 
@@ -213,7 +210,11 @@ def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
     return [*shared, *rest]
 
 
-def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
+def tangents(
+    roots: Sequence[Node],
+    seed: Mapping[Node, Node],
+    standing: Mapping[Node, Node] = MappingProxyType({}),
+) -> list[Node]:
     """Differentiate forward: the derivative of each root in the direction of the seed.
 
     Parameters
@@ -223,6 +224,9 @@ def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
     seed : mapping of Node to Node
         Derivative of each symbol; symbols that are absent are constant. Other values may be
         seeded too: their own arguments are then not followed.
+    standing : mapping of Node to Node
+        What will be substituted for some symbols in the derivatives, so that roots of what is
+        clipped there are known (:mod:`cotree.dag.clips`).
 
     Returns
     -------
@@ -237,11 +241,13 @@ def tangents(roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node]:
     if not roots:
         return []
     zero = roots[0].dag.zero
-    return [row.get(0, zero) for row in tangents_along(roots, [seed])]
+    return [row.get(0, zero) for row in tangents_along(roots, [seed], standing)]
 
 
 def tangents_along(
-    roots: Sequence[Node], seeds: Sequence[Mapping[Node, Node]]
+    roots: Sequence[Node],
+    seeds: Sequence[Mapping[Node, Node]],
+    standing: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[dict[int, Node]]:
     """Differentiate forward along several directions at once, and form only what changes.
 
@@ -252,6 +258,8 @@ def tangents_along(
     seeds : sequence of mapping of Node to Node
         For each direction a seed as in :func:`tangents`. A value that one direction seeds is
         constant along the others, unless they seed it, too.
+    standing : mapping of Node to Node
+        As in :func:`tangents`.
 
     Returns
     -------
@@ -273,6 +281,7 @@ def tangents_along(
                 seeded[node][i] = d
     known = {node: row for node, row in seeded.items() if row}
     several: dict[Node, dict[int, list[Node]]] = {}
+    clips = Clips(standing)
     for node in reachable(roots, stop=seeded):
         if node in seeded or not node.args:
             continue
@@ -289,14 +298,14 @@ def tangents_along(
             if node.op in SEVERAL:
                 several[node] = {i: _tangents_of_several(node, d) for i, d in changes.items()}
                 continue
-            row = {i: _tangent(node, d) for i, d in changes.items()}
+            row = {i: _tangent(node, d, clips) for i, d in changes.items()}
         row = {i: d for i, d in row.items() if not d.is_zero}
         if row:
             known[node] = row
     return [known.get(root, {}) for root in roots]
 
 
-def _tangent(node: Node, d_args: Sequence[Node]) -> Node:
+def _tangent(node: Node, d_args: Sequence[Node], clips: Clips) -> Node:
     op, zero = node.op, node.dag.zero
     if op == "add":
         return d_args[0] + d_args[1]
@@ -309,7 +318,7 @@ def _tangent(node: Node, d_args: Sequence[Node]) -> Node:
     total = zero
     for partial, d_arg in zip(PARTIALS[op], d_args, strict=True):
         if partial is not None and d_arg is not zero:
-            total = total + partial(node) * d_arg
+            total = total + clips.forward(node, partial(node), d_arg)
     return total
 
 
@@ -338,6 +347,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     zero = roots[0].dag.zero
     bar: dict[Node, Node] = {}
     several: dict[Node, list[Node]] = {}
+    clips = Clips({})
     order = reachable(roots)
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
@@ -360,7 +370,13 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                 several[target] = [zero] * n_results
             several[target][node.data] = several[target][node.data] + own
             continue
+        if node.op == "select":  # no product: what is not taken may have no value
+            condition, accepted, refused = node.args
+            select = node.dag.select
+            bar[accepted] = bar.get(accepted, zero) + select(condition, own, zero)
+            bar[refused] = bar.get(refused, zero) + select(condition, zero, own)
+            continue
         for arg, partial in zip(node.args, PARTIALS[node.op], strict=True):
             if partial is not None:
-                bar[arg] = bar.get(arg, zero) + partial(node) * own
+                bar[arg] = bar.get(arg, zero) + clips.reverse(node, partial(node), own)
     return [bar.get(node, zero) for node in wanted]

@@ -57,6 +57,8 @@ UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
 #: An entry of a right-hand side, or a result, that a map or a pattern is formed for.
 ENTRY = "own"
+#: An argument of a law.
+ARGUMENT = "argument"
 #: Newton's step of an algebraic unknown.
 STEP = "step"
 #: An across variable that a field names.

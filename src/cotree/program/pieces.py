@@ -9,8 +9,9 @@ nothing else happens there.
 
 Left as they are: conditions whose two sides do not evidently meet, which would be jumps; those that
 are known functions of time, where integration stops anyway; corners within roots, powers,
-logarithms, exponentials, divisors and constraints, where a piece has no value beyond its end, or
-a huge one; and tables with very many points, whose corners are small.
+logarithms, exponentials, divisors and constraints, and corners where a root or power ends, since a
+piece has no value beyond its end there, or a huge one; and tables with very many points, whose
+corners are small.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from cotree.dag.clips import SINGULAR, is_singular
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
 from cotree.dag.multi_output import Table
 from cotree.dag.stops import stops_within
@@ -171,9 +173,13 @@ def _meets(node: Node) -> bool:
             # One term may be replaced by the other where it does not occur in it.
             if one.value is None and one not in reachable([other]):
                 ways.append({one: -other if condition.op == "add" else other})
-    difference = accepted - refused
+    roots = [node for node in reachable([accepted, refused]) if node.op in SINGULAR]
     try:
-        return any(substitute([difference], way)[0].is_zero for way in ways)
+        for way in ways:
+            # A root that ends here has no value beyond.
+            if any(is_singular(node.op, substitute(node.args, way)) for node in roots):
+                return False
+        return any(substitute([accepted - refused], way)[0].is_zero for way in ways)
     except (ArithmeticError, ValueError):  # it has no value there
         return False
 

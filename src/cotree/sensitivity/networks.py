@@ -77,7 +77,7 @@ class _Seeds:
                     # Sorted by symbol, so that a field looks only at directions that change it.
                     self._by_symbol[symbol][i] = d
 
-    def __call__(self, node: Node) -> Tangent:
+    def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
         """Differentiate a node along all directions that it depends on."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
@@ -92,7 +92,7 @@ class _Seeds:
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
-        found = {i: tangents([node], seed)[0] for i, seed in touched.items()}
+        found = {i: tangents([node], seed, standing)[0] for i, seed in touched.items()}
         return {i: d for i, d in found.items() if not d.is_zero}
 
 

@@ -29,8 +29,8 @@ Tangent = dict["Hashable", "Node"]
 class Given(Protocol):
     """Function that differentiates nodes of states, parameters, inputs and fields."""
 
-    def __call__(self, node: Node) -> Tangent:
-        """Differentiate a node along all directions."""
+    def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
+        """Differentiate a node in which ``standing`` will be put for symbols."""
         ...
 
 
@@ -173,33 +173,35 @@ class FieldRule(Rule):
         """The variables that it is made of."""
         return tuple(variable for _, variable in self.variables)
 
-    def _put(self, nodes: Iterable[Node], values: Mapping[Variable, Node]) -> list[Node]:
-        """Put the variables in the place of their symbols."""
-        return substitute(nodes, {symbol: values[variable] for symbol, variable in self.variables})
+    def _standing(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
+        """Return what stands for the symbols of variables."""
+        return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
         """Put the variables in the place of their symbols."""
-        return self._put([self.node], values)[0] if self.variables else self.node
+        return substitute([self.node], self._standing(values))[0] if self.variables else self.node
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
         """Differentiate by the other symbols."""
         # Derivatives may contain symbols of variables too, which get their values as in the field
         # itself.
-        found = given(self.node)
+        standing = self._standing(values)
+        found = given(self.node, standing)
         if not self.variables:
             return dict(found)
-        return dict(zip(found, self._put(found.values(), values), strict=True))
+        return dict(zip(found, substitute(found.values(), standing), strict=True))
 
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
         """Differentiate by the symbols of variables."""
+        standing = self._standing(values)
         for symbol, variable in self.variables:
             if variable in changing:
                 # A field is an expression of the scene, so that its partial derivatives are formed
                 # here.
-                along = tangents([self.node], {symbol: symbol.dag.one})
-                yield variable, self._put(along, values)[0]
+                along = tangents([self.node], {symbol: symbol.dag.one}, standing)
+                yield variable, substitute(along, standing)[0]
 
 
 @dataclass(frozen=True)

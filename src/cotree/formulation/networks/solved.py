@@ -120,7 +120,7 @@ def solve_plan(
     return solved
 
 
-def _nothing(node: Node) -> Tangent:
+def _nothing(node: Node, standing: Mapping[Node, Node]) -> Tangent:
     return {}
 
 
@@ -291,7 +291,7 @@ def _differentiate_block(
     """Solve for the derivatives of a block's unknowns, with the matrix that is factorised."""
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
-        d[unknown] = dict(given(solved.values[unknown]))
+        d[unknown] = dict(given(solved.values[unknown], {}))
     # At first the linear unknowns stand still: this gives the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}

@@ -1,0 +1,188 @@
+"""Derivatives of roots and powers of clipped values: the branch is chosen before differentiating.
+
+``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
+in one branch, where the chain rule multiplies an infinite slope by zero. The derivative is zero
+there, the end of the branch included.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from itertools import product
+from typing import TYPE_CHECKING
+
+from cotree.dag.nodes import Dag
+from cotree.dag.operations import OPERATIONS
+from cotree.dag.traverse import reachable, symbols_in
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+
+_BRANCHING = frozenset({"select", "abs", "sign"})
+
+#: So many branches of a value are kept, constants first.
+_MOST_BRANCHES = 16
+
+#: Sums are evaluated at so many random places. One that is below this share of its terms at all of
+#: them is zero.
+_N_PLACES, _ROUNDING = 3, 1e-12
+
+
+def _excess_of_power(base: Node, exponent: Node) -> Node | None:
+    # A constant exponent of one or more has a finite derivative at zero.
+    return None if exponent.value is not None and exponent.value >= 1.0 else -base
+
+
+def _excess_of_arcsine(x: Node) -> Node:
+    return x.dag.function("abs", x) - 1.0
+
+
+#: Operations that have a value but no finite derivative at some arguments. Each function forms
+#: what is zero or more at these.
+SINGULAR: dict[str, Callable[..., Node | None]] = {
+    "sqrt": lambda x: -x,
+    "log": lambda x: -x,
+    "pow": _excess_of_power,
+    "asin": _excess_of_arcsine,
+    "acos": _excess_of_arcsine,
+    "atan2": lambda y, x: -(x * x + y * y),
+}
+
+
+def is_singular(op: str, args: Sequence[Node]) -> bool:
+    """Return whether an operation evidently has no finite derivative at its arguments."""
+    excess = SINGULAR[op](*args) if op in SINGULAR else None
+    return excess is not None and excess.value is not None and excess.value >= 0.0
+
+
+class Clips:
+    """Terms of the chain rule for operations whose arguments are constant in some branch.
+
+    One object serves one walk over a program. Terms of all other operations are plain products.
+
+    Parameters
+    ----------
+    standing : mapping of Node to Node
+        What takes the place of some symbols later, which may have branches, too.
+    """
+
+    def __init__(self, standing: Mapping[Node, Node]) -> None:
+        self._standing = standing
+        # Branches are formed in an arena of their own, which leaves the numbers of nodes as they
+        # are.
+        self._own = Dag()
+        self._branches: dict[Node, tuple[Node, ...]] = {}
+        self._values: dict[Node, tuple[float, ...]] = {}
+        self._random = random.Random(1)  # the same places in each run
+
+    def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
+        """Form a partial derivative of an operation times the derivative of its argument."""
+        term, dag = partial * d_arg, node.dag
+        if node.op not in SINGULAR or term.is_zero:
+            return term
+        condition = self._reached(node)
+        if condition is None and self._may_stand_still(node):
+            condition = -dag.function("abs", d_arg)
+        return term if condition is None else dag.select(condition, dag.zero, term)
+
+    def reverse(self, node: Node, partial: Node, weight: Node) -> Node:
+        """Form a partial derivative of an operation times the adjoint of its value."""
+        term, dag = partial * weight, node.dag
+        if (node.op not in SINGULAR and node.op != "div") or term.is_zero:
+            return term
+        condition = self._reached(node) if node.op in SINGULAR else None
+        if condition is None and any(branch.is_zero for branch in self._of(weight)):
+            # Nothing depends on the value where another branch is taken.
+            condition = -dag.function("abs", weight)
+        return term if condition is None else dag.select(condition, dag.zero, term)
+
+    def reaches(self, node: Node) -> bool:
+        """Return whether an operation is constant, in some branch, where it is singular."""
+        return node.op in SINGULAR and self._reached(node) is not None
+
+    def _reached(self, node: Node) -> Node | None:
+        """Form what is zero or more at the singular argument, if a branch is constant there."""
+        form = SINGULAR[node.op]
+        branches = [self._of(arg) for arg in node.args]
+        if all(len(found) == 1 for found in branches):
+            return None
+        found = any(is_singular(node.op, args) for args in product(*branches))
+        return form(*node.args) if found else None
+
+    def _may_stand_still(self, node: Node) -> bool:
+        """Return whether a branch that may be singular lacks a symbol that another one has."""
+        branches = [self._of(arg) for arg in node.args]
+        if all(len(found) == 1 for found in branches):
+            return False
+        formed = [SINGULAR[node.op](*args) for args in product(*branches)]
+        sets = [set(symbols_in([excess])) for excess in formed if excess is not None]
+        # Constants without symbols are evidently not singular here.
+        return any(own and own != set().union(*sets) for own in sets)
+
+    def _of(self, root: Node) -> tuple[Node, ...]:
+        """List the branches of a value, in the own arena."""
+        known = self._branches
+        if root not in known:
+            for node in reachable([root], stop=known):
+                if node not in known:
+                    # What stands for a symbol is looked up in between, and may be this very node.
+                    found = self._formed(node)
+                    known.setdefault(node, found)
+        return known[root]
+
+    def _formed(self, node: Node) -> tuple[Node, ...]:
+        own = self._own
+        if node.value is not None:
+            return (own.constant(node.value),)
+        if node.op == "symbol":
+            value = self._standing.get(node)
+            return (own.symbol(*node.data),) if value is None else self._of(value)
+        given = [self._branches[arg] for arg in node.args]
+        if node.op == "select":
+            return _kept([*given[1], *given[2]])
+        if node.op == "abs":
+            return _kept([side for x in given[0] for side in (x, -x)])
+        if node.op == "sign":
+            return (own.one, -own.one)
+        made = []
+        for args in product(*given):
+            try:
+                branch = own.rebuild(node, args)
+            except (ArithmeticError, ValueError):  # this combination has no value
+                continue
+            is_sum = node.op in ("add", "sub") and len(given[0]) + len(given[1]) > 2
+            made.append(own.zero if is_sum and self._cancels(branch) else branch)
+        return _kept(made) or (own.symbol("undefined", node.index),)
+
+    def _cancels(self, total: Node) -> bool:
+        """Return whether the two terms of a sum are opposite at random places."""
+        if total.op not in ("add", "sub"):
+            return False
+        terms = [self._valued(arg) for arg in total.args]
+        sums = zip(self._valued(total), *terms, strict=True)
+        return all(abs(c) <= _ROUNDING * (abs(a) + abs(b)) for c, a, b in sums)
+
+    def _valued(self, root: Node) -> tuple[float, ...]:
+        """Evaluate a branch at random places; nan where it has no value."""
+        known = self._values
+        for node in reachable([root], stop=known):
+            if node in known:
+                continue
+            if node.value is not None:
+                known[node] = (node.value,) * _N_PLACES
+            elif node.op in OPERATIONS:
+                given = zip(*[known[arg] for arg in node.args], strict=True)
+                known[node] = tuple(OPERATIONS[node.op].real(*args) for args in given)
+            elif node.op == "symbol":
+                known[node] = tuple(self._random.uniform(0.3, 2.0) for _ in range(_N_PLACES))
+            else:
+                known[node] = (math.nan,) * _N_PLACES
+        return known[root]
+
+
+def _kept(branches: list[Node]) -> tuple[Node, ...]:
+    different = dict.fromkeys(branches)
+    return tuple(sorted(different, key=lambda node: node.value is None)[:_MOST_BRANCHES])

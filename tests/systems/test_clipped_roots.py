@@ -1,0 +1,107 @@
+"""A tank that overflows: a root of a clipped level, with its closed form.
+
+The level v follows v' = 1 - c sqrt(max(v - 1, 0)) from zero. It is t until t = 1. After that, with
+z = sqrt(v - 1): t - 1 = -2/c (z + ln(1 - c z) / c).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy
+from scipy.optimize import brentq
+
+import cotree
+
+C, END = 0.8, 3.0
+
+
+def _root(c):
+    def late(z):
+        return -2 / c * (z + math.log(1 - c * z) / c) - (END - 1)
+
+    return brentq(late, 1e-6, (1 - 1e-12) / c, xtol=1e-15)
+
+
+LEVEL = 1 + _root(C) ** 2
+# A central difference of the closed form: truncation 1e-10, rounding 1e-11.
+SLOPE = (_root(C + 1e-5) ** 2 - _root(C - 1e-5) ** 2) / 2e-5
+
+LAWS = (
+    "c*sqrt(max(C.v - 1, 0))",
+    "c*max(C.v - 1, 0)**0.5",
+    "c*sqrt(0.5*(C.v - 1 + abs(C.v - 1)))",
+    "sqrt(max(c**2*(C.v - 1), 0))",
+    "c*sqrt(where(C.v > 1, C.v - 1, 0))",
+    "where(C.v > 1, c*sqrt(C.v - 1), 0)",
+)
+
+
+def _tank(law=None):
+    scene = cotree.Scene("tank")
+    scene.parameter("c", C)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
+    scene.edge("I", "current_source", "ground", "a", current=1.0)
+    if law is not None:
+        scene.edge("o", "current_source", "a", "ground", current=law)
+    return scene
+
+
+def _check(model, method):
+    result = model.simulate((0, END), method=method, rtol=1e-8, time_limit=10)
+    assert result.status == 0, result.message
+    # The slope is infinite where the overflow begins: a step over it errs by more than rtol.
+    assert result["C.v"][-1] == pytest.approx(LEVEL, abs=1e-5)
+    assert result.sensitivity("C.v", "c")[-1] == pytest.approx(SLOPE, abs=1e-4)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_way_to_write_an_overflow(law):
+    model = _tank(law).compile(["c"])
+    for method in ("dop853", "rodas5"):
+        _check(model, method)
+    # Below the edge nothing flows out, whatever the level.
+    assert model.linearize().A.tolist() == [[0.0]]
+
+
+@pytest.mark.parametrize("method", ["cvode", "ida"])
+def test_methods_of_sundials(method):
+    _check(_tank(LAWS[0]).compile(["c"]), method)
+
+
+def test_the_clip_may_stand_in_another_edge():
+    scene = _tank("c*sqrt(E.i)")
+    scene.edge("E", "current_source", "b", "ground", current="max(C.v - 1, 0)")
+    scene.edge("R", "resistor", "b", "ground", resistance=1.0)
+    _check(scene.compile(["c"]), "rodas5")
+
+
+def test_a_registered_law():
+    cotree.register_component(
+        "weir_of_test",
+        lambda across, coefficient, edge: coefficient * sympy.sqrt(sympy.Max(across - edge, 0)),
+        domain="electrical",
+        units={"coefficient": "A", "edge": "V"},
+    )
+    scene = _tank()
+    scene.edge("o", "weir_of_test", "a", "ground", coefficient="c", edge=1.0)
+    _check(scene.compile(["c"]), "rodas5")
+
+
+def test_lanes_of_an_ensemble():
+    model = _tank(LAWS[0]).compile(["c"])
+    values = np.linspace(0.7, 0.9, 8)
+    for method in ("dopri5", "rodas5"):
+        result = model.ensemble((0, END), {"c": values}, t_eval=[END], method=method, rtol=1e-8)
+        # The same error where the overflow begins.
+        expected = [1 + _root(c) ** 2 for c in values]
+        assert result["C.v"].values[:, -1] == pytest.approx(expected, abs=1e-5)
+
+
+def test_trim_of_a_level():
+    """The level at rest is 1 + 1 / c^2."""
+    model = _tank(LAWS[0]).compile(["c"])
+    found = model.trim(guess={"C.v": 3.0})
+    assert found["C.v"] == pytest.approx(1 + 1 / C**2, rel=1e-8)
