@@ -7,27 +7,18 @@ few runs of consecutive entries, which C can vectorise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.printing import wrapped
+from cotree.codegen.printing import int_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from cotree.codegen.printing import Constants
     from cotree.linear.plan import Elimination
 
 
-@dataclass(frozen=True)
-class IntTable:
-    """A table of integers as text."""
-
-    name: str
-    lines: list[str]
-    length: int
-
-
-def elimination_tables(plan: Elimination) -> list[IntTable]:
+def elimination_tables(plan: Elimination) -> list[Constants]:
     """List the tables that the factorisation and the solution in C read.
 
     Parameters
@@ -37,7 +28,7 @@ def elimination_tables(plan: Elimination) -> list[IntTable]:
 
     Returns
     -------
-    list of IntTable
+    list of Constants
         ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``:
         the rank of its column. ``pivot_rows``: for each pivot its row, its column, the numbers of
         factors before and after it in the row, and whether the shift is added. ``updates``: for
@@ -108,9 +99,3 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
                 continue
         runs.append((to, source, 1))
     return runs
-
-
-def int_table(name: str, numbers: Sequence[int]) -> IntTable:
-    """Write numbers as a table."""
-    # C has no empty arrays.
-    return IntTable(name, wrapped(map(str, numbers or [0])), max(len(numbers), 1))

@@ -10,7 +10,7 @@ from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.expressions import Affine, call, element, named, whole
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import Printed, is_written_out, print_nodes
-from cotree.codegen.printing import Body, Constants, function_head, print_body, wrapped
+from cotree.codegen.printing import Body, Constants, constants, function_head, print_body
 from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
 from cotree.codegen.statements import Argument, Array, Assign, LeaveUnless, Loop
@@ -85,8 +85,7 @@ class KernelFile:
 def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
     """Write the arguments and the values of a table."""
     for axis, values in table.arrays.items():
-        lines = wrapped(map(target.literal, values))
-        yield Constants(target.scalar, f"{name}_{axis}", len(values), lines)
+        yield constants(target.scalar, f"{name}_{axis}", map(target.literal, values))
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:

@@ -11,7 +11,7 @@ from cotree.codegen.column_storage import OwnRows, own_rows
 from cotree.codegen.expressions import call, element, named, whole, zero
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import print_nodes, symbol
-from cotree.codegen.printing import Body, Constants, print_body, wrapped
+from cotree.codegen.printing import Body, Constants, constants, print_body, wrapped
 from cotree.codegen.segments import cut_into_segments
 from cotree.codegen.stack import VECTOR, n_bytes
 from cotree.codegen.statements import (
@@ -151,12 +151,11 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
 def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
     """Write the values that columns do not share as a table; None where one must be computed."""
     rows = own_rows(node)
-    values = rows.values(node)
-    if any(value.value is None for value in values.values()):
+    numbers = {i: value.value for i, value in rows.values(node).items()}
+    if None in numbers.values():
         return None
-    spelt = {i: target.literal(value.value or 0.0) for i, value in sorted(values.items())}
-    items = [f"[{i}] = {text}" for i, text in spelt.items()] or [target.literal(0.0)]
-    return Constants(target.scalar, name, rows.length, wrapped(items))
+    items = (target.literal(numbers.get(i) or 0.0) for i in range(rows.length))
+    return constants(target.scalar, name, items)
 
 
 def _is_waiting(linear: LinearMap) -> bool:

@@ -28,8 +28,8 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cotree.codegen.elimination_tables import IntTable
     from cotree.codegen.expressions import CExpression
+    from cotree.codegen.printing import Constants
     from cotree.codegen.statements import Statement
     from cotree.codegen.targets import Target
     from cotree.linear.plan import Elimination
@@ -52,7 +52,7 @@ class EliminationContext:
     reads_shift: bool
     factor: Body
     solve: Body
-    tables: list[IntTable]
+    tables: list[Constants]
 
 
 @dataclass(frozen=True)

@@ -88,12 +88,27 @@ class Body:
 
 @dataclass(frozen=True)
 class Constants:
-    """A table of constants as text."""
+    """A table of constants as text, from :func:`constants`."""
 
     type: str
     name: str
     length: int
     lines: list[str]
+
+
+def constants(kind: str, name: str, items: Iterable[str]) -> Constants:
+    """Write a table with every entry, zeros among them.
+
+    gcc 12 folds a vector that begins at an entry without an initialiser to zeros, whatever follows
+    that entry.
+    """
+    items = [*items]
+    return Constants(kind, name, len(items), wrapped(items))
+
+
+def int_table(name: str, numbers: Iterable[int]) -> Constants:
+    """Write integers as a table; C has no empty arrays, so that an empty one holds a zero."""
+    return constants("int", name, list(map(str, numbers)) or ["0"])
 
 
 def print_lines(statements: Iterable[Statement], target: Target = DOUBLE) -> list[str]:

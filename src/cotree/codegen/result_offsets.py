@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.expressions import element
-from cotree.codegen.printing import Constants, wrapped
+from cotree.codegen.printing import Constants, int_table
 from cotree.dag.multi_output import results as results_of
 
 if TYPE_CHECKING:
@@ -56,7 +56,4 @@ def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
-    return {
-        places: Constants("int", f"cotree_starts{i}", len(places), wrapped(map(str, places)))
-        for i, places in enumerate(tables)
-    }
+    return {places: int_table(f"cotree_starts{i}", places) for i, places in enumerate(tables)}

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
-from cotree.codegen.elimination_tables import int_table
 from cotree.codegen.newton import elimination_context
+from cotree.codegen.printing import int_table
 from cotree.codegen.targets import MEMBERS
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
@@ -20,8 +20,8 @@ from cotree.passes.time_slope import form_time_slope
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from cotree.codegen.elimination_tables import IntTable
     from cotree.codegen.newton import EliminationContext
+    from cotree.codegen.printing import Constants
     from cotree.program import Kernel, Layout, Program
 
 
@@ -41,7 +41,7 @@ class StiffLanes:
         Whether rates change with time, so that there is a kernel of these derivatives.
     is_whole : bool
         Whether no sensitivity vanishes.
-    tables : list of IntTable
+    tables : list of Constants
         The pattern of J by rows, and of the sensitivities.
     """
 
@@ -51,7 +51,7 @@ class StiffLanes:
     n_couplings: int
     has_slope: bool
     is_whole: bool
-    tables: list[IntTable]
+    tables: list[Constants]
 
     @property
     def text(self) -> list[str]:
@@ -108,7 +108,7 @@ def form_stiff(program: Program, *, has_sensitivities: bool) -> tuple[StiffLanes
     return stiff, kernels
 
 
-def _rows_of(layout: Layout) -> Iterable[IntTable]:
+def _rows_of(layout: Layout) -> Iterable[Constants]:
     """List where rows of the Jacobian begin, and places and columns of their values."""
     entries: list[tuple[int, int, int]] = []
     for column, (first, last) in enumerate(pairwise(layout.column_starts)):

@@ -16,7 +16,7 @@ from cotree.codegen.integrators import (
 )
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.newton import newton_context, render_newton
-from cotree.codegen.printing import wrapped
+from cotree.codegen.printing import Constants, constants, int_table
 from cotree.codegen.render import render, render_model
 from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_identifier, c_string
@@ -39,16 +39,6 @@ _SHARED = (
     "fmu_exchange.c",
     "fmu_steps.c",
 )
-
-
-@dataclass(frozen=True)
-class ArrayContext:
-    """A constant array."""
-
-    type: str
-    name: str
-    lines: list[str]
-    length: int
 
 
 @dataclass(frozen=True)
@@ -95,7 +85,7 @@ class TablesContext(KernelFile):
     n_rows: int
     n_quaternions: int
     patterns: list[PatternContext]
-    arrays: list[ArrayContext]
+    arrays: list[Constants]
 
 
 @dataclass(frozen=True)
@@ -231,7 +221,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
     )
 
 
-def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[ArrayContext]:
+def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Constants]:
     layout = program.layout
     signals = [i for i in range(len(layout.inputs)) if i not in facts.outside]
     places = {row.name: i for i, row in enumerate(layout.parameters)}
@@ -252,17 +242,17 @@ def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Arr
         yield from _pattern(own)
 
 
-def _pattern(own: Partials) -> Iterable[ArrayContext]:
+def _pattern(own: Partials) -> Iterable[Constants]:
     yield from _ints(f"{own.name}_starts", own.starts)
     yield from _ints(f"{own.name}_rows", own.rows)
 
 
-def _ints(name: str, values: Sequence[int]) -> Iterable[ArrayContext]:
+def _ints(name: str, values: Sequence[int]) -> Iterable[Constants]:
     if values:
-        yield ArrayContext("int", name, wrapped(map(str, values)), len(values))
+        yield int_table(name, values)
 
 
-def _doubles(name: str, values: Sequence[float]) -> Iterable[ArrayContext]:
+def _doubles(name: str, values: Sequence[float]) -> Iterable[Constants]:
     if values:
         numbers = [v if math.isfinite(v) else 0.0 for v in values]
-        yield ArrayContext("double", name, wrapped(map(DOUBLE.literal, numbers)), len(values))
+        yield constants("double", name, map(DOUBLE.literal, numbers))
