@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fast_and_slow import seeds
-from random_scenes import random_scene
+from random_scenes import random_loop, random_scene
 
 from cotree import Scene
 from cotree.dag.derivative import tangents
@@ -24,8 +24,8 @@ RELATIVE = 1e-10
 AXES = [(), tuple(range(1, 99)), (1, 3), (2,)]
 
 
-def equations(scene, own_axes, wanted=()):
-    _, trees = draw_graphs(scene, None)
+def equations(scene, own_axes, wanted=(), tree=None):
+    _, trees = draw_graphs(scene, tree)
     return form_equations(form_first_graph(scene, joint_tree(scene, trees), own_axes), wanted)
 
 
@@ -34,7 +34,7 @@ def point(eqs, seed):
     rng = np.random.default_rng(seed)
     values = {eqs.dag.symbol("t", 0): 0.3}
     n_states = len(eqs.states)
-    for kind, n in (("u", 1), ("x", n_states), ("w", n_states // 2), ("s", 4 * n_states)):
+    for kind, n in (("u", 1), ("x", n_states), ("w", n_states), ("s", 4 * n_states)):
         for i, value in enumerate(rng.uniform(-1.0, 1.0, n)):
             values[eqs.dag.symbol(kind, i)] = float(value)
     for i, value in enumerate(eqs.parameter_values):
@@ -76,6 +76,21 @@ def test_sensitivity_graphs_agree_with_differentiated_equations(seed, own_axes):
         scale = max(1.0, np.abs(direct).max())
         outputs = value(spread(row.outputs, len(eqs.outputs), eqs.dag.zero))
         assert np.abs(direct - outputs).max() <= RELATIVE * scale, row.name
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("seed", [0, 5, 9, 11])
+@pytest.mark.parametrize("own_axes", AXES)
+def test_sensitivity_graphs_of_loops_turn_what_a_multiplier_pulls_along(seed, own_axes):
+    """A joint outside the loop turns its reactions, whose components in own axes are constant."""
+    scene, tree = random_loop(seed, is_planar=seed % 4 == 0)
+    eqs = equations(scene, own_axes, ["a", "b"], tree)
+    value = point(eqs, seed)
+    for row in (*eqs.sensitivities, *eqs.columns):
+        direct = value(tangents(eqs.balances, row.seed))
+        found = -value(row.forcing)[: len(direct)]
+        scale = max(1.0, np.abs(direct).max())
+        assert np.abs(direct - found).max() <= RELATIVE * scale, row.name
 
 
 @pytest.mark.sampled(2)

@@ -46,6 +46,11 @@ class Frames:
         """Tell whether a cluster moves as in the first graph, so that its values serve again."""
         return False
 
+    @property
+    def turned(self) -> frozenset[int]:
+        """The clusters whose bases turn with what changes; here nothing changes."""
+        return frozenset()
+
     def up(self, cluster: int, a: Vector) -> Vector:
         """Resolve a vector of a cluster's basis in its parent's."""
         step = self.steps[cluster]
@@ -60,6 +65,10 @@ class Frames:
     def resolved(self, cluster: int, local: Vector) -> Vector:
         """Resolve a vector field of the cluster's axes in its basis."""
         return vector.times(self.rotations[cluster].matrix, local)
+
+    def constant(self, cluster: int, a: Vector) -> Vector:
+        """See a vector whose components in the cluster's basis are constant."""
+        return a
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
         """Resolve a symmetric tensor field of the cluster's axes in its basis."""

@@ -82,23 +82,26 @@ class Coincidence:
     ends: Ends
     direction: Vector
 
+    def _along(self, view: View) -> Vector:
+        return view.motion.frames.constant(self.ends.ancestor, self.direction)
+
     def value(self, view: View) -> Any:
-        """Give the component."""
-        return vector.dot(self.direction, self.ends.reach(view))
+        """Return the component."""
+        return vector.dot(self._along(view), self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
-        """Give the component of the velocity."""
-        return vector.dot(self.direction, self.ends.closing(view))
+        """Return the component of the velocity."""
+        return vector.dot(self._along(view), self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the component of the acceleration."""
-        return vector.dot(self.direction, self.ends.opening(view))
+        """Return the component of the acceleration."""
+        return vector.dot(self._along(view), self.ends.opening(view))
 
     def pull(self, view: View) -> Pull:
-        """Act with a force along the direction."""
+        """Return a force along the direction."""
         # Both nodes are at one place on the constraint, so that opposite forces at the nodes have
         # no moment.
-        return pair_pull(view, self.ends, self.direction, None)
+        return pair_pull(view, self.ends, self._along(view), None)
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,8 @@ def _along(
     seed = Seed(dag, symbols, support)
     with derivatives_labelled(dag):
         view = view_along(first, seed)
-        pulled = [first.applied[i] for i in rows_touched(reach.pulled, symbols)]
+        touched = rows_touched(reach.pulled, symbols)
+        pulled = [first.applied[i] for i in sorted({*touched, *_turned_pulls(first, view)})]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
         # Constraints that the direction does not reach stay zero at all three levels.
@@ -175,6 +176,18 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
     """Differentiate the across variables that fields use."""
     along = tangents(list(first.measured.values()), symbols)
     return {key: d for key, d in zip(first.measured, along, strict=True) if not d.is_zero}
+
+
+def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
+    """List the places of pulls whose components may stay while their basis turns with the seed."""
+    turned = view.motion.frames.turned
+    if not turned:
+        return []
+    return [
+        i
+        for i, row in enumerate(first.applied)
+        if any(cluster in turned for cluster, _, _ in row.pull.wrenches)
+    ]
 
 
 def _held_tangents(view: View, measure: Measure, baumgarte: float) -> tuple[Node, Node, Node]:

@@ -45,16 +45,24 @@ class Turning(Frames):
         Parametric rotation vector of each cluster, in its basis.
     phi_inwards : tuple of Vector
         The same, in the basis of the parent.
+    phi_basis : tuple of Vector
+        Parametric rotation vector of each cluster's basis, which may be that of a parent.
     """
 
     seed: Seed
     reached: frozenset[int]
     phi: tuple[Vector, ...]
     phi_inwards: tuple[Vector, ...]
+    phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
         """Whether the seed does not reach a cluster."""
         return cluster not in self.reached
+
+    @property
+    def turned(self) -> frozenset[int]:
+        """The clusters whose bases the seed turns."""
+        return frozenset(i for i, phi in enumerate(self.phi_basis) if not vector.is_zero(phi))
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
         """Resolve a vector field: it turns with the cluster, and changes by itself."""
@@ -74,6 +82,11 @@ class Turning(Frames):
         if not vector.is_zero(d_local):
             d = vector.add(d, vector.times(axes, d_local))
         return varied(value, d)
+
+    def constant(self, cluster: int, a: Vector) -> Vector:
+        """See a vector whose components in the cluster's basis are constant: it turns with that."""
+        phi = self.phi_basis[cluster]
+        return a if vector.is_zero(phi) else varied(a, vector.cross(phi, a))
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
         """Resolve a tensor field, as seen from the turning cluster; see :meth:`within`."""
@@ -139,7 +152,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
     # Parents come first, so that what a seed reaches grows outwards: all that a reached cluster
     # carries or turns is reached too.
     reached: set[int] = set()
-    phi, inwards = [zero] * n, [zero] * n
+    phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
     for geometry in first.geometry:
         branch = geometry.branch
         if reached.isdisjoint((branch.parent, branch.turn_parent)) and not _is_seeded(branch, seed):
@@ -150,9 +163,10 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
             turn = vector.add(phi[branch.turn_parent], _turn(frames, seed, geometry))
             inwards[branch.child] = turn
             phi[branch.child] = frames.down(branch.child, turn)
-    return Turning(
-        frames.rotations, frames.steps, seed, frozenset(reached), tuple(phi), tuple(inwards)
-    )
+        is_own = frames.steps[branch.child] is not None
+        basis[branch.child] = phi[branch.child] if is_own else basis[branch.parent]
+    turns = (tuple(phi), tuple(inwards), tuple(basis))
+    return Turning(frames.rotations, frames.steps, seed, frozenset(reached), *turns)
 
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
