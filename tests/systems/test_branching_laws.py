@@ -6,6 +6,7 @@ import math
 
 import pytest
 import sympy
+from scipy.integrate import solve_ivp
 
 from cotree import Scene
 from cotree.components import COMPONENTS, register_component
@@ -38,7 +39,7 @@ def _circuit(law, values, **fields):
 
 
 LAWS = {
-    "knee": lambda across, g, c: sympy.Piecewise((0, across < c), (g * (across - c) ** 2, True)),
+    "knee": lambda across, g, c: sympy.Piecewise((c, across < c), (g * (across - c) ** 2, True)),
     "step": lambda across, g, c: sympy.Piecewise((0, across < c), (g, across >= c), (0, True)),
     "several": lambda across, g, c: (
         g * sympy.sign(across - c) + g * sympy.Heaviside(across + c) + sympy.Mod(across, c) / 9
@@ -65,6 +66,51 @@ def test_branches_are_events_with_exact_sensitivities(name):
         # The next term of a difference over 1e-4 is 1e-8 of the value.
         expected = (ends[0] - ends[1]) / (2e-4 * value)
         assert result.sensitivity("C.v", parameter)[-1] == pytest.approx(expected, rel=1e-5)
+
+
+CONTINUOUS = {
+    "knee": lambda across, g, c: sympy.Piecewise((0, across < c), (g * (across - c) ** 2, True)),
+    "diode": lambda across, g, c: sympy.Piecewise(
+        (g * across, across < c), ((across - c) * 40 + g * c, True)
+    ),
+    "powers": lambda across, g, c: sympy.Piecewise(
+        (g * (across - c) ** sympy.Rational(3, 2), across > c), (0, True)
+    ),
+    "signed": lambda across, g, c: g * sympy.sign(across - c) * sympy.sqrt(abs(across - c)),
+    "exchanged": lambda across, g, c: sympy.Piecewise(
+        (-g * (sympy.exp(-across) - 1), across < 0), (g * (sympy.exp(across) - 1), True)
+    ),
+    "clipped": lambda across, g, c: g * sympy.Max(0, across - c, 2 * (across - c)),
+}
+
+
+@pytest.mark.parametrize("name", list(CONTINUOUS))
+def test_laws_whose_branches_meet_have_no_events(name):
+    """Charged across the corner, and from rest on it; against the same law as an expression."""
+    values = {"g": 0.3, "c": 0.53}
+    model = _circuit(CONTINUOUS[name], values).compile()
+    assert model.states == ("C.v",)
+    start = 0.0 if name == "exchanged" else 0.53
+    function = sympy.lambdify(
+        (across := sympy.Symbol("across", real=True), *sympy.symbols("g c")),
+        CONTINUOUS[name](across, *sympy.symbols("g c")),
+        modules="math",
+    )
+    # The slope of a root has no value on its corner, which implicit methods need.
+    for initial in (start, start + 0.4)[name == "signed" :]:
+        exact = solve_ivp(
+            lambda t, v: [((2 * math.cos(3 * t) - v[0]) / 0.7 - function(v[0], 0.3, 0.53)) / 0.3],
+            (0, 2.0),
+            [initial],
+            method="Radau",
+            rtol=1e-10,
+            atol=1e-12,
+            max_step=0.01,
+        )
+        for method in ("dop853", "rodas5", "cvode"):
+            result = model.simulate((0, 2.0), initial={"C.v": initial}, method=method, **TIGHT)
+            # Multistep methods err by some hundred tolerances, Radau by as much.
+            assert result["C.v"][-1] == pytest.approx(exact.y[0, -1], abs=1e-7), method
 
 
 def test_a_kink_of_a_charge_is_passed_exactly():

@@ -291,6 +291,9 @@ def test_a_mode_that_only_a_sign_looks_at_moves_sensitivities():
         "C.v*sign(C.v)",
         "sign(C.v - c)*sqrt(abs(C.v - c))",
         "where(C.v > c, C.v - c, 0)",
+        "where(C.v < 0, 0, C.v*sqrt(C.v)) + where(C.v <= c, 0, (C.v - c)**0.7)",
+        "where(C.v < 0, -C.v**2, where(C.v > 0.7, 1.4*C.v - 0.49, C.v**2))",
+        "where(C.v < 0, c*C.v, c*(exp(C.v/0.3) - 1)) + abs(c)*where(E*C.v > 2*E, C.v - 2, 0)",
         "where(t < c, E, 0) + sign(t - 3*c) + floor(t/c) + mod(t, c)",
     ],
 )
@@ -298,6 +301,44 @@ def test_corners_and_known_times_need_no_events(text):
     """Both values are one where such an expression has its corner, or its times are known."""
     model = _charged(f"E + c*({text})/9", E=2.0, c=1.0, R=1.0).compile(["c"])
     assert model.states == ("C.v",)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "where(C.v > 0, where(E > 50, 1, C.v), 0)",
+        "where(C.v > 0, where(E*C.v + R > 100, 1, 0), 0)",
+        "where(C.v > c, 1e-9, 0) + C.v",
+        "where(C.v > c, 1, C.v/abs(c))",
+    ],
+)
+def test_branches_that_meet_for_some_values_only_are_events(text):
+    model = _charged(f"E + c*({text})/9", E=2.0, c=1.0, R=1.0).compile(["c"])
+    assert len(model.states) > 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "where(M.s < 0, k*(-M.s)**1.5, 0)",
+        "where(M.s >= 0, 0, k*(-M.s)**1.5)",
+        "where(M.s < 0, k*(-M.s)*sqrt(-M.s), 0)",
+        "k*max(0, -M.s)**1.5",
+    ],
+)
+def test_a_branch_without_a_value_beyond_its_corner_is_left_to_its_condition(text):
+    """A Hertzian contact opens: no step is taken with the power of a negative number."""
+    scene = Scene("hertz")
+    scene.parameter("k", 1e4)
+    scene.edge("M", "translational_mass", "ground", "A", mass=1.0, initial={"s": 0.1})
+    scene.edge("W", "force_source", "ground", "A", force=-9.81)
+    scene.edge("F", "force_source", "ground", "A", force=text)
+    model = scene.compile()
+    assert set(model.states) == {"M.s", "M.v"}
+    for method in METHODS:
+        result = model.simulate((0, 1), method=method, rtol=1e-9)
+        # SciPy's DOP853 at 1e-11 and steps of 1 ms; a stiff impact amplifies errors a hundredfold.
+        assert result["M.s"][-1] == pytest.approx(0.0537078019, abs=1e-6), method
 
 
 def test_lost_modes_name_what_cannot_agree_at_a_start():

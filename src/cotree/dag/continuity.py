@@ -1,19 +1,22 @@
-"""Detection of jumps of time-dependent values, from their limits on both sides.
+"""Detection of jumps, from the limits of values on both sides.
 
 In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
 (:mod:`cotree.dag.stops`), nodes that are negative where the value jumps; for other conditions,
-whether it jumps along random motions, at random values of the parameters.
+whether it jumps along random motions, at random values of the parameters; and for one condition,
+whether both branches agree wherever it passes through zero.
 """
 
 from __future__ import annotations
 
 import math
 import random
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.ieee import floor
 from cotree.dag.stops import find_stops, stops_within
+from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 
 if TYPE_CHECKING:
@@ -34,6 +37,21 @@ _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 # A change across a time is a jump if it exceeds this multiple of the changes on both sides of it,
 # which belong to a slope. Changes below this share of the value are rounding.
 _STEEP, _ROUNDING = 10.0, 1e-10
+
+# Points where a condition is zero: as many random ones are tried, and so many have to show that
+# both sides meet.
+_N_TRIALS, _N_SHOWN = 60, 12
+
+# Sizes of random values: powers of ten. Every third value lies near a constant of the law.
+_SIZES = (-3.0, 1.5)
+
+# Both sides are compared at these distances from the boundary, as shares of the value that is
+# moved. The gap falls with each of them to this share at most, or to rounding, as a share of the
+# largest value: that of a fifth root of the distance does, and that of a jump does not.
+_DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
+_FALLS, _FLOOR = 0.5, 1e-12
+
+_MOST_SECANTS = 30
 
 # Times are sampled from the first to the last of these, on both sides of zero: neighbours differ by
 # a sixth. So many motions are looked at.
@@ -227,3 +245,154 @@ def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
         if item.op in ("select", "sign", "abs", "floor", "table") and item.args[0] in changing
     ]
     return frozenset(symbols_in(looked_at))
+
+
+def meets(above: Node, below: Node, boundary: Node) -> bool:
+    """Return whether two branches agree wherever a boundary between them passes through zero.
+
+    Where a substitution of the boundary by zero, or of one of its terms by the others, does not
+    make the branches one node, they are compared at random points on the boundary. A point where
+    they differ disproves it. So does a further condition of theirs of which one side was never met,
+    unless it has the same value at all points.
+
+    Parameters
+    ----------
+    above, below : Node
+        The values where the boundary is positive, and where it is negative.
+    boundary : Node
+        What passes through zero.
+    """
+    return _folds(above - below, boundary) or _Boundary(above, below, boundary).is_continuous()
+
+
+def _folds(difference: Node, boundary: Node) -> bool:
+    """Tell whether a difference folds to zero where a boundary is zero."""
+    try:
+        return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
+    except (ArithmeticError, ValueError):  # it has no value there
+        return False
+
+
+def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
+    """List substitutions that say that a value is zero, each in another way."""
+    dag = value.dag
+    ways: list[dict[Node, Node]] = [{value: dag.zero}]
+    while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
+        value = value.args[-1]
+        ways.append({value: dag.zero})
+    if value.op in ("add", "sub"):
+        a, b = value.args
+        for one, other in ((a, b), (b, a)):
+            # One term may be replaced by the other where it does not occur in it.
+            if one.value is None and one not in reachable([other]):
+                ways.append({value: dag.zero, one: -other if value.op == "add" else other})
+    return ways
+
+
+class _Boundary:
+    """Random points on a boundary between two branches."""
+
+    def __init__(self, above: Node, below: Node, boundary: Node) -> None:
+        order = reachable([boundary, above, below])
+        self._symbols = symbols_in(order)
+        # Parameters do not move: where one of them is zero, the boundary may be, too.
+        looked_at = symbols_in([boundary])
+        self._moved = [symbol for symbol in looked_at if symbol.data[0] != PARAMETER] or looked_at
+        own = _argument(boundary)
+        conditions = {node.args[0]: None for node in order if node.op in (*_JUMPING, "abs")}
+        self._conditions = [node for node in conditions if _argument(node) is not own]
+        self._roots = [boundary, above, below, *self._conditions]
+        self._order = order
+        constants = {abs(node.value) for node in order if node.op == "constant" and node.value}
+        self._constants = sorted(value for value in constants if math.isfinite(value))
+        self._numbers = random.Random(1)
+
+    def is_continuous(self) -> bool:
+        """Return whether no point shows a jump, and enough of them show that there is none."""
+        n_shown, met = 0, [set[float]() for _ in self._conditions]
+        for trial in range(_N_TRIALS if self._moved else 0):
+            moved = self._moved[trial % len(self._moved)]
+            place = {symbol: self._random() for symbol in self._symbols}
+            shown = self._compare(place, moved)
+            if shown is None:
+                continue
+            is_met, at = shown
+            if not is_met:
+                return False
+            n_shown += 1
+            for values, value in zip(met, at, strict=True):
+                values.add(value)
+            if n_shown >= _N_SHOWN and all(map(_is_covered, met)):
+                return True
+        return False
+
+    def _random(self) -> float:
+        size = math.pow(10.0, self._numbers.uniform(*_SIZES))
+        if self._constants and self._numbers.random() < 1 / 3:
+            size = self._numbers.choice(self._constants) * self._numbers.choice((0.5, 1.0, 2.0))
+        return size if self._numbers.random() < 0.5 else -size
+
+    def _evaluated(self, place: Mapping[Node, float]) -> list[float]:
+        try:
+            return [float(value) for value in evaluate(self._roots, place, order=self._order)]
+        except (ArithmeticError, ValueError):
+            return [math.nan] * len(self._roots)
+
+    def _compare(self, place: dict[Node, float], moved: Node) -> tuple[bool, list[float]] | None:
+        """Compare both branches near the boundary, and list the other conditions there.
+
+        None: the boundary is not found by moving this symbol, or a branch has no value beside it.
+        """
+        scale, at = abs(place[moved]), self._solve(place, moved)
+        if at is None:
+            return None
+        scale = max(scale, abs(at))
+        gaps, largest, values = [], 0.0, self._evaluated({**place, moved: at})[3:]
+        for distance in _DISTANCES:
+            sides = [
+                self._evaluated({**place, moved: at + sign * distance * scale})
+                for sign in (1.0, -1.0)
+            ]
+            if sides[0][0] < 0.0:
+                sides.reverse()
+            if not sides[0][0] > 0.0 > sides[1][0]:
+                return None
+            gaps.append(abs(sides[0][1] - sides[1][2]))
+            largest = max(largest, abs(sides[0][1]), abs(sides[1][2]))
+        if not math.isfinite(largest) or not all(map(math.isfinite, gaps)):
+            return None
+        floor = _FLOOR * largest
+        is_met = all(after <= max(_FALLS * gap, floor) for gap, after in pairwise(gaps))
+        return is_met, values
+
+    def _solve(self, place: dict[Node, float], moved: Node) -> float | None:
+        """Find where the boundary is zero along one symbol, by secants."""
+
+        def boundary(at: float) -> float:
+            return self._evaluated({**place, moved: at})[0]
+
+        a, b = place[moved], 1.1 * place[moved] + 0.1
+        at_a, at_b = boundary(a), boundary(b)
+        for _ in range(_MOST_SECANTS):
+            if at_b == 0.0:
+                return b
+            if not math.isfinite(at_b - at_a) or at_b == at_a:
+                break
+            a, b, at_a = b, b - at_b * (b - a) / (at_b - at_a), at_b
+            if abs(b - a) <= 1e-15 * abs(b):
+                return b
+            at_b = boundary(b)
+        return None
+
+
+def _argument(node: Node) -> Node:
+    """Return a condition without its sign and its factor."""
+    while node.op == "neg" or (node.op == "mul" and node.args[0].value is not None):
+        node = node.args[-1]
+    return node
+
+
+def _is_covered(values: set[float]) -> bool:
+    """Tell whether a condition was met on both sides of zero, or always had one value."""
+    low, high = min(values), max(values)
+    return low < 0.0 < high or high - low <= _FLOOR * max(abs(low), abs(high))

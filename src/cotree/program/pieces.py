@@ -21,6 +21,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.dag.clips import SINGULAR, is_singular
+from cotree.dag.continuity import meets, ways_to_zero
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
 from cotree.dag.multi_output import Table
 from cotree.dag.stops import stops_within
@@ -116,6 +117,29 @@ def _find(equations: Equations) -> dict[Node, None]:
     return dict.fromkeys(kept)
 
 
+def _meets(node: Node) -> bool:
+    """Tell whether both sides of a selection agree where its condition is zero, and go on."""
+    if node.op != "select":
+        return False
+    condition, accepted, refused = node.args
+    roots = [node for node in reachable([accepted, refused]) if node.op in SINGULAR]
+    try:
+        for way in ways_to_zero(condition) if roots else ():
+            if any(_ends(node, way) for node in roots):
+                return False
+    except (ArithmeticError, ValueError):  # it has no value there
+        return False
+    return meets(accepted, refused, condition)
+
+
+def _ends(node: Node, way: Mapping[Node, Node]) -> bool:
+    """Tell whether a root or a power has no value beyond where its condition is zero."""
+    first, *others = substitute(node.args, way)
+    if node.op == "pow":
+        return first.value is not None and first.value <= 0.0
+    return is_singular(node.op, (first, *others))
+
+
 def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
     """List the symbols that change between events; modes do not."""
     still = {
@@ -155,33 +179,6 @@ def _wild(order: list[Node], equations: Equations) -> set[Node]:
         if node in found or (node.op not in _TAME and not _is_table(node)):
             found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
     return found
-
-
-def _meets(node: Node) -> bool:
-    """Tell whether both sides of a selection evidently agree where its condition is zero."""
-    if node.op != "select":
-        return False
-    condition, accepted, refused = node.args
-    zero = node.dag.zero
-    ways: list[dict[Node, Node]] = [{condition: zero}]
-    while condition.op == "neg" or (condition.op == "mul" and condition.args[0].value is not None):
-        condition = condition.args[-1]
-        ways.append({condition: zero})
-    if condition.op in ("add", "sub"):
-        a, b = condition.args
-        for one, other in ((a, b), (b, a)):
-            # One term may be replaced by the other where it does not occur in it.
-            if one.value is None and one not in reachable([other]):
-                ways.append({one: -other if condition.op == "add" else other})
-    roots = [node for node in reachable([accepted, refused]) if node.op in SINGULAR]
-    try:
-        for way in ways:
-            # A root that ends here has no value beyond.
-            if any(is_singular(node.op, substitute(node.args, way)) for node in roots):
-                return False
-        return any(substitute([accepted - refused], way)[0].is_zero for way in ways)
-    except (ArithmeticError, ValueError):  # it has no value there
-        return False
 
 
 #: A sum as its terms by their numbers, with coefficients; the first of these is one.

@@ -24,7 +24,7 @@ from cotree.scene.expressions import Expression
 from cotree.scene.grammar import FUNCTIONS, number_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Container, Mapping
 
     from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
+
+#: Those whose corners are jumps of a capacity, which become events like others.
+_OF_RATES = ("storage", "content")
 
 
 def branches(law: Law | None) -> bool:
@@ -52,7 +55,7 @@ def may_branch(edge: Edge) -> bool:
     return component.name not in OWN and any(branches(law) for law in laws)
 
 
-def check_located(edge: Edge) -> None:
+def check_located(edge: Edge, parameters: Container[str]) -> None:
     """Refuse a registered force element whose law jumps, since no event locates the jump.
 
     Raises
@@ -72,7 +75,9 @@ def check_located(edge: Edge) -> None:
     is_certain = tree is not None and not any(
         isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
     )
-    if is_certain and all(has_only_corner(tree, part) for part in parts if tree is not None):
+    if is_certain and all(
+        has_only_corner(tree, part, parameters) for part in parts if tree is not None
+    ):
         return
     raise SceneError(
         f"the law of edge '{edge.name}', of type '{edge.component.name}', jumps, and sensitivities "
@@ -122,7 +127,7 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
             )
 
 
-def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
+def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> Edge:
     """Replace the jumps in the laws of a scalar component by modes.
 
     Parameters
@@ -131,13 +136,22 @@ def with_branches(edge: Edge, rewrite: Rewrite) -> Edge:
         An edge for which :func:`may_branch` is true.
     rewrite : callable
         Gives the tree that takes the place of a jump: a mode, or the jump itself.
+    parameters : container of str
+        Names that do not change during a run.
     """
     fields: dict[str, Expression] = {}
     ports = []
     for i, port in enumerate(edge.component.ports):
         names = _names(edge, port, i)
         changed: dict[str, Any] = {
-            name: _branched(law, names, edge, rewrite, fields)
+            name: _branched(
+                law,
+                names,
+                edge,
+                rewrite,
+                fields,
+                set() if name in _OF_RATES else _corners(law, names, parameters),
+            )
             for name in _LAWS
             if branches(law := getattr(port, name))
         }
@@ -187,12 +201,13 @@ def _branched(
     edge: Edge,
     rewrite: Rewrite,
     fields: dict[str, Expression],
+    kept: set[Any],
 ) -> Law:
     """Write one law anew; its new arguments are added to the fields."""
     import sympy
 
     where = f"the law of edge '{edge.name}'"
-    whole, known, kept = plain_jumps(law.expression), dict(names), set()
+    whole, known = plain_jumps(law.expression), dict(names)
     while True:
         found = [
             atom
@@ -227,6 +242,22 @@ def _branched(
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:
             whole = whole.xreplace({atom: symbol})
+
+
+def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
+    """List the signs and the comparisons in a law where the whole of it is continuous."""
+    import sympy
+
+    whole = plain_jumps(law.expression)
+    tree = to_tree(whole, names)
+    if tree is None:
+        return set()
+    atoms = whole.atoms(sympy.sign, sympy.core.relational.Relational)
+    parts = {atom: ast.unparse(own) for atom in atoms if (own := to_tree(atom, names)) is not None}
+    corners = {
+        ast.unparse(part) for part in jumps_in(tree) if has_only_corner(tree, part, parameters)
+    }
+    return {atom for atom, text in parts.items() if text in corners}
 
 
 def plain_jumps(expression: Any) -> Any:
@@ -274,7 +305,12 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
             whole = ast.BinOp(whole, ast.Add() if expression.is_Add else ast.Mult(), tree)
         return whole
     function = {"Abs": "abs", "Max": "max", "Min": "min"}.get(kind, kind)
-    # Unknown functions, and maxima of three values and more, have no form in the grammar.
+    whole = trees[0]
+    for tree in trees[1:] if function in ("max", "min") else ():
+        whole = ast.Call(ast.Name(function), [whole, tree], [])
+    if function in ("max", "min"):
+        return whole
+    # Unknown functions have no form in the grammar.
     if FUNCTIONS.get(function) != len(trees):
         return None
     return ast.Call(ast.Name(function), trees, [])

@@ -6,12 +6,15 @@ import ast
 import copy
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag.continuity import meets
 from cotree.dag.nodes import Dag
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.symbols import PARAMETER, STATE
 from cotree.scene.expressions import Expression
-from cotree.scene.grammar import names_in, number_tree
+from cotree.scene.grammar import COMPARISONS, names_in, number_tree
 
 if TYPE_CHECKING:
+    from collections.abc import Container
+
     from cotree.dag.nodes import Node
 
 
@@ -29,53 +32,45 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
     ]
 
 
-def has_only_corner(whole: ast.expr, part: ast.expr) -> bool:
-    """Tell whether an expression is evidently continuous wherever a part of it jumps.
+def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
+    """Return what is zero where a sign or a comparison jumps, and whether it holds above zero."""
+    if isinstance(part, ast.Compare):
+        is_larger, _ = COMPARISONS[type(part.ops[0])]
+        return ast.BinOp(part.left, ast.Sub(), part.comparators[0]), is_larger
+    assert isinstance(part, ast.Call)
+    return part.args[0], True
 
-    The part jumps where its argument is zero. There the values on both sides are subtracted: the
-    argument is replaced by zero, or one of its terms by the others. A difference that folds to zero
-    is a proof; anything else counts as a jump.
+
+def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
+    """Tell whether an expression is continuous wherever a part of it jumps.
+
+    The part jumps where its argument is zero. There both values of the whole are compared, for all
+    values of the parameters; see :func:`cotree.dag.continuity.meets`.
     """
     dag = Dag()
     # In one arena equal values are one node: the difference of both sides folds where they agree.
-    symbols = {name: dag.symbol("x", i) for i, name in enumerate(sorted(names_in(whole)))}
+    symbols = {
+        name: dag.symbol(PARAMETER if name in parameters else STATE, i)
+        for i, name in enumerate(sorted(names_in(whole)))
+    }
 
     def lowered(tree: ast.expr) -> Node:
         return Expression.of_tree(tree).lower(dag, symbols.__getitem__)
 
-    sides: list[ast.expr]
+    looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
-        looked_at: ast.expr = ast.BinOp(part.left, ast.Sub(), part.comparators[0])
         # Comparing equal numbers folds to the value on either side: >= holds, > does not.
         same = ast.Constant(0.5)
-        sides = [ast.Compare(same, [op], [same]) for op in (ast.GtE(), ast.Gt())]
+        kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
+        sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
     else:
-        assert isinstance(part, ast.Call)
-        looked_at = part.args[0]
         # A sign jumps from -1 to 1; its value 0 in between is met at the event only.
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
-        difference = above - below
-        for solution in _solutions(lowered(looked_at)):
-            if substitute([difference], solution)[0].is_zero:
-                return True
+        return meets(above, below, lowered(looked_at))
     except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
         return False
-    return False
-
-
-def _solutions(value: Node) -> list[dict[Node, Node]]:
-    """List ways to say in a substitution that a value is zero."""
-    dag = value.dag
-    found = [{value: dag.zero}]
-    if value.op in ("add", "sub"):
-        a, b = value.args
-        for one, other in ((a, b), (b, a)):
-            # One term may be replaced by the other where it does not occur in it.
-            if one.value is None and one not in reachable([other]):
-                found.append({value: dag.zero, one: -other if value.op == "add" else other})
-    return found
 
 
 class _Replaced(ast.NodeTransformer):

@@ -62,7 +62,7 @@ def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDesc
         check_contents(scene, edge)
     if has_sensitivities:
         for edge in scene.edges.values():
-            check_located(edge)
+            check_located(edge, scene.parameters)
     has_laws = any(may_branch(edge) for edge in scene.edges.values())
     if not has_laws and not any(_may_jump(expression) for expression in _acting(scene)):
         return scene
@@ -152,7 +152,9 @@ class _Rewriting:
         }
         if fields != edge.fields:
             edge = replace(edge, fields=fields)
-        return with_branches(edge, self._rewritten) if may_branch(edge) else edge
+        if not may_branch(edge):
+            return edge
+        return with_branches(edge, self._rewritten, self._old.parameters)
 
     def _rewritten(self, tree: ast.expr, where: str) -> ast.expr:
         found: ast.expr = _Tree(self, where, frozenset()).visit(copy.deepcopy(tree))
@@ -177,7 +179,9 @@ class _Rewriting:
         # Expressions of one text share their tree, which must not change.
         whole = copy.deepcopy(expression.tree)
         corners = [] if is_stored else jumps_in(whole)
-        kept = frozenset(id(part) for part in corners if has_only_corner(whole, part))
+        kept = frozenset(
+            id(part) for part in corners if has_only_corner(whole, part, self._old.parameters)
+        )
         tree = _Tree(self, expression.where, kept).visit(whole)
         if ast.dump(tree) == ast.dump(expression.tree):
             return expression
