@@ -417,3 +417,78 @@ def test_a_large_count_passes_each_number_once(method):
     np.testing.assert_allclose(down, times, rtol=0, atol=1e-12)
     end = 0.3 * (w + 2.0 * count * (2.8 - t))
     assert result["C.v"][-1] == pytest.approx(end, rel=1e-12)
+
+
+def _cell(current: str = "where(load.v > Vmin, I, 0)", **values: float) -> Scene:
+    """A cell whose load is cut off by its own voltage, which recovers then: neither holds."""
+    scene = Scene("cell")
+    for name, value in {"C": 1000.0, "I": 3.0, "Vmin": 3.6, **values}.items():
+        scene.parameter(name, value)
+    scene.edge("cell", "capacitor", "o", "ground", capacitance="C", initial={"v": 4.0})
+    scene.edge("R", "resistor", "o", "p", resistance=0.1)
+    scene.edge("load", "current_source", "p", "ground", current=current)
+    return scene
+
+
+def _cut(C, drawn):
+    """When 4 - drawn t / C - drawn / 10 is 3.6."""
+    return C * (0.4 - 0.1 * drawn) / drawn
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("sensitivities", [[], ["I"]])
+def test_what_contradicts_its_own_condition_stops(method, sensitivities):
+    model = _cell().compile(sensitivities)
+    # Whether the value at the located time is beyond zero is a matter of rounding.
+    rng = np.random.default_rng(1)
+    for C, drawn in zip(10 ** rng.uniform(1, 4, 40), rng.uniform(0.5, 3.9, 40), strict=True):
+        given = {"parameters": {"C": C, "I": drawn}, "method": method}
+        with pytest.warns(RuntimeWarning, match=r"'load.v > Vmin up', 'load.v > Vmin down' at"):
+            result = model.simulate((0, 2 * _cut(C, drawn)), **given)
+        assert result.status == -1
+        assert result.t[-1] == pytest.approx(_cut(C, drawn), rel=1e-5)
+
+
+def test_members_of_ensembles_stop_where_a_jump_contradicts_itself():
+    rng = np.random.default_rng(2)
+    members = {"C": 10 ** rng.uniform(1, 3, 100), "I": rng.uniform(0.5, 3.9, 100)}
+    last = _cut(members["C"], members["I"])
+    with pytest.warns(RuntimeWarning, match="50 of 100 members failed"):
+        data = _cell().compile().ensemble((0, float(np.median(last))), members)
+    assert np.array_equal(data.status < 0, last < np.median(last))
+
+
+@pytest.mark.parametrize("sensitivities", [[], ["I"]])
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+def test_a_jump_contradicts_itself_once_something_else_happens(method, sensitivities):
+    """At 4.5 A the load is beyond its condition at once: from a time on, or from an event on."""
+    timed = _cell("where(load.v > Vmin, I*where(t >= 1, 1.5, 1), 0)")
+    staged = _cell("where(load.v > Vmin, I*stage, 0)")
+    staged.mode("stage", 1.0)
+    staged.event("more", when="cell.v - 3.99", direction=-1, set={"stage": "1.5"})
+    for scene, expected in ((timed, 1.0), (staged, 10 / 3)):
+        with pytest.warns(RuntimeWarning, match=r": 'load.v > Vmin up', 'load.v > Vmin down' at"):
+            result = scene.compile(sensitivities).simulate((0, 20), method=method)
+        assert result.t[-1] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_jump_that_contradicts_itself_at_the_start_is_refused():
+    with pytest.raises(SolveError, match=r"no values of 'load.v > Vmin' agree"):
+        _cell(I=4.5).compile()
+
+
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_fmus_stop_where_a_jump_contradicts_itself(tmp_path, kind):
+    fmpy = pytest.importorskip("fmpy")
+    model, path = _cell().compile(), tmp_path / "cell.fmu"
+    model.export_fmu(path)
+    rng = np.random.default_rng(3)
+    for C, drawn in zip(10 ** rng.uniform(1, 2, 8), rng.uniform(0.5, 3.9, 8), strict=True):
+        with pytest.raises(fmpy.fmi1.FMICallException):
+            fmpy.simulate_fmu(
+                str(path),
+                fmi_type=kind,
+                stop_time=2 * _cut(C, drawn),
+                start_values={"C": C, "I": drawn},
+                logger=lambda *_: None,
+            )

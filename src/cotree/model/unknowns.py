@@ -169,7 +169,8 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
         if not changed:
             return y, s
         y, s = solve_start(at, y, s, held)
-    names = ", ".join(f"'{at.model.states[row.targets[0]]}'" for row in rows if row.is_jump)
+    modes = dict.fromkeys(at.model.states[row.targets[0]] for row in rows if row.is_jump)
+    names = ", ".join(f"'{name}'" for name in modes)
     raise SolveError(
         f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
         "turns back what it looks at"
