@@ -33,7 +33,16 @@ _TYPES = {
     "I": ("current_source", "current"),
     "T": ("transformer", "ratio"),
     "G": ("gyrator", "conductance"),
+    "E": ("vcvs", "gain"),
+    "Y": ("vccs", "transconductance"),
+    "H": ("ccvs", "transresistance"),
+    "F": ("cccs", "gain"),
 }
+
+#: The ports of elements with two.
+_PORTS = dict.fromkeys("TG", ("primary", "secondary")) | dict.fromkeys(
+    "EYHF", ("control", "output")
+)
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,7 @@ class LinearNetwork:
             if len(e.ports) == 1:
                 scene.edge(e.name, kind, *e.ports[0], **{key: value})
             else:
-                both = dict(zip(("primary", "secondary"), map(list, e.ports), strict=True))
+                both = dict(zip(_PORTS[e.kind], map(list, e.ports), strict=True))
                 scene.edge(e.name, kind, **both, **{key: value})
         for name in self.outputs:
             scene.output(name.replace(".", "_"), name)
@@ -119,7 +128,7 @@ def edge_names(element: Element) -> list[str]:
     """Names of an element's edges."""
     if len(element.ports) == 1:
         return [element.name]
-    return [f"{element.name}.primary", f"{element.name}.secondary"]
+    return [f"{element.name}.{port}" for port in _PORTS[element.kind]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +182,12 @@ class Tableau:
                 static[row] = v - e.value * across[second]
                 row += 1
                 static[row] = e.value * i + through[second]
+            elif e.kind in "EYHF":
+                (second,) = others
+                static[row] = i if e.kind in "EY" else v
+                row += 1
+                gives = across if e.kind in "EH" else through
+                static[row] = gives[second] - e.value * (v if e.kind in "EY" else i)
             else:
                 static[row] = v if e.kind == "V" else i
                 sources[row, network.sources.index(e.name)] = 1.0
@@ -184,6 +199,16 @@ class Tableau:
         """Whether the network has one solution for given sources and initial values."""
         sizes = np.linalg.svd(self.static + (0.7 + 0.4j) * self.dynamic, compute_uv=False)
         return bool(sizes[-1] > RANK * sizes[0])
+
+    @property
+    def index(self) -> int:
+        """Differentiation index: how often equations are differentiated to give all rates."""
+        # The inverse grows as s to the power of the index less one.
+        sizes = [
+            np.abs(np.linalg.inv(self.static + s * self.dynamic)).max()
+            for s in (2e3 + 1e3j, 2e4 + 1e4j)
+        ]
+        return 1 + round(np.log10(sizes[1] / sizes[0]))
 
     def transfer(self, s: complex) -> npt.NDArray[np.complex128]:
         """Transfer functions from the sources to all variables."""
@@ -306,6 +331,34 @@ def random_network(seed: int, *, is_silly: bool = False) -> LinearNetwork:
         if kind == "T":
             ports.append(_pair(rng, nodes))
         value, offset, omega = (float(x) for x in rng.uniform(0.5, 2.0, 3))
+        elements.append(Element(f"{kind}{i}", tuple(ports), round(value, 3), offset, omega))
+    return LinearNetwork(tuple(elements))
+
+
+def random_controlled(seed: int) -> LinearNetwork:
+    """Draw a network with controlled sources, of which storages and sources are in loops and cuts.
+
+    Nodes of the tree that is drawn first are in a row as often as not, so that cutsets are small.
+    """
+    rng = np.random.default_rng(seed)
+    nodes = ["ground", *(f"n{i}" for i in range(1, int(rng.integers(3, 9))))]
+    in_a_row = rng.random() < 0.5
+    kinds, p = list("RCLVIEYHF"), np.array([5.0, 3.0, 3.0, 1.0, 0.4, 1.2, 1.2, 1.2, 1.2])
+    pairs = [
+        (node, nodes[i - 1 if in_a_row else int(rng.integers(i))])
+        for i, node in enumerate(nodes)
+        if i
+    ]
+    pairs += [_pair(rng, nodes) for _ in range(int(rng.integers(0, len(nodes))))]
+    elements = []
+    for i, pair in enumerate(pairs):
+        kind = str(rng.choice(kinds, p=p / p.sum()))
+        ports = [pair] if rng.random() < 0.5 else [pair[::-1]]
+        if kind in "EYHF":
+            ports.insert(0, _pair(rng, nodes))
+        value, offset, omega = (float(x) for x in rng.uniform(0.5, 2.0, 3))
+        if kind in "EYHF" and rng.random() < 0.3:
+            value = -value
         elements.append(Element(f"{kind}{i}", tuple(ports), round(value, 3), offset, omega))
     return LinearNetwork(tuple(elements))
 

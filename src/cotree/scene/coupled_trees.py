@@ -2,6 +2,8 @@
 
 A tree with one port of each transformer is a common forest of its graph and of another in which
 these ports are parallel. In graphs with ideal amplifiers the other is that of through variables.
+A controlled source may determine what controls it; then the controlling edge is a branch of the
+tree of across variables and the source one of the other, as input and output of an amplifier.
 Other conditions have no such graph: that both ports of a gyrator are branches or neither is, and
 those of transformers beside amplifiers. They are left free at first; where the best choice violates
 one of them, each of its options is tried.
@@ -9,6 +11,7 @@ one of them, each of its options is tried.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
@@ -23,11 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from cotree.graph import LinearGraph
+    from cotree.scene.controls import Swap
     from cotree.scene.networks import Port
 
-# States that a storage loses as a branch: across storages have theirs as branches, through storages
-# and springs as chords. This goes before all other preferences.
-_EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
+#: States that a storage loses as a branch: across storages have theirs as branches, through
+#: storages and springs as chords. This goes before all other preferences.
+EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 
 # Weights are multiples of a quarter, and less than sixteen.
 _UNIT, _MOST = 4, 64
@@ -38,35 +42,46 @@ _MOST_TRIED = 20_000
 
 @dataclass(frozen=True)
 class _Couple:
-    """An ideal coupling: its ports, and which of them may be branches."""
+    """An ideal coupling: its ports, and which of them may be branches.
 
-    ports: tuple[str, str]
-    options: tuple[tuple[bool, bool], ...]
+    Two swaps of its ports follow these where each port may be a branch of one tree only.
+    """
+
+    ports: tuple[str, ...]
+    options: tuple[tuple[bool, ...], ...]
 
     @classmethod
-    def of(cls, ports: Sequence[Port], edges: Collection[str]) -> _Couple:
+    def of(cls, ports: Sequence[Port], edges: Collection[str], swaps: Sequence[Swap]) -> _Couple:
         first, second = ports
         law = first.terminal.across
         # A gyrator gives its across variable by the other's through variable.
         is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
+        options: tuple[tuple[bool, ...], ...]
         options = ((True, True), (False, False)) if is_gyrator else ((True, False), (False, True))
+        own = [swap.name for swap in swaps if swap.source in ports]
+        if own:
+            none = (False, False)
+            options = (
+                *((*row, *none) for row in options),
+                (*none, True, False),
+                (*none, False, True),
+            )
         # What acts on a multibody system takes its motion as it is, and what is short-circuited
         # is no edge of a graph: neither is a branch.
         could = [port.name in edges for port in ports]
         return cls(
-            (first.name, second.name),
+            (first.name, second.name, *own),
             tuple(row for row in options if could[0] >= row[0] and could[1] >= row[1]),
         )
 
     @property
     def is_one_of_two(self) -> bool:
         """Whether it is a transformer either of whose ports may be the branch."""
-        return len(self.options) == 2 and self.options[0][0] is not self.options[0][1]
+        return self.options == ((True, False), (False, True))
 
     def is_kept(self, branches: Collection[str]) -> bool:
         """Say whether the choice of its ports as branches and chords is valid."""
-        first, second = self.ports
-        return (first in branches, second in branches) in self.options
+        return tuple(name in branches for name in self.ports) in self.options
 
 
 @dataclass(frozen=True)
@@ -94,6 +109,8 @@ class CoupledTrees:
         Of each edge that may be a branch.
     couples : tuple of _Couple
         The ideal couplings.
+    swaps : mapping of str to Swap
+        The controlled sources that may determine what controls them.
     """
 
     graphs: Sequence[LinearGraph]
@@ -101,6 +118,7 @@ class CoupledTrees:
     ends: Mapping[str, tuple[str, str]]
     costs: Mapping[str, int]
     couples: tuple[_Couple, ...]
+    swaps: Mapping[str, Swap]
 
     @classmethod
     def of(
@@ -108,6 +126,7 @@ class CoupledTrees:
         graphs: Sequence[LinearGraph],
         ports: Mapping[str, Port],
         weights: Mapping[str, float],
+        swaps: Sequence[Swap] = (),
     ) -> CoupledTrees:
         """Gather the edges of graphs whose trees must be chosen together.
 
@@ -119,27 +138,27 @@ class CoupledTrees:
             Their edges.
         weights : mapping of str to float
             How late each edge becomes a branch; infinite for edges that never do.
+        swaps : sequence of Swap
+            The controlled sources that may determine what controls them.
         """
         # The graphs share names of nodes; a prefix keeps their nodes apart in the common forest.
-        ends = {
-            edge.name: (f"{graph.domain}|{edge.tail}", f"{graph.domain}|{edge.head}")
-            for graph in graphs
-            for edge in graph.edges
-        }
-        # So large that one storage with a state outweighs all other preferences together.
-        excess = _MOST * (len(ends) + 1)
+        ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
+        # So large that a swap outweighs all other preferences together, and one storage with a
+        # state all swaps.
+        swapped = _MOST * (len(ends) + 1)
+        excess = swapped * (len(swaps) + 1)
         costs = {
-            name: excess * _EXCESS.get(ports[name].kind, 0) + round(_UNIT * weights[name])
+            name: excess * EXCESS.get(ports[name].kind, 0) + round(_UNIT * weights[name])
             for name in ends
             if weights[name] != float("inf")
         }
+        costs |= {swap.name: swapped + excess * EXCESS.get(swap.control.kind, 0) for swap in swaps}
         couples: dict[str, list[Port]] = {}
         for port in ports.values():
             if port.kind is Kind.COUPLED:
                 couples.setdefault(port.edge.name, []).append(port)
-        return cls(
-            graphs, ports, ends, costs, tuple(_Couple.of(both, ends) for both in couples.values())
-        )
+        pairs = tuple(_Couple.of(both, ends, swaps) for both in couples.values())
+        return cls(graphs, ports, ends, costs, pairs, {swap.name: swap for swap in swaps})
 
     def select(self) -> frozenset[str]:
         """Select the branches: first the fewest storages without a state of their own.
@@ -221,7 +240,18 @@ class CoupledTrees:
     def _split(self) -> set[str]:
         """The edges of graphs that have two trees."""
         domains = {self.ports[name].terminal.domain for name in self._inputs}
+        domains |= {swap.source.terminal.domain for swap in self.swaps.values()}
         return {name for name in self.ends if self.ports[name].terminal.domain in domains}
+
+    @cached_property
+    def _sources(self) -> dict[str, list[str]]:
+        """The sources of across that swaps are of: what puts each into every tree it must be in."""
+        found: dict[str, list[str]] = {}
+        for name, swap in self.swaps.items():
+            for port in (swap.source, swap.control):
+                if port.kind is Kind.ACROSS_SOURCE:
+                    found.setdefault(port.name, [port.name]).append(name)
+        return found
 
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
         """Select branches with the ports of some couplings fixed; None where there are none.
@@ -229,7 +259,8 @@ class CoupledTrees:
         Transformers are kept as far as they can be, other couplings left free.
         """
         chosen = [name for name, is_branch in fixed.items() if is_branch]
-        branches = [*self._of_kind(Kind.ACROSS_SOURCE), *chosen]
+        given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
+        branches = [*given, *chosen]
         pairs = [
             couple.ports
             for couple in self.couples
@@ -242,36 +273,56 @@ class CoupledTrees:
             n: pair if n in self._split else (f"{n}+", f"{n}-") for n, pair in self.ends.items()
         }
         ends |= {second: ends[first] for first, second in pairs}
-        kept = [name for name in branches if name in self._split]
+        swaps = self.swaps.items()
+        kept = [name for name in branches if self._is_split(name)]
         try:
             # Contracted edges are branches already: the inputs of amplifiers in the tree of across
             # variables, their outputs in that of through variables, given branches in both.
-            across = Contracted(self.ends, [*self._inputs, *branches])
-            through = Contracted(ends, [*self._of_kind(Kind.NORATOR), *kept])
+            across = Contracted(
+                {**self.ends} | {name: _ends(swap.control) for name, swap in swaps},
+                [*self._inputs, *branches],
+            )
+            through = Contracted(
+                ends | {name: _ends(swap.source) for name, swap in swaps},
+                [*self._of_kind(Kind.NORATOR), *kept],
+            )
         except TopologyError:
             return None
         known = {*fixed, *branches}
-        costs = self._open(across, known, pairs)
+        must = [*pairs, *self._sources.values()]
+        costs = self._open(across, known, must)
         found = common_forest(across, through, costs)
         # A spanning tree of each graph has one branch less than nodes.
         n_nodes = sum(graph.n_nodes - 1 for graph in self.graphs)
-        n_ports = sum(name in found for pair in pairs for name in pair)
-        if len(found) + len(branches) + len(self._inputs) < n_nodes or n_ports < len(pairs):
+        if len(found) + len(branches) + len(self._inputs) < n_nodes:
+            return None
+        if any(found.isdisjoint(names) for names in must):
             return None
         cost = sum(self.costs[name] for name in (*found, *chosen))
         return _Found(cost, fixed, frozenset({*found, *branches}))
 
     def _open(
-        self, across: Contracted, known: Collection[str], pairs: Sequence[tuple[str, str]]
+        self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]
     ) -> dict[str, int]:
-        """Give the costs of edges that may become branches; of each pair one port has to."""
-        # A bonus larger than all costs together: one port of each pair is always chosen.
-        must = 1 + sum(map(abs, self.costs.values()))
-        costs = {name: self.costs[name] - must for pair in pairs for name in pair}
+        """Give the costs of edges that may become branches; of each set in ``must`` one has to."""
+        # A bonus larger than all costs together: one of each set is always chosen.
+        bonus = 1 + sum(map(abs, self.costs.values()))
+        # A swap may stand for two sources of across: that which controls, and that which is
+        # controlled.
+        counts = Counter(name for names in must for name in names)
+        costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
         # Ports displace only the heavier of a circuit: what is none of the lightest forest is
         # none of the best.
-        alone = set(across.lightest((n for n in rest if n not in self._split), self.costs))
+        alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
-            name: self.costs[name] for name in rest if name in self._split or name in alone
+            name: self.costs[name] for name in rest if self._is_split(name) or name in alone
         }
+
+    def _is_split(self, name: str) -> bool:
+        return name in self._split or name in self.swaps
+
+
+def _ends(port: Port) -> tuple[str, str]:
+    """Name the nodes of a port, of all graphs apart."""
+    return f"{port.terminal.domain}|{port.tail}", f"{port.terminal.domain}|{port.head}"

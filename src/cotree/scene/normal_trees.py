@@ -5,7 +5,8 @@ storages, never through sources, so that states are across variables of its stor
 variables of the cotree's (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical
 Systems, 1967). Of the two ports of a transformer one is a branch and the other a chord; of a
 gyrator both are one or the other. Circuits of a graph with ideal amplifiers follow a tree with
-their inputs, cutsets one with their outputs; all else is in both or in none.
+their inputs, cutsets one with their outputs; all else is in both or in none, but for controlled
+sources that determine what controls them (:mod:`cotree.scene.controls`).
 
 A network of sources, positive resistances, storages, transformers and gyrators with one solution
 has such a tree: its determinant is a sum of squares, one for each choice of the other branches,
@@ -15,21 +16,23 @@ Recski, Matroid Theory and its Applications, 1989).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, content_of
 from cotree.domains import DOMAINS
 from cotree.errors import TopologyError, listed
-from cotree.graph import Tree, select_tree
+from cotree.graph import GraphEdge, Tree, select_tree
 from cotree.graph.traversal import walk_edges
 from cotree.graph.tree import Parts, path_between
-from cotree.scene.coupled_trees import CoupledTrees
+from cotree.scene.controls import GIVES, swaps_of
+from cotree.scene.coupled_trees import EXCESS, CoupledTrees
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.graph import LinearGraph
+    from cotree.scene.controls import Swap
     from cotree.scene.networks import Port
 
 #: Weight of edges that never become branches.
@@ -47,10 +50,13 @@ class NormalTree:
     ----------
     across, through : Tree
         Of across and of through variables.
+    swaps : tuple of Swap
+        The controlled sources whose laws determine what controls them.
     """
 
     across: Tree
     through: Tree
+    swaps: tuple[Swap, ...] = ()
 
     @property
     def is_split(self) -> bool:
@@ -72,14 +78,90 @@ def normal_trees(
     weights = {name: _weight(port) for name, port in ports.items()}
     for port in ports.values():
         _check_short(port)
-    for graph in graphs.values():
-        # With ideal amplifiers there are two trees, one with their inputs as branches and one with
-        # their outputs: both must exist.
-        for kind in (Kind.NULLATOR, Kind.NORATOR):
-            _check_across_sources(graph, ports, kind)
-            _check_reached(graph, ports, weights, kind)
+    try:
+        for graph in graphs.values():
+            # With ideal amplifiers there are two trees, one with their inputs as branches and one
+            # with their outputs: both must exist.
+            for kind in (Kind.NULLATOR, Kind.NORATOR):
+                _check_across_sources(graph, ports, kind)
+                _check_reached(graph, ports, weights, kind)
+        trees = _trees(graphs, ports, weights)
+    except TopologyError:
+        # A controlled source may determine what controls it where there is no tree otherwise.
+        swapped = _swapped(graphs, ports, weights)
+        if swapped is None:
+            raise
+        return swapped
+    # Or a storage has its state by that only.
+    if _are_tied(trees, ports):
+        swapped = _swapped(graphs, ports, weights)
+        if swapped is not None and _n_displaced(swapped, ports) < _n_displaced(trees, ports):
+            return swapped
+    return trees
+
+
+def _swapped(
+    graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port], weights: Mapping[str, float]
+) -> dict[str, NormalTree] | None:
+    """Choose the trees with swaps of controlled sources; None where there are none."""
+    swaps = swaps_of(ports)
+    try:
+        return _trees(graphs, ports, weights, swaps) if swaps else None
+    except TopologyError:
+        return None
+
+
+def _n_displaced(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> int:
+    """Count the storages without a state of their own."""
+    return sum(len(_displaced(tree, ports)) for tree in trees.values())
+
+
+def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
+    """List the storages outside their own place in the normal tree."""
+    branches = set(tree.across.branches)
+    return [
+        name
+        for name in tree.across.graph.edge_names
+        if (port := ports.get(name)) is not None
+        if port.kind in EXCESS and (name in branches) is (EXCESS[port.kind] > 0)
+    ]
+
+
+def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> bool:
+    """Whether a source is in the cutset or circuit of a storage without a state of its own."""
+    # Without such a source no swap gives a state: what else is there has been exchanged for it.
+    for tree in trees.values():
+        for name in _displaced(tree, ports):
+            if ports[name].kind is Kind.ACROSS_STORAGE:
+                graph, branches = tree.across.graph, set(tree.across.branches)
+                around = path_between(graph, branches, ports[name].tail, ports[name].head)
+            else:
+                around = _cutset(tree.through, name)
+            if any(ports[n].kind in GIVES or ports[n].kind is Kind.COUPLED for n in around):
+                return True
+    return False
+
+
+def _cutset(tree: Tree, branch: str) -> list[str]:
+    """List the chords in the f-cutset of a branch."""
+    parts = Parts(tree.graph.nodes)
+    for name in tree.branches:
+        if name != branch:
+            parts.join(tree.graph.edge(name).tail, tree.graph.edge(name).head)
+    edges = (tree.graph.edge(name) for name in tree.chords)
+    return [edge.name for edge in edges if parts.top(edge.tail) != parts.top(edge.head)]
+
+
+def _trees(
+    graphs: Mapping[str, LinearGraph],
+    ports: Mapping[str, Port],
+    weights: Mapping[str, float],
+    swaps: Sequence[Swap] = (),
+) -> dict[str, NormalTree]:
+    """Choose the trees, with swaps of controlled sources or without."""
     # Graphs that couplings connect have to be chosen together, all others by themselves.
     tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
+    tied |= {swap.source.terminal.domain for swap in swaps}
     trees = {}
     for domain, graph in graphs.items():
         if domain not in tied:
@@ -90,9 +172,9 @@ def normal_trees(
             trees[domain] = NormalTree(tree, tree)
     coupled = [graph for domain, graph in graphs.items() if domain in tied]
     if coupled:
-        found = CoupledTrees.of(coupled, ports, weights).select()
+        found = CoupledTrees.of(coupled, ports, weights, swaps).select()
         for graph in coupled:
-            trees[graph.domain] = _trees_of(graph, ports, found)
+            trees[graph.domain] = _trees_of(graph, ports, found, swaps)
     return trees
 
 
@@ -116,16 +198,28 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
     return found
 
 
-def _trees_of(graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str]) -> NormalTree:
+def _trees_of(
+    graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str], swaps: Sequence[Swap]
+) -> NormalTree:
     """Make the trees of a graph from what they share."""
+    own = [s for s in swaps if s.name in shared and s.source.terminal.domain == graph.domain]
 
-    def tree(kind: Kind) -> Tree:
-        own = {name for name in graph.edge_names if name in shared or ports[name].kind is kind}
-        return Tree(graph, tuple(name for name in graph.edge_names if name in own))
+    def tree(graph: LinearGraph, kind: Kind, swapped: Collection[str]) -> Tree:
+        both = {name for name in graph.edge_names if name in shared or name in swapped}
+        both |= {name for name in graph.edge_names if name in ports and ports[name].kind is kind}
+        return Tree(graph, tuple(name for name in graph.edge_names if name in both))
 
-    across = tree(Kind.NULLATOR)
-    is_split = any(ports[name].kind is Kind.NULLATOR for name in graph.edge_names)
-    return NormalTree(across, tree(Kind.NORATOR) if is_split else across)
+    # Open edges are in the graph of across variables alone, as no through variable flows there.
+    beside = tuple(
+        GraphEdge(s.control.name, s.control.tail, s.control.head, "open")
+        for s in own
+        if s.control.name not in ports
+    )
+    with_open = replace(graph, edges=(*graph.edges, *beside)) if beside else graph
+    across = tree(with_open, Kind.NULLATOR, {s.control.name for s in own})
+    is_split = bool(own) or any(ports[n].kind is Kind.NULLATOR for n in graph.edge_names)
+    through = tree(graph, Kind.NORATOR, {s.source.name for s in own})
+    return NormalTree(across, through if is_split else across, tuple(own))
 
 
 def _weight(port: Port) -> float:

@@ -83,6 +83,8 @@ def _symbols(port: Port) -> dict[str, str]:
 
 def state_name(port: Port, symbol: str) -> str:
     """Name a port's variable by its edge alone, where no other port has the same symbol."""
-    domains = [terminal.domain for terminal in port.edge.component.ports]
-    is_alone = domains.count(port.terminal.domain) == 1
+    own = port.edge.component.ports
+    domains = [terminal.domain for terminal in own]
+    # An open edge beside a source is not one of its ports.
+    is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"

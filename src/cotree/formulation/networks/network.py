@@ -163,8 +163,11 @@ def form_network(
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards = _bind_fields(ports, symbols, names, system)
+    swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
+    # Open edges of swaps take part in the equations, but are no edges of the scene.
+    all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
-        ports,
+        all_ports,
         topologies,
         cutsets,
         symbols,
@@ -175,6 +178,7 @@ def form_network(
         stores,
         contents,
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
+        swaps,
     )
     # The plan follows only what is asked for: rates of states, names in outputs and fields, and
     # redundant initial values, which have to be compared.
@@ -192,12 +196,14 @@ def form_network(
         terminals,
         plan,
         lambda i: dag.symbol(STATE, first + i),
-        lambda block: all(_is_passive(ports, trees, v) for v in (*block.unknowns, *block.inner)),
+        lambda block: all(
+            _is_passive(all_ports, trees, v) for v in (*block.unknowns, *block.inner)
+        ),
         is_static=first == 0,
     )
     states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():
-        states.append(algebraic_state(ports[name], quantity, symbol, *at))
+        states.append(algebraic_state(all_ports[name], quantity, symbol, *at))
     network = Network(
         ports,
         graphs,

@@ -124,8 +124,13 @@ def find_stores(
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
         # Charges are summed over a cutset, flux linkages along a circuit.
-        around = through.crossing(name) if is_branch else across.along(name)
-        like = [n for n in around if n in contents and ports[n].kind is port.kind]
+        if not is_branch:
+            around = across.along(name)
+        elif name in through.branches:
+            around = through.crossing(name)
+        else:
+            around = {name: 1}  # what it controls determines what flows in
+        like = [n for n in around if n != name and n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
             found[name] = _store(ports, name, around, like)
     return found

@@ -30,6 +30,7 @@ from cotree.formulation.networks.derived import (
 from cotree.formulation.networks.rubbing import limit_law
 from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
+from cotree.scene.controls import GIVES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.stores import Store
     from cotree.formulation.networks.topology import Topology
+    from cotree.scene.controls import Swap
     from cotree.scene.networks import Port
 
 
@@ -70,6 +72,8 @@ class Terminals:
         What storages hold.
     modes : frozenset of Node
         Symbols of the modes, which change at events only.
+    swaps : mapping of str to Swap
+        The controlled sources whose laws determine what controls them, by the controlling edge.
     guards : dict of Node to Guard
         What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
     corners : dict of str to frozenset of Node
@@ -88,6 +92,7 @@ class Terminals:
     stores: Mapping[str, Store]
     contents: Mapping[str, Law]
     modes: frozenset[Node]
+    swaps: Mapping[str, Swap]
     guards: dict[Node, Guard] = field(default_factory=dict)
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
@@ -187,6 +192,8 @@ class Terminals:
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
             return Sum(())  # an empty circuit
+        if self._is_swapped(name, "across"):
+            return Unknown((f"residual_across{rate}", name))
         if not self.is_branch(name):
             # Chord: the f-circuit gives the across variable, the law the through variable.
             return self._topology(name).circuit(name, rate)
@@ -217,6 +224,8 @@ class Terminals:
         if name not in self.couplings and name in self._cutset(name).branches:
             # Branch: the f-cutset gives the through variable (Eq. (1)).
             return self._cutset(name).cutset(name, rate)
+        if self._is_swapped(name, "through"):
+            return Unknown((f"residual_through{rate}", name))
         if port.kind is Kind.THROUGH_STORAGE:
             if name in self.stores:
                 return Unknown((f"residual_through{rate}", name))
@@ -234,6 +243,16 @@ class Terminals:
             return Unknown(("residual_through", name))
         return self._lawful(port, self._rate_of_law(port, law) if rate else law)
 
+    def _is_swapped(self, name: str, quantity: str) -> bool:
+        return name in self.swaps and self.swaps[name].quantity == quantity
+
+    def _controlling(self, swap: Swap, rate: str) -> Rule:
+        """Give the equation of what controls a source: what that gives, less its law."""
+        port, gives = swap.source, GIVES[swap.source.kind]
+        law = getattr(port.terminal, gives)
+        law = self._rate_of_law(port, law) if rate else law
+        return self._lawful(port, explicit_residual(f"{gives}{rate}", law))
+
     def torn(self, variable: Variable) -> Unknown | None:
         """Make an unknown of a variable that has an equation of its own; None for sums."""
         quantity, name = variable
@@ -246,6 +265,9 @@ class Terminals:
         port = self.ports[name]
         terminal = port.terminal
         is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
+        base, _, rate = quantity.partition("_")
+        if self._is_swapped(name, base):
+            return self._controlling(self.swaps[name], f"_{rate}" if rate else "")
         if name in self.stores and quantity in ("across", "through"):
             # Contents by their laws less the total that is the state: zero at the right voltages or
             # currents.
