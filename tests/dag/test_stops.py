@@ -19,7 +19,7 @@ from cotree.scene.expressions import parse
 
 def stop_times(stops, values, low, high):
     """List the times strictly within a span."""
-    return [c.t for c in find_corners(stops, values, low, high) if low < c.t < high]
+    return [t for t in find_corners(stops, values, low, high).times.tolist() if low < t < high]
 
 
 def _times(text, low=0.0, high=10.0, **parameters):

@@ -9,41 +9,71 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from cotree.dag.derivative import tangents
 from cotree.dag.stops import SAME, value_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
 
     from cotree.dag.nodes import Node
     from cotree.dag.stops import Stop
+
+    FloatArray = npt.NDArray[np.float64]
 
 #: A run is not cut more often than this: a period far below the span is a mistake in units.
 _MOST = 10_000_000
 
 
 @dataclass(frozen=True)
-class Corner:
-    """A time at which integration stops, with its derivatives along some directions.
+class Corners:
+    """Times at which integration stops, ascending, with their derivatives along m directions.
 
     Attributes
     ----------
-    t : float
-        The time, [s].
-    slopes : tuple of float
-        Its derivative along each direction; empty where it changes along none.
-    spreads : tuple of float
-        Largest difference of these derivatives among all stops that meet at this time.
+    times : ndarray, shape (n,)
+        The times, [s].
+    slopes : ndarray, shape (n, m)
+        Their derivatives along each direction.
+    spreads : ndarray, shape (n, m)
+        Largest difference of these derivatives among all stops that meet at a time.
     scale : float
-        Size of the first time of a stop that repeats, whose rounding the corner has, [s].
+        Largest size of the first time of a stop that repeats, whose rounding corners have, [s].
     """
 
-    t: float
-    slopes: tuple[float, ...] = ()
-    spreads: tuple[float, ...] = ()
+    times: FloatArray
+    slopes: FloatArray
+    spreads: FloatArray
     scale: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @classmethod
+    def none(cls) -> Corners:
+        """Return a list without corners."""
+        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+
+    @property
+    def moved(self) -> Corners:
+        """The corners that move along some direction, or at which something moves."""
+        moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
+        return Corners(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
+
+    def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return which of some times are corners, with their slopes and spreads, zero elsewhere."""
+        shape = (len(times), self.slopes.shape[1])
+        slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
+        if len(self):
+            near = np.minimum(np.searchsorted(self.times, times), len(self) - 1)
+            places = self.times[near] == times
+            slopes[places], spreads[places] = self.slopes[near][places], self.spreads[near][places]
+        return places, slopes, spreads
 
 
 def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
@@ -71,9 +101,9 @@ def find_corners(
     values: Mapping[Node, float],
     low: float,
     high: float,
-    others: Iterable[float] = (),
-) -> list[Corner]:
-    """List the times of some stops within a span, ascending, both ends included.
+    others: Sequence[float] = (),
+) -> Corners:
+    """List the times of some stops within a span, both ends included.
 
     Times that differ by rounding are one corner, with the slopes of the first of them. At an end of
     the span, whose time is given, slopes are zero; the spreads tell how the stops there move.
@@ -86,7 +116,7 @@ def find_corners(
         Values of the parameters' symbols.
     low, high : float
         The span.
-    others : iterable of float
+    others : sequence of float
         Further times, which do not change along any direction.
 
     Raises
@@ -96,56 +126,57 @@ def find_corners(
     """
     # A corner within rounding of an end is at the end.
     margin = SAME * max(abs(low), abs(high))
-    found: list[Corner] = [Corner(at) for at in others]
-    for stop in stops:
-        found += _corners_of(stop, values, low - margin, high + margin)
-    n = max((len(corner.slopes) for corner in found), default=0)
-    still = (0.0,) * n
-    kept: list[Corner] = []
-    # In ascending order each time is compared with the last one that was kept.
-    for corner in sorted(found, key=lambda corner: corner.t):
-        own = replace(corner, slopes=corner.slopes or still, spreads=still)
-        end = next((end for end in (low, high) if _is_same(own.t, end)), None)
-        if end is not None:
-            # An end stays where it is, whatever the parameters are. Met by a stop that moves, its
-            # spread is the slope of that stop.
-            own = _met(Corner(end, still, still), own)
-        elif not low < own.t < high:
-            continue
-        if kept and _is_same(own.t, kept[-1].t):
-            kept[-1] = _met(kept[-1], own)
-        else:
-            kept.append(own)
-    return kept
+    m = max((len(stop.along) for stop in stops), default=0)
+    found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
+    found += [_times_of(stop, values, low - margin, high + margin, m) for stop in stops]
+    t = np.concatenate([row.t for row in found])
+    slopes = np.concatenate([row.slopes for row in found])
+    scales = np.repeat([row.scale for row in found], [len(row.t) for row in found])
+    ends = [_is_same(t, end) for end in (low, high)]
+    is_kept = ends[0] | ends[1] | ((low < t) & (t < high))
+    order = np.flatnonzero(is_kept)
+    order = order[np.argsort(t[order], kind="stable")]
+    t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
+    scale = float(np.max(scales[order], initial=0.0))
+    # An end stays where it is, whatever the parameters are. Met by a stop that moves, its spread is
+    # the slope of that stop.
+    at_end = (at_low | at_high)[:, None]
+    spreads = np.where(at_end, np.abs(slopes), 0.0)
+    slopes = np.where(at_end, 0.0, slopes)
+    t = np.where(at_low, low, np.where(at_high, high, t))
+    if not len(t):
+        return Corners(t, slopes, spreads)
+    starts = np.flatnonzero(np.concatenate([[True], ~_is_same(t[1:], t[:-1])]))
+    first = np.repeat(slopes[starts], np.diff(np.append(starts, len(t))), axis=0)
+    differ = np.where(_is_same(first, slopes), 0.0, np.abs(first - slopes))
+    spreads = np.maximum.reduceat(np.maximum(spreads, differ), starts, axis=0)
+    return Corners(t[starts], slopes[starts], spreads, scale)
 
 
-def _is_same(a: float, b: float) -> bool:
-    return abs(a - b) <= SAME * max(abs(a), abs(b))
+def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
+    """Return where two times, or slopes, differ by rounding only."""
+    same: npt.NDArray[np.bool_] = np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))
+    return same
 
 
-def _met(corner: Corner, other: Corner) -> Corner:
-    """Merge two corners at the same time."""
-    rows = zip(corner.spreads, other.spreads, corner.slopes, other.slopes, strict=True)
-    return replace(
-        corner,
-        spreads=tuple(max(s, o, _differ(a, b)) for s, o, a, b in rows),
-        scale=max(corner.scale, other.scale),
-    )
+class _Times(NamedTuple):
+    """Times of one stop, with their derivatives and the size of the first one."""
+
+    t: FloatArray
+    slopes: FloatArray
+    scale: float
 
 
-def _differ(a: float, b: float) -> float:
-    """Give the difference of two slopes, zero where it is rounding."""
-    return 0.0 if _is_same(a, b) else abs(a - b)
-
-
-def _corners_of(stop: Stop, values: Mapping[Node, float], low: float, high: float) -> list[Corner]:
+def _times_of(stop: Stop, values: Mapping[Node, float], low: float, high: float, m: int) -> _Times:
     """List the times of one stop within a span."""
     first, period = value_of(stop.first, values), value_of(stop.period, values)
     if not math.isfinite(first):
-        return []
-    along = [(value_of(a, values), value_of(b, values)) for a, b in stop.along]
+        return _Times(np.zeros(0), np.zeros((0, m)), 0.0)
+    along = np.zeros((2, m))
+    for j, row in enumerate(stop.along):
+        along[:, j] = [value_of(node, values) for node in row]
     if stop.period is None or not math.isfinite(period) or period == 0.0:
-        return [Corner(first, tuple(a for a, _ in along))]
+        return _Times(np.array([first]), along[:1], 0.0)
     # The times are first + k period. The period may be negative, so the ends are sorted.
     ends = sorted((at - first) / period for at in (low, high))
     start, end = math.ceil(ends[0]), math.floor(ends[1])
@@ -156,7 +187,5 @@ def _corners_of(stop: Stop, values: Mapping[Node, float], low: float, high: floa
             f"a period of {period:.6g} s passes {end - start} times in the span: it is too "
             "short for this run; check its unit"
         )
-    return [
-        Corner(first + k * period, tuple(a + k * b for a, b in along), scale=abs(first))
-        for k in range(start, end + 1)
-    ]
+    k = np.arange(start, end + 1, dtype=float)
+    return _Times(first + k * period, along[0] + k[:, None] * along[1], abs(first))

@@ -181,7 +181,7 @@ def _refusal(pattern: Pattern) -> str:
         return "inputs are given in place of the scene's"
     if problem.t_eval is None or not len(problem.t_eval):
         return "no times are wanted"
-    if problem.breakpoints:
+    if len(problem.breakpoints):
         return "rates have kinks or jumps at known times"
     if pattern.is_searched:
         return "the start of each member is searched for, or it has corners of its own"

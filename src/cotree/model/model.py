@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
-    from cotree.dag.corners import Corner
+    from cotree.dag.corners import Corners
     from cotree.model.kernels import Kernels
     from cotree.program import Program
     from cotree.program.counts import OperationCount
@@ -125,7 +125,7 @@ class CompiledModel(PreparedKernels):
 
     def corners(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
-    ) -> list[Corner]:
+    ) -> Corners:
         """List when inputs and rates jump or have kinks; see :meth:`Program.corners`.
 
         Parameters

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.corners import find_corners
+from cotree.dag.corners import Corners, find_corners
 from cotree.dag.stops import longest_step
 from cotree.dag.traverse import reachable, symbols_in
 from cotree.errors import SolveError
@@ -19,7 +19,6 @@ from cotree.program.counts import OperationCount, count_operations
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence
 
-    from cotree.dag.corners import Corner
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
     from cotree.equations import DerivedParameter, EventRow, Guard, Quantity, RedundantRow
@@ -241,7 +240,7 @@ class Program:
         span: tuple[float, float],
         replaced: Container[str] = (),
         others: Sequence[float] = (),
-    ) -> list[Corner]:
+    ) -> Corners:
         """List the times within a span where integration stops, for values of the parameters.
 
         Parameters
@@ -261,7 +260,7 @@ class Program:
             If a period is far too short for the span.
         """
         if not self.stops and not others:
-            return []
+            return Corners.none()
         # A run that replaces an input has no corners of the scene's own one.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:

@@ -20,22 +20,21 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-def corner_times(problem: Problem) -> list[float]:
+def corner_times(problem: Problem) -> FloatArray:
     """List start, breakpoints inside the span, and end, in the order of the run."""
     start, end = map(float, problem.t_span)
-    if not problem.breakpoints:
-        return [start, end]
+    if not len(problem.breakpoints):
+        return np.array([start, end])
     low, high = min(start, end), max(start, end)
+    inside = np.unique(np.asarray(problem.breakpoints, dtype=float))
     # Both ends are strict: a breakpoint there cuts nothing, but may make the end sharp.
-    inside = sorted({float(b) for b in problem.breakpoints if low < b < high})
-    if problem.direction < 0:
-        inside.reverse()
-    return [start, *inside, end]
+    inside = inside[(low < inside) & (inside < high)]
+    return np.concatenate([[start], inside[:: int(problem.direction)], [end]])
 
 
 def segments(problem: Problem) -> list[tuple[float, float]]:
     """Cut the span at the breakpoints inside it."""
-    return list(itertools.pairwise(corner_times(problem)))
+    return list(itertools.pairwise(corner_times(problem).tolist()))
 
 
 def turn_tolerances(problem: Problem) -> FloatArray:

@@ -78,8 +78,8 @@ def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> Float
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
     p = model.arguments_of(record.parameter_values)
-    corners = [row.t for row in model.corners(p, span, settings.inputs, signals.breakpoints)]
-    return np.concatenate([np.array(corners, dtype=float), *(e.t for e in record.events.values())])
+    corners = model.corners(p, span, settings.inputs, signals.breakpoints).times
+    return np.concatenate([corners, *(e.t for e in record.events.values())])
 
 
 def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:

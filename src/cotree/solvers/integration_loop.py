@@ -25,7 +25,7 @@ from cotree.quiet import without_warnings
 from cotree.solvers.algebraic import solve_reduced
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.budgets import Thinning, steps_spent
-from cotree.solvers.corners import segments
+from cotree.solvers.corners import corner_times, segments
 from cotree.solvers.evaluate import (
     BUDGET_SPENT,
     FAILED,
@@ -98,8 +98,7 @@ def beyond_scipy(problem: Problem) -> str:
     """Name a feature that only methods in C take; empty if the problem has none."""
     if problem.events is not None:
         return f"events, such as '{problem.events.rows[0].name}'"
-    starts = [start for start, _ in segments(problem)]
-    if problem.n_sensitivities and not problem.shifts.keys().isdisjoint(starts):
+    if problem.n_sensitivities and problem.shifts.rows_at(corner_times(problem)[:-1])[0].any():
         return "sensitivities to parameters that move a corner of a source"
     return ""
 

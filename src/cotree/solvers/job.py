@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
-from cotree.dag.corners import Corner
+from cotree.errors import Error
 from cotree.model.kernels import SINGULAR
 from cotree.solvers.augmented import Tolerances
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
 from cotree.solvers.corners import corner_times, turn_tolerances, turning
+from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 from cotree.solvers.event_messages import BY_STATUS, blamed, verdict
 from cotree.solvers.messages import undefined_ahead
 from cotree.solvers.problem import describe_entry
@@ -29,8 +30,6 @@ from cotree.solvers.tested import as_tested, is_integrated
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cotree.model.newton import Newton
     from cotree.solvers.base import FloatArray
     from cotree.solvers.engine import Engine
@@ -134,7 +133,7 @@ class Job:
         self.rows = Rows(self._ffi, c, problem.size)
         # What the tolerances and the times were put in place for.
         self._sizes: list[bytes | None] = []
-        self._corners: list[float] = []
+        self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
         if self._at_once:
             self._make_records(4 * self._at_once)
@@ -198,11 +197,11 @@ class Job:
         """Fill in the span, breakpoints and wanted times."""
         c, corners = self.job, corner_times(problem)
         c.t, c.n_corners = corners[0], len(corners)
-        if corners != self._corners:
+        if not np.array_equal(corners, self._corners):
             self._corners = corners
-            self._put("corners", np.array(corners))
+            self._put("corners", corners)
         c.scale = problem.scale
-        if problem.breakpoints:
+        if len(problem.breakpoints):
             c.is_start_sharp = int(corners[0] in problem.breakpoints)
             c.is_end_sharp = int(corners[-1] in problem.breakpoints)
         c.max_step = min(problem.max_step, sys.float_info.max)
@@ -260,10 +259,22 @@ class Job:
         if c.entry >= 0:
             name = describe_entry(problem, int(self._places[c.entry]))
             reasons.append(f"the derivative of {name} is not finite ahead")
+        elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
+            reasons += self._fault_of_jacobian(problem)
         reason = "; ".join(reasons)
         # What makes steps short may be that rates have no value beyond a point.
         why = undefined_ahead(problem, float(c.t), self.z)
         return f"{reason}: {why}" if why else reason
+
+    def _fault_of_jacobian(self, problem: Problem) -> list[str]:
+        """Name the entry of the Jacobian that is not finite where an implicit method stands."""
+        if not self._has_newton or problem.n_algebraic:
+            return []
+        try:
+            Evaluator(problem).state_jacobian(float(self.job.t), self.z)
+        except (IntegrationStopError, Error) as error:
+            return [str(error)]
+        return []
 
     def stand(self) -> None:
         """Write where a job stands that is broken off."""
@@ -283,18 +294,17 @@ class Job:
         """The events that happened; see :attr:`Trajectory.events`."""
         return self.records[: self.job.n_records].copy()
 
-    def _let_turn(self, problem: Problem, corners: Sequence[float]) -> None:
+    def _let_turn(self, problem: Problem, corners: FloatArray) -> None:
         """Say how the times of corners depend on the parameters, where any does."""
-        if not (problem.shifts and problem.n_sensitivities):
-            return
-        if problem.shifts.keys().isdisjoint(corners[:-1]):
+        if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Corners that no parameter moves have slopes of zero.
-        still = Corner(0.0, *((0.0,) * problem.n_sensitivities,) * 2)
-        rows = [problem.shifts.get(t, still) for t in corners]
+        are_moved, slopes, spreads = problem.shifts.rows_at(corners)
+        if not are_moved[:-1].any():
+            return
         # These pointers are of this run only: where no corner moves, C finds none.
-        self.job.slopes = self._placed("slopes", np.array([row.slopes for row in rows]))
-        self.job.spreads = self._placed("spreads", np.array([row.spreads for row in rows]))
+        self.job.slopes = self._placed("slopes", slopes)
+        self.job.spreads = self._placed("spreads", spreads)
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:

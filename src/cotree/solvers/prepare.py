@@ -227,10 +227,10 @@ class Preparation:
         t_span, scale = self._template.t_span, self._template.scale
         corners = model.corners(p, t_span, inputs, signals.breakpoints)
         return found | {
-            "scale": max([scale, *(corner.scale for corner in corners)]),
-            "breakpoints": tuple(corner.t for corner in corners),
+            "scale": max(scale, corners.scale),
+            "breakpoints": corners.times,
             # Sensitivities are continuous at corners that no parameter moves.
-            "shifts": {c.t: c for c in corners if any(c.slopes + c.spreads)},
+            "shifts": corners.moved,
         }
 
     def _functions(self, p: FloatArray, u: Inputs, projection: Projection | None) -> dict[str, Any]:

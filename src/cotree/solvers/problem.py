@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from cotree.dag.corners import Corners
 from cotree.errors import SolveError
 from cotree.solvers.budgets import most_rows
 from cotree.tolerances import rtol_fault
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
-    from cotree.dag.corners import Corner
     from cotree.model.kernels import NativeModel
     from cotree.solvers.base import FloatArray
     from cotree.solvers.jumps import ModelEvents
@@ -89,13 +89,13 @@ class Problem:
         for one.
     error_test_sensitivities : bool
         Whether sensitivities take part in the error test.
-    breakpoints : tuple of float
+    breakpoints : sequence of float
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
         no pulse between two of them is stepped over. Those outside the span are ignored; where an
         end of it is one, nothing beyond it is seen.
     scale : float
         The largest time from which breakpoints are computed; they have its rounding error, [s].
-    shifts : mapping of float to Corner
+    shifts : Corners
         Derivatives of breakpoints, and of the start, by the parameters of sensitivity.
     names, parameters : tuple of str
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
@@ -170,9 +170,9 @@ class Problem:
     sizes: FloatArray | None = None
     scales: FloatArray | None = None
     error_test_sensitivities: bool = True
-    breakpoints: tuple[float, ...] = ()
+    breakpoints: Sequence[float] | FloatArray = ()
     scale: float = 0.0
-    shifts: Mapping[float, Corner] = field(default_factory=dict)
+    shifts: Corners = field(default_factory=Corners.none)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
@@ -280,7 +280,7 @@ def check_values(problem: Problem) -> None:
     """Refuse what follows from the parameters of a run; see :func:`check_problem`."""
     if problem.direction < 0 and problem.events is not None:
         raise SolveError("A scene with events runs forwards only: what they set is not undone.")
-    if not all(map(math.isfinite, problem.breakpoints)):
+    if not np.isfinite(np.asarray(problem.breakpoints, dtype=float)).all():
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     _check_max_step(problem)  # of the model, where none was asked for
     # A dot product finds nan and infinity in one pass; squares may overflow, too.

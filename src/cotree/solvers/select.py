@@ -358,7 +358,8 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     span = problem.t_span
     if problem.reach is not None:
         # Samples are taken by the run itself, from states that are as accurate as it is.
-        span = corner_times(problem)[0], corner_times(problem)[1]
+        start, end = corner_times(problem)[:2].tolist()
+        span = start, end
     rtol = max(problem.rtol, _PROBE_RTOL)
     probe = changed(problem, t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span)
     trajectory = _solve(probe, method)
