@@ -14,7 +14,15 @@ from cotree.dag import vector
 from cotree.dag.derivative import tangents
 from cotree.formulation.chords import chord_measure, whole_angle
 from cotree.formulation.endpoints import carried_by, chord_ends
-from cotree.formulation.measures import Angle, AxisLength, Coincidence, Composite, Cosine, Distance
+from cotree.formulation.measures import (
+    Angle,
+    AxisLength,
+    Coincidence,
+    Composite,
+    Cosine,
+    Distance,
+    Spin,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -150,24 +158,32 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     b = [carried_by(motion, ends, 1, unit) for unit in units]
     value, rate = _symbols(motion)
     dag = motion.system.dag
-    # (a_k.b_j - a_j.b_k) / 2, the sine for one axis, is smooth at every orientation, in contrast
-    # to three successive angles.
-    twist = 0.5 * (dag.symbol("measure", 0) - dag.symbol("measure", 1))
+    first, second, third = (dag.symbol("measure", i) for i in range(3))
+    # 2 q_i^2 of the relative quaternion, 1 - cos for a turn about that axis: smooth at every
+    # orientation, in contrast to three successive angles.
+    bend = 0.5 * (1.0 + first - second - third)
+    along = tuple(Cosine(ends, a[i], b[i]) for i in range(3))
     for i, letter in enumerate("xyz"):
         j, k = (i + 1) % 3, (i + 2) % 3
-        # Half the skew part of the relative orientation: where it is small, the angle.
-        turn = Composite(
-            (Cosine(ends, a[k], b[j]), Cosine(ends, a[j], b[k])), twist, motion.system.time
+        length, spin = AxisLength(ends, a[i]), Spin(ends, a[i])
+        turn = Composite((along[i], along[j], along[k]), bend, motion.system.time)
+        pull, drag, twist, turning = (
+            edge.vectors.get(name, vector.zeros(dag))[i]
+            for name in ("stiffness", "damping", "rotation_stiffness", "rotation_damping")
         )
-        measures = (("", AxisLength(ends, a[i])), ("rotation_", turn))
-        for prefix, measure in measures:
-            stiffness = edge.vectors.get(f"{prefix}stiffness", vector.zeros(dag))[i]
-            damping = edge.vectors.get(f"{prefix}damping", vector.zeros(dag))[i]
-            # The through variable on the second node points against the measure and its rate.
-            formula = -(stiffness * value + damping * rate)
+        # Through variables on the second node point against measures and rates. A torque per
+        # measure of one is the slope of the energy by it.
+        rows = (
+            ("", length, -(pull * value + drag * rate), stored_energy({"stiffness": pull}, value)),
+            ("rotation_", turn, -twist, twist * value),
+            ("rotation_damping_", spin, -(turning * rate), None),
+        )
+        for prefix, measure, formula, stored in rows:
             if not formula.is_zero:
-                arguments = {value: (measure, False), rate: (measure, True)}
-                stored = stored_energy({"stiffness": stiffness}, value)
+                # A spin has a rate and no value.
+                arguments = {rate: (measure, True)}
+                if stored is not None:
+                    arguments[value] = measure, False
                 name = f"{edge.name}.{prefix}{letter}"
                 yield _act(edge, name, measure, formula, arguments, view, stored)
 
