@@ -132,13 +132,21 @@ def _axes(motion: Motion, point: Point) -> Matrix:
 def _orientation(axes: Matrix, name: str) -> Node:
     """Give an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
     dag = axes[0][0].dag
+    # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r).
+    roll = dag.function("atan2", axes[2][1], axes[2][2])
     if name == "roll":
-        return dag.function("atan2", axes[2][1], axes[2][2])
+        return roll
     if name == "yaw":
-        return dag.function("atan2", axes[1][0], axes[0][0])
+        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), at a pitch
+        # of a right angle, too, where any roll has a yaw that goes with it.
+        sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
+        return dag.function(
+            "atan2",
+            axes[0][2] * sine - axes[0][1] * cosine,
+            axes[1][1] * cosine - axes[1][2] * sine,
+        )
     if name == "pitch":
-        # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r). The
-        # root is |cos p|, so that pitch lies between -pi/2 and pi/2.
+        # The root is |cos p|, so that pitch lies between -pi/2 and pi/2.
         flat = dag.function("sqrt", axes[2][1] * axes[2][1] + axes[2][2] * axes[2][2])
         return dag.function("atan2", -axes[2][0], flat)
     return axes[int(name[1]) - 1][int(name[2]) - 1]
