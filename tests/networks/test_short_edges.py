@@ -119,11 +119,14 @@ def test_springs_and_dampers_may_be_short_too():
     scene = cotree.Scene("short")
     scene.edge("m", "translational_mass", "ground", "x", mass=2.0, initial={"v": 3.0})
     scene.edge("c", "translational_damper", "x", "x", damping=5.0)
-    scene.edge("k", "translational_spring", "x", "x", stiffness=7.0, initial={"s": 0.25})
+    scene.edge("k", "translational_spring", "x", "x", stiffness=7.0, free_length=-0.25)
     scene.output("F", "k.f")
     result = scene.compile().simulate((0, 1))
     np.testing.assert_allclose(result["m.v"], 3.0)
     np.testing.assert_allclose(result["F"], 7.0 * 0.25)
+    scene.edge("long", "translational_spring", "x", "x", stiffness=7.0, initial={"s": 0.25})
+    with pytest.raises(cotree.ParameterError, match=r"'long.s' is given as 0.25 but is 0"):
+        scene.compile()
 
 
 @pytest.mark.parametrize(

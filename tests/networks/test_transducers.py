@@ -208,7 +208,7 @@ def test_a_solenoid_pulls_with_the_slope_of_its_inductance():
     model = scene.compile()
     names = dict(zip(model.states, range(len(model.states)), strict=True))
     state = np.zeros(len(names))
-    state[names["S.i"]], state[names["m.v"]], state[names["S.s"]] = 1.5, -0.2, 1.5e-3
+    state[names["S.i"]], state[names["m.v"]], state[names["m.s"]] = 1.5, -0.2, 1.5e-3
     inductance = 0.01 + 0.05 / (1 + 1.5)
     slope = -0.05 / (1e-3 * 2.5**2)
     rates = model.rhs(0.0, state)

@@ -102,7 +102,8 @@ def check_names(model: Model, names: Sequence[str]) -> Curves:
         If there is nothing of a name.
     """
     # The model knows the names before a run has given a result.
-    known = (model.states, model.outputs, model.inputs, model.sensitivities)
+    followers = (*(row.name for row in model.layout.positions), *model.outputs)
+    known = (model.states, followers, model.inputs, model.sensitivities)
     return choose_curves(names or None, *known)
 
 

@@ -78,10 +78,30 @@ class RedundantRow:
         Of the variable.
     states : tuple of str
         The states that the variable follows from.
+    is_position : bool
+        Whether it is a position, which follows along an f-circuit.
     """
 
     name: str
     states: tuple[str, ...]
+    is_position: bool = False
+
+
+@dataclass(frozen=True)
+class PositionRow:
+    """A position that is no state: the sum of those along its f-circuit.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the position.
+    terms : tuple of (int, int)
+        Signs, and the states by their numbers.
+    """
+
+    name: str
+    unit: str
+    terms: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -320,6 +340,8 @@ class Equations:
         these are several, in terms of these changes as symbols; see :mod:`cotree.dag.symbols`.
     corners : tuple of CornerRow
         What ends the pieces that steps hold; see :mod:`cotree.program.pieces`.
+    positions : tuple of PositionRow
+        Positions in networks that are sums of states.
     pieces : tuple of Node
         For each of these pieces the number of the one that an argument is in; zero for signs.
     """
@@ -358,6 +380,7 @@ class Equations:
     direction: Derivative | None = None
     corners: tuple[CornerRow, ...] = ()
     pieces: tuple[Node, ...] = ()
+    positions: tuple[PositionRow, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()
 
     @property

@@ -13,8 +13,9 @@ import numpy as np
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Sequence
+    from collections.abc import Container, Iterable, Sequence
 
+    from cotree.equations import RedundantRow
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
     from cotree.model.moment import Moment
@@ -63,15 +64,16 @@ def check_redundant(
     ]
     # The kernel ends with these two rows: values as they follow, and as they are given.
     follows, given = at.call("start", start.y)[-2 * len(rows) :].reshape(2, -1)
-    if apart := [
+    apart = {
         f"'{rows[i].name}' is given as {given[i]:.6g} but is {follows[i]:.6g} by "
-        f"{_origin(rows[i].states, t)}"
+        f"{_origin(rows[i].states, t)}": rows[i]
         for i, states in held
         if not _agree(follows[i], given[i], start.y[states])
-    ]:
+    }
+    if apart:
         raise ParameterError(
             f"initial values contradict each other: {'; '.join(apart)}. Give values that agree, or "
-            "leave these out"
+            f"leave these out{_hint(apart.values())}"
         )
     if model.sensitivities:
         _check_sensitivities(at, start, held)
@@ -84,24 +86,34 @@ def _check_sensitivities(at: Moment, start: Start, held: Sequence[tuple[int, lis
     found = at.call("start_sensitivity", start.y, start.s).reshape(m, -1)
     # For each parameter, the same two rows of derivatives come last.
     follows, given = np.moveaxis(found[:, -2 * len(rows) :].reshape(m, 2, -1), 1, 0)
-    apart = []
+    apart: dict[str, RedundantRow] = {}
     for j, name in enumerate(model.sensitivities):
         if name not in model.parameters:  # a state's own initial value: others follow it
             continue
         size = max(abs(at.p[model.parameters.index(name)]), _SMALLEST)
-        apart += [
+        apart |= {
             f"d({rows[i].name})/d({name}) is {given[j, i]:.6g} as given but {follows[j, i]:.6g} by "
-            f"{_origin(rows[i].states, at.t)}"
+            f"{_origin(rows[i].states, at.t)}": rows[i]
             for i, states in held
             # As changes of the values for a change of the parameter by its own size.
             if not _agree(size * follows[j, i], size * given[j, i], size * s[j, states])
-        ]
+        }
     if apart:
         raise ParameterError(
             "initial values agree for these parameters, but not as they change: "
             f"{'; '.join(apart)}. Give them by expressions that agree for all values of the "
-            "parameters, or leave these out"
+            f"parameters, or leave these out{_hint(apart.values())}"
         )
+
+
+def _hint(rows: Iterable[RedundantRow]) -> str:
+    """Name what an edge has of its own, where its position is that of its nodes."""
+    if not any(row.is_position for row in rows):
+        return ""
+    return (
+        "; positions between the same nodes are one, and along a circuit they add up to zero: what "
+        "stretches a spring at the start is its free_length or free_angle"
+    )
 
 
 def _agree(follows: float, given: float, terms: Array) -> bool:

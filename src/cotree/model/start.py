@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import ParameterError, SingularSystemError, nearest
+from cotree.errors import ParameterError, SingularSystemError, listed, nearest
 from cotree.model.consistent import Start, consistent_start
 from cotree.model.contents import check_followers, held_followers
 from cotree.model.moment import Moment
@@ -159,7 +159,7 @@ def constrained_start(
     y, s = model.initial_values(at.t, at.p, at.u)
     for name, value in initial.items():
         if name not in names:
-            raise ParameterError(f"the model has no state '{name}'{nearest(name, names)}")
+            raise ParameterError(_no_state(model, name))
         i = names.index(name)
         y[i] = check_number(value, f"initial value of '{name}'")
         # A run's own value depends on no parameter, only on itself.
@@ -176,6 +176,16 @@ def constrained_start(
     # Constraints depend on time and the scene's own inputs alone.
     own = replace(at, u=None)
     return consistent_start(own, y, s, kept, is_probe=is_probe, anew=anew)
+
+
+def _no_state(model: CompiledModel, name: str) -> str:
+    for row in model.layout.positions:
+        if row.name == name:
+            return (
+                f"the position '{name}' follows along an f-circuit: give initial values of "
+                f"{listed([model.states[i] for _, i in row.terms])}"
+            )
+    return f"the model has no state '{name}'{nearest(name, model.states)}"
 
 
 def _by_differences(at: Moment, initial: Mapping[str, float], start: Start) -> Array:

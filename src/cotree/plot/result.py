@@ -87,7 +87,7 @@ def plot_result(
         If there is nothing of a name in the result, or an overlay belongs to no curve.
     """
     parameters = result.parameters_of_sensitivity
-    curves = choose_curves(names, result.states, result.outputs, result.inputs, parameters)
+    curves = choose_curves(names, result.states, _followers(result), result.inputs, parameters)
     overlay = overlay or {}
     _check_overlay(overlay, curves.sensitivities)
     rows: dict[str, _Row] = {}
@@ -128,6 +128,12 @@ def plot_result(
     return figure
 
 
+def _followers(result: RunRecord) -> tuple[str, ...]:
+    """List what follows from the states: positions along f-circuits, and outputs."""
+    # Records of other programs need not have any.
+    return (*(row.name for row in getattr(result, "positions", ())), *result.outputs)
+
+
 def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
     """Draw curves of one unit into given axes, beside what they show already.
 
@@ -145,7 +151,7 @@ def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes)
     SceneError
         If there is nothing of a name in the result, or the curves have several units.
     """
-    known = (result.states, result.outputs, result.inputs, result.parameters_of_sensitivity)
+    known = (result.states, _followers(result), result.inputs, result.parameters_of_sensitivity)
     curves = choose_curves(names, *known, is_alone=True)
     drawn = [(name, result.unit(name), result[name]) for name in curves.values]
     for name, to in curves.sensitivities:

@@ -238,5 +238,6 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         events=equations.events,
         corners=tuple((row.piece, row.direction) for row in equations.corners),
         n_pieces=len(equations.pieces),
+        positions=equations.positions,
         derived=equations.derived,
     )

@@ -21,7 +21,14 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
     from cotree.dag.stops import Stop
-    from cotree.equations import DerivedParameter, EventRow, Guard, Quantity, RedundantRow
+    from cotree.equations import (
+        DerivedParameter,
+        EventRow,
+        Guard,
+        PositionRow,
+        Quantity,
+        RedundantRow,
+    )
     from cotree.linear.plan import Elimination
     from cotree.program.kernels import KernelSpec
 
@@ -114,6 +121,8 @@ class Layout:
     redundant : tuple of RedundantRow
         Initial values that must agree with those of states; the kernel ``start`` gives last what
         they follow as, and what they are given as.
+    positions : tuple of PositionRow
+        Positions in networks that are sums of states.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
     followers : tuple of (int, int)
@@ -161,6 +170,7 @@ class Layout:
     derived: tuple[DerivedParameter, ...] = ()
     corners: tuple[tuple[int, int], ...] = ()
     n_pieces: int = 0
+    positions: tuple[PositionRow, ...] = ()
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:
@@ -173,8 +183,14 @@ class Layout:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each state, output, input and parameter; a name of several is the last's."""
-        rows = (*self.states, *self.outputs, *self.inputs, *self.parameters)
+        """Unit of each state, position, output, input and parameter; of several the last's."""
+        rows: tuple[Quantity | PositionRow, ...] = (
+            *self.states,
+            *self.positions,
+            *self.outputs,
+            *self.inputs,
+            *self.parameters,
+        )
         derived = {row.name: row.unit for row in self.derived}
         return {row.name: row.unit for row in rows} | derived
 

@@ -59,7 +59,7 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_gradient=tuple(row.gradient for row in first.conditions),
         redundant=tuple(
-            RedundantRow(row.name, tuple(_states_in(first, value)))
+            RedundantRow(row.name, tuple(_states_in(first, value)), row.variable[0] == "stretch")
             for row, value in zip(redundant, followed, strict=True)
         ),
     )

@@ -334,6 +334,7 @@ def form_equations(
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
+        positions=first.network.positions if first.network else (),
         motion=(
             differentiate(first, {"t": _motion_seed(first)}, support)[0]
             if scene.events or any(state.is_algebraic for state in first.states)

@@ -10,14 +10,17 @@ import csv
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cotree.errors import Error, ModelError, nearest
 from cotree.files import written_whole
 from cotree.records import Deferring
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from cotree.equations import PositionRow
     from cotree.solvers.base import Drift, FloatArray, Statistics
 
 
@@ -97,6 +100,8 @@ class RunRecord(Deferring):
         Times and states of each event of the scene.
     parameter_values : mapping of str to float
         The tunable parameters of the run.
+    positions : tuple of PositionRow
+        Positions in networks that are sums of states; ``result["k.s"]`` finds them, too.
     """
 
     t: FloatArray
@@ -118,6 +123,7 @@ class RunRecord(Deferring):
     redundant: int = 0
     events: Mapping[str, EventTimes] = field(default_factory=dict)
     parameter_values: Mapping[str, float] = field(default_factory=dict)
+    positions: tuple[PositionRow, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
@@ -134,11 +140,16 @@ class RunRecord(Deferring):
         return self.status == 0
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether there is a state, output or input of a name, or "t"."""
-        return name == "t" or name in (*self.states, *self.outputs, *self.inputs)
+        """Tell whether there is a state, position, output or input of a name, or "t"."""
+        return name == "t" or name in (*self._known, *self.inputs)
+
+    @property
+    def _known(self) -> tuple[str, ...]:
+        """Names of the states, positions and outputs, which have sensitivities."""
+        return (*self.states, *(row.name for row in self.positions), *self.outputs)
 
     def __getitem__(self, name: str) -> FloatArray:
-        """Return a state, output or input over time.
+        """Return a state, position, output or input over time.
 
         Parameters
         ----------
@@ -160,11 +171,11 @@ class RunRecord(Deferring):
             if name in names:
                 row: FloatArray = values[names.index(name)]
                 return row
-        known = [*self.states, *self.outputs, *self.inputs]
+        known = [*self._known, *self.inputs]
         raise UnknownNameError(f"There is no state, output or input '{name}'{_hint(name, known)}")
 
     def sensitivity(self, name: str, parameter: str) -> FloatArray:
-        """Return the derivative of a state or output with respect to a parameter, over time.
+        """Return the derivative of a state, position or output by a parameter, over time.
 
         Returns
         -------
@@ -178,13 +189,11 @@ class RunRecord(Deferring):
         """
         column = self._column(parameter)
         # Inputs are left out: their sensitivities are not stored.
-        for names, field_name in ((self.states, "s"), (self.outputs, "output_sensitivities")):
+        for names, values in self._groups(("s", "output_sensitivities")):
             if name in names:
-                row: FloatArray = getattr(self, field_name)[names.index(name), column]
+                row: FloatArray = values[names.index(name), column]
                 return row
-        raise UnknownNameError(
-            f"There is no state or output '{name}'{_hint(name, [*self.states, *self.outputs])}"
-        )
+        raise UnknownNameError(f"There is no state or output '{name}'{_hint(name, self._known)}")
 
     def event_sensitivity(self, event: str, parameter: str) -> FloatArray:
         """Return the derivatives of the times of an event with respect to a parameter.
@@ -216,7 +225,7 @@ class RunRecord(Deferring):
         """Return the unit of a state, output, input or parameter, "" where none is known."""
         if name == "t":
             return "s"
-        known = {*self.states, *self.outputs, *self.inputs, *self.parameters_of_sensitivity}
+        known = {*self._known, *self.inputs, *self.parameters_of_sensitivity}
         if name not in self.units and name not in known:
             raise UnknownNameError(
                 f"There is nothing of the name '{name}'{_hint(name, {*known, *self.units})}"
@@ -226,13 +235,13 @@ class RunRecord(Deferring):
     def columns(self) -> dict[str, FloatArray]:
         """Return all columns of a table by their titles.
 
-        These are t, the states, outputs and inputs, then "d(name)/d(parameter)" of the states and
-        outputs, each of shape (n_t,).
+        These are t, the states, positions, outputs and inputs, then "d(name)/d(parameter)" of all
+        but inputs, each of shape (n_t,).
         """
         table = {"t": self.t}
         for names, values in self._groups():
             table.update(zip(names, values, strict=True))
-        for name in (*self.states, *self.outputs):
+        for name in self._known:
             for parameter in self.parameters_of_sensitivity:
                 table[f"d({name})/d({parameter})"] = self.sensitivity(name, parameter)
         return table
@@ -312,11 +321,18 @@ class RunRecord(Deferring):
             lines.append(f"Time: {stages}.")
         return "\n".join(lines)
 
-    def _groups(self) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+    def _groups(
+        self, fields: Sequence[str] = ("y", "output_values", "input_values")
+    ) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+        """Pair names with values, or sensitivities, of states, positions, outputs and inputs."""
         # One by one: who looks for a state does not wait for the outputs.
-        yield self.states, self.y
-        yield self.outputs, self.output_values
-        yield self.inputs, self.input_values
+        of_states = getattr(self, fields[0])
+        yield self.states, of_states
+        if self.positions:
+            sums = [sum(sign * of_states[i] for sign, i in row.terms) for row in self.positions]
+            yield tuple(row.name for row in self.positions), np.array(sums)
+        for names, name in zip((self.outputs, self.inputs), fields[1:], strict=False):
+            yield names, getattr(self, name)
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

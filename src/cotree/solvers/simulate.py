@@ -118,6 +118,7 @@ def run_values(
         # z goes parameter by parameter, s by state, parameter and time.
         "s": trajectory.z[n:].reshape(m, n, len(trajectory.t)).transpose(1, 0, 2),
         "states": model.states,
+        "positions": model.layout.positions,
         "outputs": model.outputs,
         "inputs": model.inputs,
         "parameters_of_sensitivity": model.sensitivities,

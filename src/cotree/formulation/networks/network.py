@@ -16,8 +16,10 @@ from cotree.formulation.networks.solved import solve_plan
 from cotree.formulation.networks.states import (
     algebraic_state,
     held_variables,
+    position_trees,
     redundant_values,
     state_of,
+    summed_positions,
 )
 from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.equations import State
+    from cotree.equations import PositionRow, State
     from cotree.formulation.networks.couplings import Coupling
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.solved import Solved
@@ -61,6 +63,8 @@ class Network:
         Conditions that parameter values must satisfy.
     observed : mapping of str to Variable
         The variables that outputs and other fields name.
+    positions : tuple of PositionRow
+        Positions that are sums of states.
     redundant : tuple of Redundant
         Initial values of variables that are not states.
     corners : mapping of str to frozenset of Node
@@ -80,6 +84,7 @@ class Network:
     rates: tuple[Variable, ...]
     guards: tuple[Guard, ...]
     observed: Mapping[str, Variable]
+    positions: tuple[PositionRow, ...]
     redundant: tuple[Redundant, ...]
     corners: Mapping[str, frozenset[Node]]
     of_friction: frozenset[Node]
@@ -156,7 +161,9 @@ def form_network(
     contents = contents_of(ports, lambda port, name: _is_constant(scene, port, name))
     stores = find_stores(ports, topologies, cutsets, contents)
     names = Names(ports, topologies, stores)
-    held = held_variables(ports, topologies, stores, {*wanted, *_used_by_fields(ports)})
+    used = {*wanted, *_used_by_fields(ports)}
+    positions = position_trees(graphs, ports, topologies, used)
+    held = held_variables(ports, topologies, positions, stores, used)
     dag = system.dag
     # The state vector holds coordinates, speeds and modes of the mechanism, then the states of the
     # networks, then the algebraic unknowns.
@@ -170,6 +177,7 @@ def form_network(
         all_ports,
         topologies,
         cutsets,
+        positions,
         symbols,
         fields,
         measured,
@@ -204,6 +212,8 @@ def form_network(
     states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():
         states.append(algebraic_state(all_ports[name], quantity, symbol, *at))
+    own = (*(item.variable for item in held), *solved.algebraic)
+    places = {variable: n_before + i for i, variable in enumerate(own)}
     network = Network(
         ports,
         graphs,
@@ -213,6 +223,7 @@ def form_network(
         (*rates, *solved.residuals),
         (*guards, *terminals.guards.values()),
         observed,
+        summed_positions(ports, topologies, positions, used, places),
         # An initial value of an algebraic unknown is a guess of the start, not a condition.
         tuple(row for row in redundant if row.variable not in solved.algebraic),
         terminals.corners,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind, content_of, integral_of
 from cotree.domains import DOMAINS
-from cotree.equations import State
+from cotree.equations import PositionRow, State
 from cotree.errors import ParameterError
 from cotree.formulation.networks.names import state_name
+from cotree.formulation.networks.topology import Topology
+from cotree.graph import select_tree
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.formulation.fields import Resolver
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.stores import Store
-    from cotree.formulation.networks.topology import Topology
+    from cotree.graph import LinearGraph
     from cotree.scene.networks import Port
 
 
@@ -59,9 +62,69 @@ class Held:
         return f"{self.quantity}_rate", self.port.name
 
 
+class _Use(IntEnum):
+    """Why the position of an edge is needed, in the order in which edges become branches."""
+
+    BALANCE = 0  # a balance of springs gives it
+    GIVEN = 1  # it has an initial value
+    LAW = 2  # a terminal equation depends on it
+    NAMED = 3  # fields, outputs or events name it
+    NONE = 4
+
+
+def position_trees(
+    graphs: Mapping[str, LinearGraph],
+    ports: Mapping[str, Port],
+    topologies: Mapping[str, Topology],
+    used: AbstractSet[str],
+) -> dict[str, Topology]:
+    """Choose the trees of positions, the branches of which are states where they are needed.
+
+    Positions are across variables: those of chords follow along f-circuits. Branches are first
+    the springs whose stretch a balance of springs gives, then edges with an initial value, then
+    those whose laws depend on their position, in the order of the scene.
+
+    Parameters
+    ----------
+    graphs : mapping of str to LinearGraph
+        The scalar graphs, by domain.
+    ports : mapping of str to Port
+        Their edges.
+    topologies : mapping of str to Topology
+        The graphs with their normal trees.
+    used : set of str
+        Names that fields and outputs use.
+
+    References
+    ----------
+    [1] eq. 2.
+    """
+    found = {}
+    for domain, graph in graphs.items():
+        if DOMAINS[domain].stretch:
+            branches = topologies[domain].branches
+            uses = {name: _use(ports[name], branches, used) for name in graph.edge_names}
+            tree = select_tree(graph, uses)
+            found[domain] = Topology(domain, tree, "stretch", "distance")
+    return found
+
+
+def _use(port: Port, branches: AbstractSet[str], used: AbstractSet[str]) -> _Use:
+    if port.kind is Kind.SPRING and port.name in branches:
+        return _Use.BALANCE
+    item = _held(port, "stretch")
+    if item.short in port.initial:
+        return _Use.GIVEN
+    if _uses_stretch(port):
+        return _Use.LAW
+    # A position may be named in short or with its port.
+    return _Use.NAMED if {item.name, f"{port.name}.{item.short}"} & used else _Use.NONE
+
+
 def held_variables(
     ports: Mapping[str, Port],
     topologies: Mapping[str, Topology],
+    positions: Mapping[str, Topology],
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
@@ -71,13 +134,13 @@ def held_variables(
     ----------
     ports : mapping of str to Port
         The edges of all scalar graphs.
-    topologies : mapping of str to Topology
-        The graphs with their trees.
+    topologies, positions : mapping of str to Topology
+        The graphs with their normal trees, and with those of positions.
     stores : mapping of str to Store
         The totals of contents that are states in place of across or through variables.
     used : set of str
-        Names that fields and outputs use: integrals of across variables are states where they
-        are used, or have an initial value.
+        Names that fields and outputs use: integrals are states where they are used, or have an
+        initial value.
 
     Raises
     ------
@@ -101,15 +164,52 @@ def held_variables(
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        integral = integral_of(port.terminal)
-        # The stretch of a spring in a cutset of its like follows from theirs.
-        if integral is not None and not (port.kind is Kind.SPRING and is_branch):
-            item = _held(port, "stretch")
-            # A stretch may be named in short or with its port.
-            names = {item.name, f"{port.name}.{item.short}"}
-            if _uses_stretch(port) or names & used or item.short in port.initial:
-                found.append(item)
+        # A position is a state where it is a branch, an integral of the component's own always.
+        is_held = port.terminal.integral is not None or (
+            port.terminal.domain in positions
+            and port.name in positions[port.terminal.domain].branches
+        )
+        if is_held and _use(port, topologies[port.terminal.domain].branches, used) in _HELD:
+            found.append(_held(port, "stretch"))
     return found
+
+
+#: Positions that are states, where they are branches.
+_HELD = (_Use.GIVEN, _Use.LAW, _Use.NAMED)
+
+
+def summed_positions(
+    ports: Mapping[str, Port],
+    topologies: Mapping[str, Topology],
+    positions: Mapping[str, Topology],
+    used: AbstractSet[str],
+    places: Mapping[Variable, int],
+) -> tuple[PositionRow, ...]:
+    """List the positions that are sums of states, where they are needed.
+
+    Parameters
+    ----------
+    ports : mapping of str to Port
+        The edges of all scalar graphs.
+    topologies, positions : mapping of str to Topology
+        The graphs with their normal trees, and with those of positions.
+    used : set of str
+        Names that fields and outputs use.
+    places : mapping of Variable to int
+        Numbers of the states.
+    """
+    rows = []
+    for domain, topology in positions.items():
+        for name in topology.tree.chords:
+            if _use(ports[name], topologies[domain].branches, used) not in _HELD:
+                continue
+            along = topology.along(name).items()
+            # What a linear balance of springs gives is no state, and a sum with it no row.
+            if all(("stretch", branch) in places for branch, _ in along):
+                item = _held(ports[name], "stretch")
+                terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
+                rows.append(PositionRow(item.name, item.unit, terms))
+    return tuple(rows)
 
 
 def _check_content(port: Port, store: Store | None) -> None:
@@ -277,13 +377,15 @@ _FOLLOWING = {
     Kind.ACROSS_SOURCE: ("across",),
     Kind.ACROSS_STORAGE: ("across", "through"),
     Kind.THROUGH_STORAGE: ("across", "through"),
-    Kind.SPRING: ("across", "through", "stretch"),
+    Kind.SPRING: ("across", "through"),
     Kind.THROUGH_SOURCE: ("through",),
 }
 
 
 def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
+    if item.quantity == "stretch":
+        return False  # it follows along an f-circuit, or from the mechanism
     # A nonlinear spring in a cutset of its like is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

@@ -54,8 +54,9 @@ class Terminals:
     ----------
     ports : mapping of str to Port
         The edges of all scalar graphs.
-    topologies, cutsets : mapping of str to Topology
-        The graphs with the trees of across and of through variables, by domain.
+    topologies, cutsets, positions : mapping of str to Topology
+        The graphs with the trees of across and of through variables, and of positions where the
+        domain has any, by domain.
     states : mapping of Variable to Node
         Symbols of the variables that are states.
     fields : mapping of (edge, field) to Node
@@ -84,6 +85,7 @@ class Terminals:
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
+    positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]
     fields: Mapping[tuple[str, str], Node]
     measured: Mapping[Node, Variable]
@@ -127,6 +129,9 @@ class Terminals:
             if base == "potential":
                 return self.topologies[domain].potential(node, rate)
             return self.topologies[domain].path(ancestor, node, rate)
+        if base == "distance":
+            domain, ancestor, node = name.split("|")
+            return self.positions[domain].path(ancestor, node, rate)
         if base == "flow":
             return self._cutset(name).flow(name, rate)
         if base == "measure":
@@ -163,6 +168,12 @@ class Terminals:
             return self._lawful(port, integral.rate)
         if variable in self.states:
             return FieldRule(self.states[variable])
+        if port.is_short:
+            return Sum(())  # an empty circuit
+        positions = self.positions[port.terminal.domain]
+        if name not in positions.branches:
+            # Positions are across variables, too: the f-circuit gives that of a chord.
+            return positions.circuit(name, "")
         if port.terminal.storage is None:
             return Unknown(("residual_stretch", name))
         return self._lawful(port, spring_stretch(port.terminal))
@@ -257,7 +268,8 @@ class Terminals:
         """Make an unknown of a variable that has an equation of its own; None for sums."""
         quantity, name = variable
         base = quantity.partition("_")[0]
-        if base not in ("across", "through") or isinstance(self.rule(variable), (Sum, FieldRule)):
+        may_be = base in ("across", "through") or quantity == "stretch"
+        if not may_be or isinstance(self.rule(variable), (Sum, FieldRule)):
             return None
         return Unknown((f"residual_{quantity}", name))
 
@@ -276,7 +288,7 @@ class Terminals:
         if name in self.stores and quantity in ("across_rate", "through_rate"):
             return self._lawful(port, stored_residual(terminal, quantity == "across_rate"))
         if quantity == "stretch":
-            return self._lawful(port, through_residual(terminal))
+            return self._lawful(port, across_residual(terminal))
         if port.kind is Kind.FRICTION:
             return self._lawful(port, friction_residual(terminal))
         if port.kind is Kind.STOP:

@@ -41,11 +41,15 @@ class Topology:
     domain : str
         The graph's domain.
     tree : Tree
-        Its normal tree.
+        Its normal tree, or that of its positions.
+    across, prefix : str
+        The quantities that circuits sum along one branch, and along several.
     """
 
     domain: str
     tree: Tree
+    across: str = "across"
+    prefix: str = "path"
 
     @cached_property
     def _places(self) -> dict[str, _Place]:
@@ -126,8 +130,8 @@ class Topology:
             return []
         place = self._places[node]
         if place.parent == ancestor:
-            return [(place.sign, (f"across{rate}", place.branch))]
-        return [(1, (f"path{rate}", f"{self.domain}|{ancestor}|{node}"))]
+            return [(place.sign, (f"{self.across}{rate}", place.branch))]
+        return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
         """Form the prefix sum of a node from that of its parent.
@@ -148,7 +152,7 @@ class Topology:
         place = self._places[node]
         # One variable for each prefix: circuits through the same nodes share it.
         before = self._along(ancestor, place.parent, rate)
-        return Sum((*before, (place.sign, (f"across{rate}", place.branch))))
+        return Sum((*before, (place.sign, (f"{self.across}{rate}", place.branch))))
 
     @cached_property
     def _ends(self) -> dict[str, list[tuple[int, int]]]:
