@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from cotree.equations.corner import CornerRow
 from cotree.equations.derivative import Derivative, spread, substituted
-from cotree.equations.derived import DerivedParameter
+from cotree.equations.derived import DerivedParameter, PositionRow, RedundantRow
 from cotree.equations.equations import (
     ConstraintSet,
     Equations,
     EventRow,
     Guard,
-    PositionRow,
     Quantity,
-    RedundantRow,
     State,
 )
 

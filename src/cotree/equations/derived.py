@@ -1,4 +1,4 @@
-"""Parameters that follow from others: no arguments of the program, but nodes of those."""
+"""Parameters and variables of networks that follow from others, and are no arguments."""
 
 from __future__ import annotations
 
@@ -49,3 +49,39 @@ class DerivedParameter:
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""
         return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"
+
+
+@dataclass(frozen=True)
+class RedundantRow:
+    """An initial value of a variable that is not a state but follows from states.
+
+    Attributes
+    ----------
+    name : str
+        Of the variable.
+    states : tuple of str
+        The states that the variable follows from.
+    is_position : bool
+        Whether it is a position, which follows along an f-circuit.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    is_position: bool = False
+
+
+@dataclass(frozen=True)
+class PositionRow:
+    """A position that is no state: the sum of those along its f-circuit.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the position.
+    terms : tuple of (int, int)
+        Signs, and the states by their numbers.
+    """
+
+    name: str
+    unit: str
+    terms: tuple[tuple[int, int], ...]

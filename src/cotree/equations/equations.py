@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.dag.nodes import Dag, Node
     from cotree.equations.corner import CornerRow
     from cotree.equations.derivative import Derivative
-    from cotree.equations.derived import DerivedParameter
+    from cotree.equations.derived import DerivedParameter, PositionRow, RedundantRow
     from cotree.linear.tree import TreeLink
 
 #: Parameters that a message names.
@@ -66,42 +66,6 @@ class State:
     is_given: bool = True
     is_algebraic: bool = False
     follower: str = ""
-
-
-@dataclass(frozen=True)
-class RedundantRow:
-    """An initial value of a variable that is not a state but follows from states.
-
-    Attributes
-    ----------
-    name : str
-        Of the variable.
-    states : tuple of str
-        The states that the variable follows from.
-    is_position : bool
-        Whether it is a position, which follows along an f-circuit.
-    """
-
-    name: str
-    states: tuple[str, ...]
-    is_position: bool = False
-
-
-@dataclass(frozen=True)
-class PositionRow:
-    """A position that is no state: the sum of those along its f-circuit.
-
-    Attributes
-    ----------
-    name, unit : str
-        Of the position.
-    terms : tuple of (int, int)
-        Signs, and the states by their numbers.
-    """
-
-    name: str
-    unit: str
-    terms: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components import Kind
 from cotree.components.law import Law, law_symbol
+from cotree.errors import FormulationError
 
 if TYPE_CHECKING:
     from cotree.components import Terminal
+    from cotree.scene.networks import Port
 
 
 def _or_zero(law: Law | None) -> Any:
@@ -218,3 +220,18 @@ def rate_name(name: str) -> str:
     if first in ("across", "through") and name != first:
         return f"{first}_rate_{rest}"
     return f"{name}_rate"
+
+
+def higher_index(port: Port) -> FormulationError:
+    """Make the error of an edge whose rate of change nothing gives."""
+    if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
+        why = "sources, gyrators or others of its like give its rate of change, which would have to"
+        return FormulationError(
+            f"the equations of storage '{port.name}' have a higher index than can be solved: {why} "
+            "be differentiated once more; put a resistance beside it or in series with it"
+        )
+    return FormulationError(
+        f"the equations of '{port.name}' have a higher index than can be solved: a storage is tied "
+        "to its nonlinear law so that the law's rate of change would be needed; put a resistance "
+        "between them"
+    )

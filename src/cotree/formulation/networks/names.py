@@ -10,7 +10,7 @@ from cotree.components import content_of, integral_of
 from cotree.domains import DOMAINS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Container, Mapping
 
     from cotree.formulation.networks.rules import Variable
     from cotree.formulation.networks.stores import Store
@@ -88,3 +88,37 @@ def state_name(port: Port, symbol: str) -> str:
     # An open edge beside a source is not one of its ports.
     is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
+
+
+def argument_of(
+    port: Port, name: str, fields: Container[tuple[str, str]], reference: str
+) -> Variable:
+    """Find the variable that an argument of a port's law stands for.
+
+    Parameters
+    ----------
+    port : Port
+        The port.
+    name : str
+        The argument.
+    fields : container of (str, str)
+        Edges with their fields, which go before other names.
+    reference : str
+        The node that potentials are measured from.
+    """
+    first, underscore, rest = name.partition("_")
+    is_field = (port.edge.name, name) in fields
+    if first in ("across", "through") and rest != "rate" and not is_field:
+        quantity = f"{first}_rate" if rest.startswith("rate_") else first
+        return quantity, port.sibling(rest.removeprefix("rate_")) if underscore else port.name
+    if name in ("across_rate", "through_rate", "stretch", "stretch_rate"):
+        return name, port.name
+    if first == "stretch" and underscore and not is_field:
+        return "stretch", port.sibling(rest)
+    if first == "potential" and not is_field:
+        node = port.ends.head if rest.startswith("head") else port.ends.tail
+        quantity = "potential_rate" if rest.endswith("_rate") else "potential"
+        return quantity, f"{port.terminal.domain}|{reference}|{node}"
+    if name.endswith("_rate") and not is_field:
+        return "field_rate", f"{port.edge.name}|{name.removesuffix('_rate')}"
+    return "field", f"{port.edge.name}|{name}"

@@ -17,6 +17,7 @@ from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
     friction_residual,
+    higher_index,
     rate_of,
     spring_rate,
     spring_residual,
@@ -27,6 +28,7 @@ from cotree.formulation.networks.derived import (
     stored_value,
     through_residual,
 )
+from cotree.formulation.networks.names import argument_of
 from cotree.formulation.networks.rubbing import limit_law
 from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
@@ -225,7 +227,7 @@ class Terminals:
         elif port.terminal.across is not None and port.kind is not Kind.THROUGH_STORAGE:
             law = port.terminal.across
         elif rate:
-            raise _higher_index(port)
+            raise higher_index(port)
         else:
             return Unknown(("residual_across", name))
         return self._lawful(port, self._rate_of_law(port, law) if rate else law)
@@ -249,7 +251,7 @@ class Terminals:
         elif port.terminal.through is not None and port.kind is not Kind.ACROSS_STORAGE:
             law = port.terminal.through
         elif rate:
-            raise _higher_index(port)
+            raise higher_index(port)
         else:
             return Unknown(("residual_through", name))
         return self._lawful(port, self._rate_of_law(port, law) if rate else law)
@@ -306,32 +308,10 @@ class Terminals:
         return self._lawful(port, explicit_residual(quantity, rule.law))
 
     def _lawful(self, port: Port, law: Law) -> Lawful:
-        return Lawful(law, tuple((arg, self._argument(port, arg)) for arg in law.arguments))
-
-    def _argument(self, port: Port, name: str) -> Variable:
-        """Name the variable that an argument of a law stands for."""
-        first, underscore, rest = name.partition("_")
-        if first in ("across", "through") and rest != "rate" and not self._is_field(port, name):
-            is_rate = rest.startswith("rate_")
-            sibling = rest.removeprefix("rate_")
-            quantity = f"{first}_rate" if is_rate else first
-            return quantity, port.sibling(sibling) if underscore else port.name
-        if name in ("across_rate", "through_rate", "stretch", "stretch_rate"):
-            return name, port.name
-        if first == "stretch" and underscore and not self._is_field(port, name):
-            return "stretch", port.sibling(rest)
-        if first == "potential" and not self._is_field(port, name):
-            node = port.ends.head if rest.startswith("head") else port.ends.tail
-            domain = port.terminal.domain
-            reference = self.topologies[domain].tree.graph.reference
-            quantity = "potential_rate" if rest.endswith("_rate") else "potential"
-            return quantity, f"{domain}|{reference}|{node}"
-        if name.endswith("_rate") and not self._is_field(port, name):
-            return "field_rate", f"{port.edge.name}|{name.removesuffix('_rate')}"
-        return "field", f"{port.edge.name}|{name}"
-
-    def _is_field(self, port: Port, name: str) -> bool:
-        return (port.edge.name, name) in self.fields
+        graph = self.topologies.get(port.terminal.domain)
+        reference = graph.tree.graph.reference if graph else ""
+        known = self.fields, reference
+        return Lawful(law, tuple((arg, argument_of(port, arg, *known)) for arg in law.arguments))
 
     def _field(self, name: str, is_rate: bool) -> FieldRule:
         edge, _, field = name.partition("|")
@@ -417,17 +397,3 @@ class Terminals:
     def _remedy(self, edge: str) -> str:
         port = next(port for port in self.ports.values() if port.edge.name == edge)
         return DOMAINS[port.terminal.domain].remedy
-
-
-def _higher_index(port: Port) -> FormulationError:
-    if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
-        why = "sources, gyrators or others of its like give its rate of change, which would have to"
-        return FormulationError(
-            f"the equations of storage '{port.name}' have a higher index than can be solved: {why} "
-            "be differentiated once more; put a resistance beside it or in series with it"
-        )
-    return FormulationError(
-        f"the equations of '{port.name}' have a higher index than can be solved: a storage is tied "
-        "to its nonlinear law so that the law's rate of change would be needed; put a resistance "
-        "between them"
-    )
