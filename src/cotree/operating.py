@@ -38,6 +38,7 @@ def program_at_rest(model: CompiledModel, scene: SceneDescription) -> Program:
         If it cannot be formed.
     """
     from cotree.pipeline import formulate, generate
+    from cotree.scene.jumps import jump_values
     from cotree.scene.standstill import standing_scene
 
     # Sensitivities to initial values are the model's own: a scene at rest has none of these.
@@ -46,7 +47,8 @@ def program_at_rest(model: CompiledModel, scene: SceneDescription) -> Program:
     for total, _ in model.layout.followers:  # which a start finds from what follows from it
         wanted[total] = "0"
     try:
-        equations = formulate(standing_scene(scene, wanted), given, None)[1]
+        standing = standing_scene(scene, wanted, jump_values(scene))
+        equations = formulate(standing, given, None)[1]
         return generate(equations)[0]
     except Error as error:
         raise type(error)(f"the operating point: {error}") from None

@@ -183,12 +183,32 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("R1 a 0 {x}", 2, "names 'x', which is no parameter"),
         ("R1 a 0 {1/0}", 2, "has no value"),
         ("R1 a 0 {foo(1)}", 2, "no function here"),
-        ("R1 a 0 1 tc=1", 2, "no 'tc'"),
+        ("R1 a 0 1 tc3=1", 2, "no 'tc3'"),
+        ("R1 a 0 4k7", 2, "4.7k in some simulators"),
+        ("R1 a 0 -1", 2, "must be positive"),
+        ("C1 a 0 {-1u}", 2, "must be positive"),
+        ("L1 a 0 -1m", 2, "must be positive"),
+        ("L1 a 0 0\nL2 b 0 1\nK1 L1 L2 .5", 2, "no inductance to be coupled"),
+        ("R1 a 0 1\n.param x", 3, "each with = and a value"),
         ("R1 a 0 {1", 2, "on one side only"),
         ("R1 a 0 1\nR1 a 0 1", 3, "a second 'R1'"),
         ("R1 a a", 2, "needs one value"),
-        ("B1 a 0 v=1", 2, "no element that is known here"),
-        ("S1 a 0 b 0 m", 2, "no element that is known here"),
+        ("T1 a 0 b 0 z0=50", 2, "no element that is known here"),
+        ("B1 a 0 p=1", 2, "needs two nodes, and V= or I="),
+        ("B1 a 0 V=", 2, "ends where a value should stand"),
+        ("B1 a 0 V=V(q)\nR1 a 0 1", 2, "'q' is no node"),
+        ("B1 a 0 V=V(a,)\nR1 a 0 1", 2, "takes a name in parentheses"),
+        ("B1 a 0 V=I(R1)\nR1 a 0 1", 2, "no voltage source here"),
+        ("B1 a 0 V=ddt(V(a))\nR1 a 0 1", 2, "calls 'ddt'"),
+        ("B1 a 0 V=V(a) ? 1 : 2\nR1 a 0 1", 2, "what is no comparison"),
+        ("B1 a 0 V=V(a) == 1 ? 1 : 2\nR1 a 0 1", 2, "compare by <"),
+        ("B1 a 0 V=min(V(a))\nR1 a 0 1", 2, "gives min 1 arguments, not 2"),
+        ("B1 a 0 V=" + "(" * 99 + "1" + ")" * 99, 2, "nested deeper"),
+        ("S1 a 0 b 0 m", 2, "no .model 'm'"),
+        ("S1 a 0 b m", 2, "needs two nodes, two that control it"),
+        ("R2 b 0 1\nS1 a 0 b 0 m\n.model m csw", 3, "is not for elements S"),
+        ("R2 b 0 1\nS1 a 0 b 0 m\n.model m sw(ron=-1)", 3, "ron"),
+        ("R2 b 0 1\nS1 a 0 b 0 m\n.model m sw(vh=-1)", 3, "vh"),
         ("D1 a 0 m", 2, "no .model 'm'"),
         ("D1 a 0 m\n.model m D(IS=1 XYZ=2)", 3, "'xyz' of model 'm' is not modelled here"),
         ("M1 a b 0 0 m\n.model m NMOS(TOX=1n)", 3, "'tox' of model 'm' is not modelled here"),
@@ -604,3 +624,72 @@ def test_one_flux_by_a_parameter_says_what_to_write():
     rows = ".param k=1\nV1 a 0 1\nR1 a p 1\nL1 p 0 1m\nL2 s 0 1m\nR2 s 0 1\nK1 L1 L2 {k}\n"
     with pytest.raises(cotree.ParameterError, match="write the coupling as the number 1"):
         read(f"title\n{rows}.tran 1u 1m\n").compile()
+
+
+def test_no_resistance_and_no_inductance_are_shorts_and_no_capacitance_is_nothing():
+    """Of links in parallel one is left, and a link within a loop of links is none."""
+    rows = ["V1 a 0 6", "R0 a b 0", "R9 a b {z}", "L0 b c 0", "R8 c a R=0", "C0 c 0 0p"]
+    circuit = read("\n".join(["title", ".param z=0", *rows, "R1 c d 1k", "R2 d 0 2k", ""]))
+    circuit.output("d", "d.v")
+    model = circuit.compile()
+    assert set(circuit.edges) == {"V1", "R0", "L0", "R1", "R2"}
+    assert model.output_values(0.0, model.start().y)[0] == pytest.approx(4.0, rel=1e-12)
+
+
+def test_coefficients_of_temperature_have_no_effect_at_27_degrees():
+    for given in ("TC=1m,2u", "tc=1m", "tc1=1m tc2=2u", "TC=0,0 m=2"):
+        circuit = read(f"title\nV1 a 0 1\nR1 a 0 2 {given}\n")
+        assert circuit.parameters["R1"].value == 2.0
+
+
+@pytest.mark.compiler
+def test_a_relaxation_oscillator_and_its_sensitivity():
+    """A capacitor charged over a resistance, discharged from 3 V to 1 V by a switch of 10 ohms."""
+    circuit = read(
+        "title\nV1 a 0 5\nR1 a c 1k\nC1 c 0 100n ic=0\nS1 c 0 c 0 m\n"
+        ".model m sw(vt=2 vh=1 ron=10 roff=1e15)\n.tran 0.1u 0.35m uic\n.end\n"
+    )
+    model = circuit.compile(["m_vt"])
+
+    def voltage(vt):
+        """Go from switch to switch by exponentials; 1e15 ohms are none here."""
+        end, t, on, v = 0.35e-3, 0.0, False, 0.0
+        while True:
+            goal, tau = (5 * 10 / 1010, 1e-7 / (1e-3 + 0.1)) if on else (5.0, 1e-4)
+            bound = vt - 1 if on else vt + 1
+            lasts = tau * np.log((v - goal) / (bound - goal))
+            if t + lasts > end:
+                return goal + (v - goal) * np.exp((t - end) / tau)
+            t, on, v = t + lasts, not on, bound
+
+    result = model.simulate(rtol=1e-10, atol=1e-12, throw=True)
+    # Nine switches, each located to some digits less than the run has.
+    assert result["C1.v"][-1] == pytest.approx(voltage(2.0), rel=1e-7)
+    slope = (voltage(2.0 + 1e-5) - voltage(2.0 - 1e-5)) / 2e-5
+    assert result.sensitivity("C1.v", "m_vt")[-1] == pytest.approx(slope, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *[("V(a)^3", 8.0), ("V(a)**2", 4.0), ("pwr(V(a), 3)", -8.0), ("-V(a)^2", -4.0)],
+        *[("2^3^2", 64.0), ("2-3-4", -5.0), ("V(a)*-3", 6.0), ("i(V1)*1k", 2.0)],
+        *[("u(V(a)) + uramp(-V(a))*10 + sgn(V(a))*100", -80.0), ("limit(V(a), 0, 1)", 0.0)],
+        *[("V(a) > -3 && V(a) < 0 ? 1 : 2", 1.0), ("!(V(a) > 0)", 1.0), ("(V(a) > -3)*5", 5.0)],
+        *[("V(a) < -3 || V(a) > 5 ? 1 : V(a) > 0 ? 2 : 3", 3.0), ("V(a,0)*1m", -2e-3)],
+        *[("log10(100) + ln(exp(1)) + ceil(-2.5) + nint", None), ("if(V(a) > 0, 1, {k})", None)],
+        *[("log10(100) + ln(exp(1)) + ceil(-2.5)", 1.0), ("if(V(a) > 0, 1, k)", 7.0)],
+        *[("asinh(2) + acosh(2) + atanh(.5)", 3.3098997), ("2u*1meg", 2.0)],
+    ],
+)
+def test_expressions_of_voltages_mean_what_they_do_in_ngspice(text, value):
+    netlist = f"title\n.param k=7\nV1 a 0 -2\nR1 a 0 1k\nB1 p 0 V={text}\nR2 p 0 1k\n"
+    if value is None:
+        with pytest.raises(cotree.SceneError, match=r"a\.cir:5: "):
+            read(netlist)
+        return
+    circuit = read(netlist)
+    circuit.output("p", "p.v")
+    model = circuit.compile(tunable=[])
+    # Values of ngspice 39, printed with six digits.
+    assert model.output_values(0.0, model.start().y)[0] == pytest.approx(value, rel=1e-6)

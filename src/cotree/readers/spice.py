@@ -16,6 +16,7 @@ from cotree.readers.names import Namer
 from cotree.readers.source_line import LARGEST_FILE
 from cotree.readers.spice_couplings import find_couplings
 from cotree.readers.spice_devices import DEVICES
+from cotree.readers.spice_laws import has_signals
 from cotree.readers.spice_lines import Line, settings, split_settings
 from cotree.readers.spice_netlist import Circuit, Netlist, parse_netlist
 from cotree.readers.spice_sources import Times
@@ -112,6 +113,15 @@ class Writer(Sheet[_Scene]):
         # The first line is never read: an element there is lost, which is a frequent mistake.
         if not self.scene.edges:
             raise whole.at.error("no elements: is the first line the title?")
+        ends = {
+            node
+            for edge in self.scene.edges.values()
+            for port in edge.ports
+            for node in (port.tail, port.head)
+        }
+        for node, written, at in self.named:
+            if node not in ends and node != "ground":
+                raise at.error(f"'{brief(written)}' is no node of the circuit")
         self._begin()
         changed = {**self.names.changed, **self.parameter_names.changed}
         notes = [*self._notes(changed), *top.remarks]
@@ -205,11 +215,10 @@ class Writer(Sheet[_Scene]):
                 raise line.at.error(f"more than {_MOST_ELEMENTS} elements")
             if line.key[0] == "x":
                 self._instance(line, place, depth)
-        order = {"k": 2, "f": 3, "h": 3}  # what others name comes before them
         rest = [line for line in circuit.elements if line.key[0] != "x"]
         # Inductors that share flux are written by their K statement, all others by themselves.
         find_couplings(place, rest)
-        for line in sorted(rest, key=lambda line: order.get(line.key[0], 1)):
+        for line in sorted(rest, key=_turn):
             place.check_name(line)
             self.guarded(line.at, partial(DEVICES[line.key[0]], place, line))
 
@@ -257,3 +266,10 @@ class Writer(Sheet[_Scene]):
             pairs = [f"{kind} {brief(old)} is {new}" for (kind, old), new in changed.items()]
             notes.append(f"names that had to change: {listed(pairs)}")
         return notes
+
+
+def _turn(line: Line) -> int:
+    """Say in which turn an element is added: what others name comes before them."""
+    if line.key[0] == "k":
+        return 2
+    return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

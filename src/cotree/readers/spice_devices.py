@@ -8,11 +8,12 @@ from cotree.components.bipolar import BASE_CHARGE
 from cotree.components.windings import WINDINGS
 from cotree.errors import brief, nearest
 from cotree.readers.spice_couplings import complete_signs, coupled_fields
+from cotree.readers.spice_laws import add_law, add_switch, has_law, has_signals, law_of
 from cotree.readers.spice_lines import settings, split_settings
 from cotree.readers.spice_models import bulk_fields, channel_fields, device_fields
 from cotree.readers.spice_polynomials import add_polynomial, current_of, has_polynomial
 from cotree.readers.spice_sources import Source, edge_of, read_source
-from cotree.readers.spice_values import is_zero, scaled, text_of
+from cotree.readers.spice_values import is_zero, read_number, scaled, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -33,7 +34,7 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
     ``known`` are the settings that it may have, ``counts`` the numbers of words after its name.
     """
     words, rest = split_settings(line.words[1:])
-    given = settings(rest, line.at)
+    given = settings(_without_second(rest), line.at)
     for name in given:
         if name not in known:
             hint = nearest(name, known)
@@ -44,9 +45,22 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
     return words, given
 
 
+def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
+    """Leave the second of two coefficients of temperature out, of no effect at 27 degrees."""
+    # TC=1m,2u is split into words: what stands behind the first value is a number.
+    at = (
+        [word.lower() for word in rest[:-3]].index("tc")
+        if "tc" in map(str.lower, rest[:-3])
+        else -1
+    )
+    if at < 0 or read_number(rest[at + 3]) is None:
+        return rest
+    return rest[: at + 3] + rest[at + 4 :]
+
+
 #: Component, field and unit of the elements of one value, and their settings besides it.
 _ONE_PORTS = {
-    "r": ("resistor", "resistance", "ohm", {"m"}),
+    "r": ("resistor", "resistance", "ohm", {"m", "tc", "tc1", "tc2"}),
     "c": ("capacitor", "capacitance", "F", {"m", "ic"}),
     "l": ("inductor", "inductance", "H", {"m", "ic"}),
 }
@@ -62,6 +76,8 @@ def _valued(
     if (len(words) == 3) == (key in given):
         raise line.at.error(f"{line.name} needs one value")
     word = words[2] if len(words) == 3 else given[key]
+    if key == "r" and has_signals(word):
+        return words, given, law_of(place, line, word)
     return words, given, place.principal(line, word, _ONE_PORTS[key][2])
 
 
@@ -74,6 +90,11 @@ def _one_port(place: Instance, line: Line) -> None:
     type, field, _, known = _ONE_PORTS[key]
     words, given, value = _valued(place, line, known)
     nodes = [place.node(word) for word in words[:2]]
+    if place.sheet.amount(value) == 0.0:
+        # No resistance and no inductance join two nodes, and no capacitance is nothing.
+        if key != "c":
+            place.add_short(line.words[0], nodes)
+        return
     initial = _initial_value(place, line, words, given)
     # Parallel capacitances add; parallel resistances and inductances divide.
     whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
@@ -132,6 +153,8 @@ def _coupling(place: Instance, line: Line) -> None:
     initial: dict[str, dict[str, Any]] = {}
     for name, inductor in coupled.inductors.items():
         words, given, value = _valued(place, inductor, {"ic"})
+        if place.sheet.amount(value) == 0.0:
+            raise inductor.at.error(f"{inductor.name} has no inductance to be coupled: leave K out")
         windings[name] = [place.node(node) for node in words[:2]], value
         start = _initial_value(place, inductor, words, given)
         if start:
@@ -194,6 +217,8 @@ def _controlled(place: Instance, line: Line) -> None:
     """Add a source that a voltage or a current controls, or a polynomial of several."""
     if has_polynomial(line):
         add_polynomial(place, line)
+    elif line.key[0] in "eg" and has_law(line):
+        add_law(place, line)
     elif line.key[0] in "eg":
         _by_voltage(place, line)
     else:
@@ -355,6 +380,8 @@ DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     "k": _coupling,
     **dict.fromkeys("vi", _independent),
     **dict.fromkeys("efgh", _controlled),
+    "b": add_law,
+    **dict.fromkeys("sw", add_switch),
     "d": _diode,
     "q": _bipolar,
     "m": _field_effect,

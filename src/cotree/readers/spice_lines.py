@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
 _LONGEST_LINE = 100_000  # characters, continued lines counted in
 # A dollar begins a comment only between spaces: it may be part of a name.
-_COMMENT = re.compile(r";|(?:^|\s)\$(?:\s|$)")
+_COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
 #: An expression in braces or quotes, a sign of equality, or a word.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
+_ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
 _BETWEEN = re.compile(r"[\s(),]*")
 
 
@@ -31,10 +32,13 @@ class Line:
         Its first line in the file.
     words : tuple of str
         Its words as they are written.
+    text : str
+        All of it, continuations joined.
     """
 
     at: SourceLine
     words: tuple[str, ...]
+    text: str = ""
 
     @property
     def key(self) -> str:
@@ -72,7 +76,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
                 raise here.error(f"longer than {_LONGEST_LINE} characters: split it")
             continue
         if whole:
-            yield Line(at, _words(whole, at))
+            yield Line(at, _words(whole, at), whole)
         at, whole = here, ""
         first = line.split(None, 1)[0].lower()
         if first in (".control", ".endc"):  # what a simulator is to do, no part of the circuit
@@ -82,7 +86,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
         elif not is_skipped:
             whole = line
     if whole:
-        yield Line(at, _words(whole, at))
+        yield Line(at, _words(whole, at), whole)
 
 
 def _words(line: str, at: SourceLine) -> tuple[str, ...]:
@@ -119,6 +123,34 @@ def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
         if name in found:
             raise at.error(f"'{brief(name)}' is given twice")
         found[name] = triple[2]
+    return found
+
+
+def assignments(line: Line) -> dict[str, tuple[str, str]]:
+    """Read ``name = value`` behind the first word, where values may hold spaces and parentheses.
+
+    Returns
+    -------
+    dict of str to (str, str)
+        Names and values as written, by name in small letters.
+
+    Raises
+    ------
+    SceneError
+        If the line holds anything else, or a name comes twice.
+    """
+    text = line.text.split(None, 1)[1] if len(line.words) > 1 else ""
+    marks = list(_ASSIGNMENT.finditer(text))
+    found: dict[str, tuple[str, str]] = {}
+    if not marks or text[: marks[0].start()].strip(" \t,"):
+        raise line.at.error(f"{line.name} should be followed by names, each with = and a value")
+    for mark, following in zip(marks, [*(m.start() for m in marks[1:]), len(text)], strict=True):
+        name, value = mark[1], text[mark.end() : following].strip(" \t,")
+        if name.lower() in found:
+            raise line.at.error(f"'{brief(name)}' is given twice")
+        if not value:
+            raise line.at.error(f"'{brief(name)}' should be followed by = and a value")
+        found[name.lower()] = name, value
     return found
 
 

@@ -123,12 +123,31 @@ _ALIASES = {
     },
     "m": {"vt0": "vto"},
 }
-_TABLES = {"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT}
+#: Switches by a voltage, and by a current.
+_RESISTANCES = {
+    "ron": ModelParameter(1.0, "", "", "ohm"),
+    "roff": ModelParameter(1e12, "", "", "ohm"),
+}
+_VOLTAGE_SWITCH = {
+    "vt": ModelParameter(0.0, "", "", "V"),
+    "vh": ModelParameter(0.0, "", "", "V"),
+    **_RESISTANCES,
+}
+_CURRENT_SWITCH = {
+    "it": ModelParameter(0.0, "", "", "A"),
+    "ih": ModelParameter(0.0, "", "", "A"),
+    **_RESISTANCES,
+}
+_TABLES = {
+    **{"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT},
+    **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
+}
 
 #: Letters of the elements that types of models serve, and what they are here.
 TYPES = {
     **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
     **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
+    **{"sw": ("s", "resistor"), "csw": ("w", "resistor")},
 }
 
 
@@ -170,7 +189,7 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
         hint = nearest(card.type, TYPES)
         raise card.at.error(f"models of type '{brief(card.type)}' are not known here{hint}")
     letter, component = TYPES[card.type]
-    table, aliases = _TABLES[letter], _ALIASES[letter]
+    table, aliases = _TABLES[letter], _ALIASES.get(letter, {})
     values: dict[str, Value] = {name: row.default for name, row in table.items()}
     seen = set()
     for written, word in card.given.items():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import brief, nearest
 from cotree.readers.source_line import SourceLine
-from cotree.readers.spice_lines import Line, read_lines, settings, split_settings
+from cotree.readers.spice_lines import Line, assignments, read_lines, settings, split_settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ _DEEPEST = 20  # subcircuits within each other
 _PASSED_OVER = frozenset(
     (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
 ) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
-_ELEMENTS = frozenset("rlckviefghdqmx")
+_ELEMENTS = frozenset("rlckviefghbswdqmx")
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class _Parser:
         elif key[0] not in _ELEMENTS:
             raise line.at.error(
                 f"{line.name} is no element that is known here: names begin with R, "
-                "L, C, K, V, I, E, F, G, H, D, Q, M or X"
+                "L, C, K, V, I, E, F, G, H, B, S, W, D, Q, M or X"
             )
         else:
             self.open[-1].elements.append(line)
@@ -163,10 +163,8 @@ class _Parser:
         self.open[-1].models[name.lower()] = card
 
     def _parameters(self, line: Line) -> None:
-        given = settings(line.words[1:], line.at)
         # SPICE ignores case; scenes show names as they are written.
-        written = {word.lower(): word for word in line.words[1::3]}
-        rows = [(written[name], value, line.at) for name, value in given.items()]
+        rows = [(name, value, line.at) for name, value in assignments(line).values()]
         self.open[-1].parameters += rows
 
     def _begin(self, line: Line) -> None:

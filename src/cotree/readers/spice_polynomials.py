@@ -11,6 +11,7 @@ from cotree.readers.spice_values import is_zero, text_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from cotree.readers.source_line import SourceLine
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_values import Value
     from cotree.readers.subcircuit_scope import Instance
@@ -47,7 +48,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
             f"{_MOST_COEFFICIENTS}"
         )
     arguments = (
-        [voltage_between(place, *names[i : i + 2]) for i in range(0, 2 * n, 2)]
+        [voltage_between(place, names[i], names[i + 1], line.at) for i in range(0, 2 * n, 2)]
         if each == 2
         else [current_of(place, line, name) for name in names]
     )
@@ -89,7 +90,7 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
             yield [x if power == 1 else f"{x}**{power}" for x, power in powers.items()]
 
 
-def voltage_between(place: Instance, plus: str, minus: str) -> str:
+def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> str:
     """Write the voltage between two nodes as part of an expression.
 
     Parameters
@@ -98,8 +99,11 @@ def voltage_between(place: Instance, plus: str, minus: str) -> str:
         The circuit that names them.
     plus, minus : str
         The nodes, as in the netlist.
+    at : SourceLine
+        The line that names them.
     """
     ends = [place.node(word) for word in (plus, minus)]
+    place.sheet.named += [(end, word, at) for end, word in zip(ends, (plus, minus), strict=True)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
     # The voltage of the ground is zero and no state.
     return f"({first} - {second})" if second != "0" else first

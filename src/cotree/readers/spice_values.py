@@ -31,6 +31,8 @@ _TOKEN = re.compile(
     r"|(?P<sign>\*\*|[-+*/^(),]))",
     re.ASCII,
 )
+#: A factor in the place of the point, as resistors are printed.
+_PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
     **{"t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3},
@@ -77,6 +79,38 @@ def read_number(word: str) -> float | None:
         return None
     value = _scaled(match.group(1), match.group(2))
     return value if math.isfinite(value) else None
+
+
+def number_text(word: str) -> str:
+    """Write a number with a suffix as scenes do.
+
+    Raises
+    ------
+    ExpressionError
+        If it is none, or has its factor in the place of the point.
+    """
+    check_point(word)
+    value = read_number(word)
+    if value is None:
+        raise ExpressionError(f"holds '{brief(word)}', which is no finite number")
+    return repr(value)
+
+
+def check_point(word: str) -> None:
+    """Refuse numbers with their factor in the place of the point, which simulators read apart.
+
+    Raises
+    ------
+    ExpressionError
+        If the word is one.
+    """
+    match = _PRINTED.match(word)
+    if match is not None:
+        whole, factor, rest = match.groups()
+        raise ExpressionError(
+            f"is {whole}.{rest}{factor} in some simulators and {whole}{factor} in others: write "
+            "which is meant"
+        )
 
 
 def _is_ampere(letters: str) -> bool:
@@ -152,6 +186,7 @@ class Scope:
             return number
         body = word[1:-1] if word[:1] in ("{", "'") else word
         try:
+            check_point(body.strip())
             return self._expression(body)
         except ExpressionError as error:
             raise at.error(f"'{brief(word)}' {error}") from None

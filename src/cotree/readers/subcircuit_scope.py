@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from cotree.errors import ModelError, brief, nearest
+from cotree.dag.nodes import Dag
+from cotree.errors import ExpressionError, ModelError, ParameterError, brief, nearest
 from cotree.readers.names import Namer
 from cotree.readers.spice_models import DeviceModel, read_model
 from cotree.readers.spice_sources import Times
 from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from cotree.dag.nodes import Node
     from cotree.readers.source_line import SourceLine
     from cotree.readers.spice_lines import Line
     from cotree.readers.spice_netlist import Circuit
@@ -39,6 +42,8 @@ class Sheet(Generic[_Scene]):
         Conductance beside each junction, [S].
     voltages : dict of str to Value
         Voltages that ``.ic`` gives, by node.
+    named : list of (str, str, SourceLine)
+        Nodes whose voltages are named, as in the scene and as written, and where.
     """
 
     def __init__(self, scene: _Scene, file: str) -> None:
@@ -48,6 +53,8 @@ class Sheet(Generic[_Scene]):
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
         self.voltages: dict[str, Value] = {}
+        self.named: list[tuple[str, str, SourceLine]] = []
+        self._shorts: dict[str, str] = {}
 
     def guarded(self, at: SourceLine, act: Callable[[], Any]) -> Any:
         """Apply a change to the scene; refusals are reported with the line."""
@@ -79,6 +86,32 @@ class Sheet(Generic[_Scene]):
         own = self.parameter_names.give("parameter", name)
         self.guarded(at, lambda: self.scene.parameter(own, value, unit=unit))
         return own
+
+    def amount(self, value: Value) -> float | None:
+        """Evaluate a value at the parameters of the scene; None where it varies."""
+
+        def known(name: str) -> Node:
+            if name not in self.scene.parameters:
+                raise ExpressionError(f"'{name}' is no parameter")
+            held = self.scene.parameters[name].value
+            return dag.constant(held) if isinstance(held, float) else held.lower(dag, known)
+
+        dag = Dag()
+        try:
+            return parse(value, "a value").lower(dag, known).value
+        except ExpressionError:
+            return None
+
+    def join(self, nodes: Sequence[str]) -> bool:
+        """Join two nodes by a short; False where shorts join them already."""
+        first, second = map(self._joined, nodes)
+        self._shorts[second] = first
+        return first != second
+
+    def _joined(self, node: str) -> str:
+        while self._shorts.get(node, node) != node:
+            node = self._shorts[node]
+        return node
 
     def node(self, path: str, name: str) -> str:
         """Give the node of a name in an instance."""
@@ -265,7 +298,28 @@ class Instance:
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
         self.edges[name.lower()] = edge
+        self._check_signs(edge)
         return edge
+
+    def add_short(self, name: str, nodes: Sequence[str]) -> None:
+        """Add a source of no voltage between nodes that no other short joins."""
+        if self.sheet.join(nodes):
+            self.add(name, "voltage_source", nodes, {"voltage": 0.0})
+
+    def _check_signs(self, edge: str) -> None:
+        """Refuse values that a component's fields do not take, where parameters decide them."""
+        own = self.sheet.scene.edges[edge]
+        for name, value in own.fields.items():
+            row = own.component.field(name)
+            if row is None or not row.sign or not isinstance(value, Expression):
+                continue
+            found = self.sheet.amount(value.text)
+            if found is not None and not (found > 0.0 or (found == 0.0 and row.sign != "positive")):
+                demand = "be positive" if row.sign == "positive" else "not be negative"
+                raise ParameterError(
+                    f"{name} of '{edge}' is {found:.6g}: it must {demand}; the parameters that "
+                    "it is made of say so"
+                )
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
         """Read the value of an element; a number becomes a parameter of the element's name.

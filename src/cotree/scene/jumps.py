@@ -28,6 +28,8 @@ from cotree.scene.expressions import Expression
 from cotree.scene.grammar import COMPARISONS, names_in, number_tree
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from cotree.scene.description import Edge, SceneDescription
 
 # A longer text makes no name that a reader takes in.
@@ -67,6 +69,28 @@ def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDesc
     if not has_laws and not any(_may_jump(expression) for expression in _acting(scene)):
         return scene
     return _Rewriting(scene).scene
+
+
+def jump_values(scene: SceneDescription) -> dict[str, Expression]:
+    """Give the values of the modes that stand for jumps, as expressions without such modes."""
+    found: dict[str, Expression] = {}
+    # A mode comes after those of jumps within its own.
+    for name, mode in with_jumps(scene, has_sensitivities=False).modes.items():
+        if mode.is_jump:
+            tree = _Put(found).visit(copy.deepcopy(mode.initial.tree))
+            found[name] = Expression.of_tree(tree, mode.doc)
+    return found
+
+
+class _Put(ast.NodeTransformer):
+    """Puts expressions in the place of names."""
+
+    def __init__(self, values: Mapping[str, Expression]) -> None:
+        self._values = values
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Replace a name that has a value."""
+        return copy.deepcopy(self._values[node.id].tree) if node.id in self._values else node
 
 
 def _may_jump(expression: Expression) -> bool:

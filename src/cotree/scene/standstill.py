@@ -18,16 +18,18 @@ from cotree.scene.expressions import parse
 from cotree.scene.simulation import Simulation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
-    from cotree.scene.expressions import FieldValue
+    from cotree.scene.expressions import Expression, FieldValue
 
 _DOMAIN = "electrical"
 
 
-def standing_scene(scene: SceneDescription, wanted: Sequence[str]) -> SceneDescription:
+def standing_scene(
+    scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
+) -> SceneDescription:
     """Make the scene of an operating point.
 
     Parameters
@@ -36,6 +38,8 @@ def standing_scene(scene: SceneDescription, wanted: Sequence[str]) -> SceneDescr
         An electrical network, which stays as it is.
     wanted : sequence of str
         Variables that the outputs ``wanted_0``, ``wanted_1``, ... are to give.
+    jumps : mapping of str to Expression
+        The values of those that are modes of jumps.
 
     Raises
     ------
@@ -59,7 +63,7 @@ def standing_scene(scene: SceneDescription, wanted: Sequence[str]) -> SceneDescr
         )
         standing.edges = own
     standing.outputs = {
-        f"wanted_{i}": parse(name, f"variable '{name}' at the operating point")
+        f"wanted_{i}": jumps.get(name) or parse(name, f"variable '{name}' at the operating point")
         for i, name in enumerate(wanted)
     }
     return standing
