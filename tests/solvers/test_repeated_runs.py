@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cotree import ParameterError, Scene, SolveError, load
+from cotree import Experiment, ParameterError, Scene, SolveError, fit, load, optimise
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.plan import Plan
 from cotree.sharing import Kept
@@ -317,6 +317,59 @@ def test_functions_of_python_are_asked_before_the_result_is_there():
     n_calls = len(calls)
     np.testing.assert_array_equal(result.input_values[0], np.sin([0.5, 1.0]))
     assert len(calls) == n_calls
+
+
+#: Settings as NumPy's functions return them: scalars, and arrays without axes.
+OF_NUMPY = {
+    "method": np.str_("dop853"),
+    "rtol": np.float64(1e-7),
+    "atol": np.array(1e-9),
+    "max_step": np.float64(0.5),
+    "max_steps": np.int64(10_000),
+    "max_events": np.int32(1_000),
+    "time_limit": np.float32(64.0),
+    "error_test_sensitivities": np.True_,
+    "project": np.array(True),
+    "scales": {"L": np.float64(2.0)},
+    "initial": {"j1.s": np.float64(0.4)},
+    "t_span": np.array([0.0, 1.0]),
+    "t_eval": [0.5, 1.0],
+}
+OF_PYTHON = {
+    name: value.tolist() if hasattr(value, "tolist") else value for name, value in OF_NUMPY.items()
+} | {"scales": {"L": 2.0}, "initial": {"j1.s": 0.4}}
+
+
+def test_numbers_of_numpy_are_those_of_python_and_find_the_same_preparation(slider, monkeypatch):
+    of_run = {"sensitivities": np.True_, "throw": np.False_}
+    slider.kept = Kept(8)
+    first = bits(slider.simulate(**OF_PYTHON))
+    # Nothing is prepared again.
+    monkeypatch.setattr(Preparation, "__init__", None)
+    assert bits(slider.simulate(**OF_NUMPY, **of_run)) == first
+    assert bits(slider.runner(**OF_NUMPY, **of_run)()) == first
+
+
+def test_every_study_takes_numbers_of_numpy(slider):
+    lengths = {"L": np.array([0.9, 1.1])}
+    counts = {"lanes": np.int64(1), "threads": np.int64(1), "sensitivities": np.True_}
+    one = slider.ensemble(members=lengths, **OF_NUMPY, **counts)
+    other = slider.ensemble(members=lengths, **OF_PYTHON, lanes=1, threads=1)
+    np.testing.assert_array_equal(one["j1.s"].values, other["j1.s"].values)
+    tolerances = {"rtol": np.float64(1e-7), "atol": np.array(1e-9)}
+    t = np.array([0.5, 1.0])
+    measured = {"t": t, "j1.s": slider.simulate((0.0, 1.0), t)["j1.s"]}
+    counts = {"starts": np.int64(1), "seed": np.int64(0), "max_evaluations": np.int64(50)}
+    found = fit(
+        slider, Experiment(measured), {"L": (0.5, 2.0)}, **tolerances, **counts, progress=False
+    )
+    assert found.parameters["L"] == pytest.approx(1.0, rel=1e-5)
+    limits = {"starts": np.int64(1), "tolerance": np.float64(1e-9), "max_iterations": np.int64(50)}
+    over = {"L": (np.float64(0.5), np.float64(2.0))}
+    best = optimise(
+        slider, "(j1.s - 0.4)**2", over, t_span=np.array([0.0, 1.0]), **tolerances, **limits
+    )
+    assert 0.5 <= best.parameters["L"] <= 2.0
 
 
 def test_a_chosen_explicit_method_gives_the_bits_of_its_name(slider):

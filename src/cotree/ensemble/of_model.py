@@ -14,7 +14,7 @@ from cotree.errors import ModelError
 from cotree.model.arrays import as_array
 from cotree.scene.replaced import expressions_among
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
-from cotree.solvers.settings import Settings, check_settings
+from cotree.solvers.settings import Settings, checked_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -219,7 +219,7 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     """Give the model that has all columns, gains of expressions among them, and its settings."""
     from cotree.ensemble.members import check_columns
 
-    check_settings(settings)
+    settings = checked_settings(settings)
     given, names = settings.parameters, model.parameters
     is_array = given is not None and not isinstance(given, Mapping)
     values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()

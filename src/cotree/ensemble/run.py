@@ -30,6 +30,7 @@ from cotree.ensemble.trial import tried_settings
 from cotree.ensemble.zarr_folder import read_path
 from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
+from cotree.solvers.settings import in_python
 
 if TYPE_CHECKING:
     import threading
@@ -250,6 +251,7 @@ def make_plan(
     ModelError, SolveError
         If a setting is not accepted.
     """
+    sensitivities = in_python(sensitivities)
     if not isinstance(sensitivities, bool):
         raise SolveError(
             f"sensitivities is {brief(repr(sensitivities))}: give True or False; to which "

@@ -18,7 +18,7 @@ from cotree.quiet import level_of_user, without_warnings
 from cotree.scene.expressions import check_number
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.select import probe_steps
-from cotree.solvers.settings import check_settings, read_span, read_times, read_whole
+from cotree.solvers.settings import checked_settings, read_span, read_times, read_whole
 from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
     ModelError, SolveError
         If a setting is not accepted.
     """
-    check_settings(settings)
+    settings = checked_settings(settings)
     settings = replace(settings, t_eval=times_of(settings.t_eval, settings.t_span), throw=False)
     if settings.method != "auto":
         method_row(settings.method)

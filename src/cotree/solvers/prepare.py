@@ -28,7 +28,7 @@ from cotree.solvers.project import Projection
 from cotree.solvers.sampling import Samples, reaching
 from cotree.solvers.settings import (
     check_mapping,
-    check_settings,
+    checked_settings,
     key_of,
     read_bound,
     read_span,
@@ -103,7 +103,7 @@ class Preparation:
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
-        check_settings(settings)
+        settings = checked_settings(settings)
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError
+from cotree.records import changed
 from cotree.scene.expressions import check_number
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 
@@ -58,8 +59,17 @@ _plain = attrgetter(
 )
 
 
-def check_settings(settings: Settings) -> None:
-    """Refuse settings of the wrong kind, by name."""
+def in_python(value: Any) -> Any:
+    """Return a scalar of NumPy, or an array without axes, as the number of Python that it holds."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim):
+        return value.item()
+    return value
+
+
+def checked_settings(settings: Settings) -> Settings:
+    """Return settings with numbers of Python, and refuse those of the wrong kind, by name."""
+    given = {name: in_python(value) for name, value in vars(settings).items()}
+    settings = changed(settings, **given | {"t_span": read_span(settings.t_span)})
     if not isinstance(settings.method, str):
         raise SolveError(f"method is {settings.method!r}: give a name in quotes")
     if not isinstance(settings.sensitivities, bool):
@@ -69,6 +79,7 @@ def check_settings(settings: Settings) -> None:
         )
     for name in ("initial", "inputs", "scales"):
         check_mapping(name, getattr(settings, name))
+    return settings
 
 
 def check_mapping(name: str, value: object) -> None:
@@ -89,9 +100,15 @@ def key_of(settings: Settings) -> Hashable | None:
     numbers = _plain(settings)
     kinds = tuple(map(type, numbers))
     if not _PLAIN.issuperset(kinds):
-        return None
+        numbers = tuple([own if type(own) in _PLAIN else in_python(own) for own in numbers])
+        kinds = tuple(map(type, numbers))
+        if not _PLAIN.issuperset(kinds):
+            return None
+    t_span = settings.t_span
+    if isinstance(t_span, np.ndarray):
+        t_span = t_span.tolist()
     try:
-        span, inputs, scales = map(_token, (settings.t_span, settings.inputs, settings.scales))
+        span, inputs, scales = map(_token, (t_span, settings.inputs, settings.scales))
     except _UnknownError:
         return None
     # Equal numbers of different kinds, as 1 and True, are not accepted alike. Zeros of both signs
@@ -113,6 +130,9 @@ def _token(value: object) -> Hashable:
         return tuple([(name, _token(own)) for name, own in value.items()]) if value else ()
     if isinstance(value, (tuple, list)):
         return tuple([_token(own) for own in value])
+    plain = in_python(value)
+    if plain is not value:
+        return _token(plain)
     raise _UnknownError
 
 
