@@ -17,6 +17,7 @@ import pytest
 import cotree
 from cotree.codegen.lanes import Lanes, lanes_context, render_lanes
 from cotree.errors import Error
+from cotree.pipeline import formulate, generate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -68,6 +69,13 @@ def _own_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_kernels_are_the_same_at_every_level(seed: int, tmp_path: Path) -> None:
     check(seed, tmp_path, is_whole=False)
+
+
+@pytest.mark.parametrize("level", ["-O2", pytest.param("native", marks=pytest.mark.slow)])
+def test_columns_of_unit_vectors_are_no_zeros(level: str) -> None:
+    program = generate(formulate(kernels.two_arms(), [], None)[1])[0]
+    assert not list(kernels.unlike_differences(program, 1))
+    assert not list(kernels.differing(program, kernels.compiled(program, "gcc", level), 1))
 
 
 @pytest.mark.slow
