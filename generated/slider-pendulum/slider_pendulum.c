@@ -323,6 +323,7 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
     NULL
 };
 

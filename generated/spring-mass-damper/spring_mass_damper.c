@@ -238,6 +238,7 @@ static const cotree_model model = {
     NULL,
     NULL,
     NULL,
+    NULL,
     NULL
 };
 

@@ -61,6 +61,7 @@ class EventContext:
     n_targets: int
     targets: list[str]
     piece: int  # that ends at a corner
+    range: int  # its place among ranges; -1: it has none
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,8 @@ class HybridContext:
     events: list[EventContext]  # then the corners
     n_corners: int
     n_pieces: int
+    n_ranges: int
+    n_quantities: int
     n_jumps: int
     n_coordinates: int
     n_speeds: int
@@ -204,6 +207,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
 
 
 def _hybrid_context(layout: Layout) -> HybridContext:
+    places = layout.ranges
     events = [
         EventContext(
             c_string(row.name),
@@ -215,17 +219,22 @@ def _hybrid_context(layout: Layout) -> HybridContext:
             len(row.targets),
             wrapped(map(str, row.targets)),
             piece=0,
+            range=place,
         )
-        for row in layout.events
+        for row, place in zip(layout.events, places, strict=False)
     ]
     events += [
-        EventContext(c_string(""), direction, False, _CORNER, False, 0, 0, [], piece)
-        for piece, direction in layout.corners
+        EventContext(c_string(""), direction, False, _CORNER, False, 0, 0, [], piece, place)
+        for (piece, direction), place in zip(
+            layout.corners, places[len(layout.events) :], strict=True
+        )
     ]
     return HybridContext(
         events,
         len(layout.corners),
         layout.n_pieces,
+        1 + max(places, default=-1),
+        layout.n_quantities,
         sum(event.n_targets for event in events),
         layout.n_coordinates,
         layout.n_speeds,

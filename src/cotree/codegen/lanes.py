@@ -85,6 +85,8 @@ class LanesContext(KernelFile):
     n_sensitivities: int
     corners: tuple[tuple[int, int], ...]
     n_pieces: int
+    ranges: tuple[int, ...]
+    n_quantities: int
     places: list[str]
     stiff: StiffLanes | None
 
@@ -213,6 +215,8 @@ def lanes_context(
         n_sensitivities=n_s,
         corners=layout.corners,
         n_pieces=layout.n_pieces,
+        ranges=layout.ranges,
+        n_quantities=layout.n_quantities,
         # Most often nothing vanishes.
         places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
         stiff=stiff,
@@ -259,6 +263,7 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.corners else []
+    names += ["event_ranges"] if program.layout.n_quantities else []
     return [program.kernels[name] for name in names]
 
 

@@ -31,6 +31,9 @@ DIRECTION = "v"
 #: piece of a table. Kernels read it among the prepared values.
 PIECE = "piece"
 
+#: An end of the range of a quantity, or of its rate, over a part of a step.
+RANGE = "range"
+
 #: The argument of a kernel that holds the values of each kind.
 ARGUMENT_OF = {
     TIME: "t",
@@ -40,6 +43,7 @@ ARGUMENT_OF = {
     SENSITIVITY: "s",
     PACKED_SENSITIVITY: "s",
     STATE_RATE: "s",
+    RANGE: "s",
     DIRECTION: "v",
     PIECE: "k",
 }

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.symbols import STATE_RATE, TIME
+from cotree.program.event_ranges import EventRanges, find_ranges
 from cotree.program.impacts import form_impact
 
 if TYPE_CHECKING:
@@ -16,14 +17,17 @@ if TYPE_CHECKING:
     from cotree.program.solved import Along, SolvedSystem
 
 
+_NAMES = ("events", "jumps", "event_sensitivity", "event_rates", "event_ranges")
+
+
 def event_kernels(
     equations: Equations,
     solved: SolvedSystem,
     values: Sequence[Node],
     along: Sequence[Along],
     motion: Along,
-) -> dict[str, list[Node]]:
-    """Form the results of the kernels of events; empty where there are none.
+) -> tuple[dict[str, list[Node]], EventRanges]:
+    """Form the results of the kernels of events, and the ranges among them; empty for none.
 
     Parameters
     ----------
@@ -39,7 +43,7 @@ def event_kernels(
         Derivatives along the motion.
     """
     if not (equations.events or equations.corners):
-        return {name: [] for name in ("events", "jumps", "event_sensitivity", "event_rates")}
+        return {name: [] for name in _NAMES}, EventRanges((), (), ())
     dag, rows = equations.dag, equations.events
     # Events without a restitution set states, and have no impulse.
     impacts = [
@@ -52,6 +56,7 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.put([row.value for row in equations.corners])
+    found_ranges = find_ranges(equations, [*(values[row.watched] for row in rows), *corners])
     seed_of_motion = _along_the_motion(equations)
     still = [dag.zero] * len(corners)
 
@@ -71,11 +76,12 @@ def event_kernels(
     n_rated = len(equations.states) - equations.n_algebraic
     # The rates of algebraic unknowns are their residuals, which stand behind all others.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
-    return {
+    kernels = {
         "events": [
             *(values[row.watched] for row in rows),
             *corners,
             *solved.put(equations.pieces),
+            *found_ranges.quantities,
         ],
         "jumps": jumps,
         "event_sensitivity": [
@@ -88,7 +94,9 @@ def event_kernels(
             *derivatives(motion.outputs, seed_of_motion, tangents(corners, seed_of_motion)),
             *residuals,
         ],
+        "event_ranges": [*found_ranges.results],
     }
+    return kernels, found_ranges
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:

@@ -154,7 +154,7 @@ _ROWS = (
         "events",
         _STATE,
         "g",
-        "what events look at for zeros, then corners; then the numbers of pieces of tables",
+        "what events look at for zeros, then corners; the numbers of pieces of tables; quantities",
         is_optional=True,
     ),
     KernelSpec(
@@ -173,6 +173,14 @@ _ROWS = (
         "dg",
         "time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns, "
         "where s holds those of the states",
+        is_optional=True,
+    ),
+    KernelSpec(
+        "event_ranges",
+        _SENSITIVITY,
+        "r",
+        "four ends for each event or corner that is not linear: of its range, and of the range of "
+        "its rate; s holds the least values of all quantities, the largest, and those of rates",
         is_optional=True,
     ),
     KernelSpec(

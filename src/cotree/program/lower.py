@@ -76,6 +76,7 @@ def lower(equations: Equations) -> Program:
     output_tangents = [node for row in along for node in spread(row.outputs, m, zero)]
     starts, rows, values = _compress(columns)
     packed = pack_rates(equations.dag, reached, n, sensitivity_rates)
+    of_events, ranges = event_kernels(equations, solved, outputs, along, motion)
     results: dict[str, list[Node]] = {
         "prepare": [],
         "initial": [state.initial for state in equations.states],
@@ -92,26 +93,28 @@ def lower(equations: Equations) -> Program:
         "outputs": outputs[:m],
         "output_sensitivity": output_tangents,
         **projection_kernels(equations, solved),
-        **event_kernels(equations, solved, outputs, along, motion),
+        **of_events,
         **reduced_kernels(equations, rates, columns, along, motion, reached),
     }
     names = [row.name for row in equations.parameters]
-    of_events = results["events"][: len(equations.events)]
+    watched = results["events"][: len(equations.events)]
     layout = replace(
         _layout(equations, starts, rows),
         sensitivity_starts=tuple(accumulate(map(len, reached), initial=0)),
         sensitivity_rows=tuple(chain.from_iterable(reached)),
-        event_inputs=_inputs_in(equations, [*of_events, *results["jumps"]]),
+        event_inputs=_inputs_in(equations, [*watched, *results["jumps"]]),
+        ranges=ranges.places,
+        n_quantities=len(ranges.quantities),
     )
     return Program(
         equations.dag,
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        _timed(equations, _of_time(equations, [*rates, *of_events], find_stops)),
+        _timed(equations, _of_time(equations, [*rates, *watched], find_stops)),
         # A long step would pass over what events look at, too, where it is driven by a sine.
-        _of_time(equations, [*rates, *of_events], find_longest_steps)
-        if acts_in_part(rates) or of_events
+        _of_time(equations, [*rates, *watched], find_longest_steps)
+        if acts_in_part(rates) or watched
         else {},
     )
 

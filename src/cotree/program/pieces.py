@@ -83,11 +83,17 @@ def without_corners(program: Program) -> Program:
         left = [block[:n] + block[n + m :] for block in blocks] if n else []
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
-    kernels["events"] = replace(kernels["events"], results=kernels["events"].results[:n])
+    n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
+    values = kernels["events"].results
+    kernels["events"] = replace(kernels["events"], results=values[:n] + values[n_before:])
+    # Ranges are numbered in the order of what they are of, and those of events come first.
+    ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
+    kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
     cut("event_rates")
     if kernels["event_sensitivity"].results:
         cut("event_sensitivity", len(layout.sensitivities))
-    return replace(program, layout=replace(layout, corners=(), n_pieces=0), kernels=kernels)
+    layout = replace(layout, corners=(), n_pieces=0, ranges=ranges)
+    return replace(program, layout=layout, kernels=kernels)
 
 
 def _find(equations: Equations) -> dict[Node, None]:

@@ -135,6 +135,11 @@ class Layout:
         as of :class:`cotree.equations.CornerRow`.
     n_pieces : int
         Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
+    ranges : tuple of int
+        For each event, then each corner, its place in the kernel ``event_ranges``; -1: it is
+        linear, and has none.
+    n_quantities : int
+        Number of quantities that these are made of, which the kernel ``events`` gives last.
     event_inputs : tuple of str
         The inputs that these kernels read.
     """
@@ -171,6 +176,8 @@ class Layout:
     corners: tuple[tuple[int, int], ...] = ()
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()
+    ranges: tuple[int, ...] = ()
+    n_quantities: int = 0
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:

@@ -1,0 +1,248 @@
+"""Ranges of values: the interval extension of a program, as nodes.
+
+In: values, and the range of each quantity that they are made of. Out: for each value two nodes
+between which it lies wherever these quantities are within their ranges. A range may be wider than
+need be, since arguments are taken as independent of each other, and shrinks to the value with the
+ranges of the quantities. Where nothing is known, as of a quotient whose divisor may be zero, it has
+the ends :data:`ENDLESS`, or is nan, so that no comparison holds.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from cotree.dag.lookup import HeldTable
+from cotree.dag.multi_output import Table
+from cotree.dag.traverse import reachable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+#: Both ends of what may be anything: finite, as constants of a program are.
+ENDLESS = 1e300
+
+Range = tuple["Node", "Node"]
+
+_INCREASING = frozenset({"exp", "sinh", "tanh", "atan", "erf", "sign", "floor"})
+
+
+def is_ranged(node: Node) -> bool:
+    """Tell whether the range of a node follows from those of its arguments."""
+    if node.op == "result":
+        return isinstance(node.args[0].data, Table)
+    return node.op in _RULES or isinstance(node.data, Table)
+
+
+def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
+    """Form the ranges of some values.
+
+    Parameters
+    ----------
+    roots : iterable of Node
+        The values, made of operations that :func:`is_ranged` accepts.
+    known : mapping of Node to (Node, Node)
+        The range of each quantity. All that depends on none of them is constant.
+
+    Returns
+    -------
+    list of (Node, Node)
+        The least and the largest value of each root.
+    """
+    roots = list(roots)
+    found = dict(known)
+    for node in reachable(roots, stop=known):
+        if node in known or not any(arg in found for arg in node.args):
+            continue
+        if node.op == "result":
+            found[node] = _of_table(node, found[node.args[0]])
+        elif isinstance(node.data, Table):
+            found[node] = found[node.args[0]]  # that of the argument, until a result is read
+        else:
+            found[node] = _RULES[node.op](node, [found.get(arg, (arg, arg)) for arg in node.args])
+    return [found.get(root, (root, root)) for root in roots]
+
+
+def _least(values: Sequence[Node]) -> Node:
+    least = values[0]
+    for value in values[1:]:
+        least = value.dag.select(least - value, value, least)
+    return least
+
+
+def _largest(values: Sequence[Node]) -> Node:
+    largest = values[0]
+    for value in values[1:]:
+        largest = value.dag.select(largest - value, largest, value)
+    return largest
+
+
+def _hull(values: Iterable[Node]) -> Range:
+    values = list(dict.fromkeys(values))
+    return _least(values), _largest(values)
+
+
+def _endless(dag: Dag) -> Range:
+    return dag.constant(-ENDLESS), dag.constant(ENDLESS)
+
+
+def _where(condition: Node, accepted: Range, refused: Range) -> Range:
+    dag = condition.dag
+    low, high = (dag.select(condition, a, b) for a, b in zip(accepted, refused, strict=True))
+    return low, high
+
+
+def _of_product(node: Node, given: Sequence[Range]) -> Range:
+    (a, b), (c, d) = given
+    if node.args[0] is node.args[1]:
+        return _of_even(node.dag, given[0], lambda x: x * x)
+    if a.value is not None and a is b:
+        return (a * c, a * d) if a.value >= 0.0 else (a * d, a * c)
+    return _hull([x * y for x in (a, b) for y in (c, d)])
+
+
+def _of_quotient(node: Node, given: Sequence[Range]) -> Range:
+    (a, b), (c, d) = given
+    if c is d:
+        return _hull([a / c, b / c])
+    if c.is_zero or d.is_zero:
+        return _endless(node.dag)
+    # The divisor is away from zero where the product of its ends is positive.
+    corners = _hull([x / y for x in (a, b) for y in (c, d)])
+    return _where(-(c * d), _endless(node.dag), corners)
+
+
+def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
+    """Form the range of a function that falls as far as zero, and then grows."""
+    low, high = given
+    ends = function(low), function(high)
+    least = dag.select(low, ends[0], dag.select(-high, ends[1], function(dag.zero)))
+    return least, _largest(ends)
+
+
+def _of_wave(node: Node, given: Sequence[Range]) -> Range:
+    """Form the range of a sine or cosine: one, or minus one, where a phase has passed."""
+    dag, (low, high) = node.dag, given[0]
+    ends = [dag.function(node.op, end) for end in (low, high)]
+    first = 0.25 if node.op == "sin" else 0.0  # of the largest value, in periods
+
+    def passed(phase: float) -> Node:
+        count = [dag.function("floor", end / (2.0 * math.pi) - phase) for end in (low, high)]
+        return count[1] - count[0] - 0.5
+
+    return (
+        dag.select(passed(first + 0.5), -dag.one, _least(ends)),
+        dag.select(passed(first), dag.one, _largest(ends)),
+    )
+
+
+def _of_tangent(node: Node, given: Sequence[Range]) -> Range:
+    dag, (low, high) = node.dag, given[0]
+    count = [dag.function("floor", end / math.pi + 0.5) for end in (low, high)]
+    ends = dag.function("tan", low), dag.function("tan", high)
+    return _where(count[1] - count[0] - 0.5, _endless(dag), ends)
+
+
+def _of_increasing(node: Node, given: Sequence[Range]) -> Range:
+    dag, (low, high) = node.dag, given[0]
+    return dag.function(node.op, low), dag.function(node.op, high)
+
+
+def _within(given: Range, low: float, high: float) -> Range:
+    """Cut a range to where a function has values."""
+    dag = given[0].dag
+    a, b = (_least([_largest([end, dag.constant(low)]), dag.constant(high)]) for end in given)
+    return a, b
+
+
+def _of_root(node: Node, given: Sequence[Range]) -> Range:
+    return _of_increasing(node, [_within(given[0], 0.0, ENDLESS)])
+
+
+def _of_logarithm(node: Node, given: Sequence[Range]) -> Range:
+    return _of_increasing(node, [_within(given[0], 1.0 / ENDLESS, ENDLESS)])
+
+
+def _of_arc(node: Node, given: Sequence[Range]) -> Range:
+    low, high = _of_increasing(node, [_within(given[0], -1.0, 1.0)])
+    return (low, high) if node.op == "asin" else (high, low)
+
+
+def _of_angle(node: Node, given: Sequence[Range]) -> Range:
+    """Form the range of atan2: at corners, unless its jump or the origin may be among them."""
+    dag, (y, x) = node.dag, given
+    corners = _hull([dag.function("atan2", a, b) for a in y for b in x])
+    anything = dag.constant(-math.pi), dag.constant(math.pi)
+    is_right = dag.select(-x[0], -dag.one, dag.one)
+    is_aside = dag.select(-(y[0] * y[1]), -dag.one, dag.one)
+    return _where(_largest([is_right, is_aside]), corners, anything)
+
+
+def _of_power(node: Node, given: Sequence[Range]) -> Range:
+    # Of a negative base with a whole exponent nothing is said: nan.
+    return _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]])
+
+
+def _of_selection(node: Node, given: Sequence[Range]) -> Range:
+    (low, high), accepted, refused = given
+    both = _hull([accepted[0], refused[0]])[0], _hull([accepted[1], refused[1]])[1]
+    return _where(low, accepted, _where(high, both, refused))
+
+
+def _of_sum(node: Node, given: Sequence[Range]) -> Range:
+    (a, b), (c, d) = given
+    return (a + c, b + d) if node.op == "add" else (a - d, b - c)
+
+
+def _of_table(node: Node, given: Range) -> Range:
+    """Form the range of a result of a piecewise linear table, from that of its argument."""
+    held, dag = node.args[0], node.dag
+    data: Table = held.data
+    place: int = node.data
+    slopes = [
+        (y1 - y0) / (x1 - x0)
+        for (x0, x1), (y0, y1) in zip(pairwise(data.x), pairwise(data.y), strict=True)
+    ]
+    if place == 1:
+        slopes = [*slopes, 0.0]  # beyond the ends
+        return dag.constant(min(slopes)), dag.constant(max(slopes))
+    ends = [
+        dag.several(held.op, [end, *held.args[1:]], data, 5 if isinstance(data, HeldTable) else 2)[
+            place
+        ]
+        for end in given
+    ]
+    if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
+        return _hull(ends)  # of what falls or grows throughout, as do the ends of pieces
+    # It leaves the mean of both ends by no more than its largest slope allows.
+    steepest = max(map(abs, slopes))
+    mean = 0.5 * (ends[0] + ends[1])
+    reach = 0.5 * steepest * (given[1] - given[0])
+    return mean - reach, mean + reach
+
+
+_RULES: dict[str, Callable[[Node, Sequence[Range]], Range]] = {
+    "add": _of_sum,
+    "sub": _of_sum,
+    "neg": lambda node, given: (-given[0][1], -given[0][0]),
+    "mul": _of_product,
+    "div": _of_quotient,
+    "sin": _of_wave,
+    "cos": _of_wave,
+    "tan": _of_tangent,
+    "sqrt": _of_root,
+    "log": _of_logarithm,
+    "asin": _of_arc,
+    "acos": _of_arc,
+    "atan2": _of_angle,
+    "pow": _of_power,
+    "select": _of_selection,
+    "abs": lambda node, given: _of_even(node.dag, given[0], lambda x: node.dag.function("abs", x)),
+    "cosh": lambda node, given: _of_even(
+        node.dag, given[0], lambda x: node.dag.function("cosh", x)
+    ),
+    **dict.fromkeys(_INCREASING, _of_increasing),
+}
