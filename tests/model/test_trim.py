@@ -124,3 +124,70 @@ def test_invalid_conditions_get_a_message_of_one_sentence(pendulum, conditions, 
     with pytest.raises(cotree.Error, match=sentence) as caught:
         pendulum.trim(**conditions)
     assert "\n" not in str(caught.value)
+
+
+def motor(law):
+    """Build a hinge whose torque gains a unit by a mode that an event sets."""
+    scene = cotree.Scene("motor")
+    scene.parameter("T", 1.0)
+    scene.input("u", 0.0)
+    scene.mode("level", 0)
+    scene.output("level_now", "level")
+    scene.output("angle", "h.theta")
+    scene.event("passed", "h.theta - 2", set={"level": "1"})
+    hinge = {"axis": [0, 0, 1], "torque": law, "initial": {"theta": 0.5}}
+    scene.edge("h", "revolute", "ground", "A", **hinge)
+    scene.edge("body", "rigid_body", "ground", "A", mass=1.0, inertia=0.1)
+    return scene.compile()
+
+
+@pytest.mark.parametrize("name", ["u", "T"])
+def test_an_input_or_a_parameter_of_a_model_with_events_is_solved_for(name):
+    model = motor(f"{name} + level - 0.1*h.theta_dot")
+    found = model.trim([name], fixed={"h.theta": 0.5}, rates={"h.theta": 15.0})
+    # At 15 rad/s damping takes 1.5 N m.
+    assert found[name] == pytest.approx(1.5, rel=1e-12)
+
+
+def test_a_point_of_a_model_with_events_and_constraints_moves_with_a_parameter():
+    scene = cotree.Scene("hung", gravity=[0, -G, 0])
+    scene.parameter("L", L)
+    scene.mode("n", 0)
+    scene.event("aside", "px.s - 5", set={"n": "1"})
+    scene.edge("px", "prismatic", "ground", "X", axis=[1, 0, 0], initial={"s": 1.2})
+    scene.edge("py", "prismatic", "X", "P", axis=[0, 1, 0], initial={"s": -1.6})
+    scene.edge("m", "rigid_body", "ground", "P", mass=M)
+    scene.edge("d", "distance", "ground", "P", length="L")
+    model = scene.compile()
+    found = model.trim()
+    # It hangs at (0, -L).
+    assert found["py.s"] == pytest.approx(-L, rel=1e-9)
+    assert found.sensitivity("py.s", "L") == pytest.approx(-1.0, rel=1e-9)
+    free = model.trim(["L"])
+    assert free["py.s"] == pytest.approx(-free["L"], rel=1e-9)
+    assert not free.is_unique
+
+
+def test_a_run_begins_at_a_point_though_its_input_decides_an_event():
+    scene = cotree.Scene("charged")
+    scene.parameter("R", 2.0)
+    scene.input("limit", 3.0)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
+    scene.edge("R", "resistor", "a", "ground", resistance="R")
+    scene.edge("S", "current_source", "ground", "a", current=1.0)
+    scene.event("full", "C.v - limit", set={"C.v": "0"})
+    model = scene.compile(["R"])
+    run = model.simulate((0, 1), **model.trim().settings)
+    assert run["C.v"][-1] == pytest.approx(2.0, rel=1e-9)  # the point is an equilibrium
+
+
+def test_a_network_without_states_is_solved_for_its_inputs():
+    scene = cotree.Scene("divider")
+    scene.input("u", 1.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="u")
+    scene.edge("R1", "resistor", "a", "b", resistance=2.0)
+    scene.edge("R2", "resistor", "b", "ground", resistance=3.0)
+    scene.output("y", "R2.v")
+    model = scene.compile()
+    assert model.trim().unknowns == ()
+    assert model.trim(["u"], outputs={"y": 6.0})["u"] == pytest.approx(10.0, rel=1e-12)

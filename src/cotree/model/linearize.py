@@ -66,7 +66,8 @@ class Linearizer:
         ]
         #: Constraints and their rates, differentiated if parameters are unknowns of a trim.
         self._values_held = [*valued.values(), *rows.rates]
-        self._outputs = solved.put(equations.output_values)
+        # Values of events follow those of the outputs.
+        self._outputs = solved.put(equations.output_values[: len(equations.outputs)])
         self._n_values = len(with_value)
         self._others = [*rates, *held]
         found = reachable([*self._nodes, *self._others])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.dag.symbols import TIME, kinds_in
 from cotree.dag.traverse import symbols_in
 from cotree.errors import SingularSystemError
 from cotree.model.arrays import as_array
@@ -84,6 +85,12 @@ class CompiledModel(PreparedKernels):
         kernels = self._program.kernels
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
+
+    @formed_once
+    def constant_inputs(self) -> frozenset[str]:
+        """Inputs that the scene gives as functions of parameters alone."""
+        own = zip(self.inputs, self._program.kernels["inputs"].results, strict=True)
+        return frozenset(name for name, node in own if TIME not in kinds_in([node]))
 
     @formed_once
     def begins_alike(self) -> bool:

@@ -38,6 +38,9 @@ _LONGEST_TURN = 1.0
 #: the magnitudes of its terms.
 _MET = 1e-6
 
+#: Residuals below this are rounding errors, relative to the sum of the magnitudes of their terms.
+_EXACT = 1e-11
+
 #: Limit of rounds in which the modes settle; each round solves for the point anew.
 _MOST_ROUNDS = 20
 
@@ -123,7 +126,7 @@ class _Search:
             ]
         except Error:
             return np.full((len(self.rows), len(z)), np.nan)
-        return np.array(columns).reshape(len(z), -1).T[list(self.rows)]
+        return np.array(columns).reshape(len(z), len(self.names)).T[list(self.rows)]
 
 
 def all_values(at: Moment, y: Array) -> Array:
@@ -222,7 +225,7 @@ def find_trim(
     search = _posed(model, linearizer, at, conditions)
     for _ in range(_MOST_ROUNDS):
         root = find_near(_TrimEquation(search), search.guess)
-        if not root.is_found:
+        if not (root.is_found or _is_met(search, root.z)):
             _refuse(search, root.z)
         moment, y = search.point(root.z)
         settled = settle_jumps(moment, y, np.zeros((len(y), len(model.sensitivities))))[0]
@@ -239,6 +242,18 @@ def find_trim(
         "no consistent point was found: discontinuous expressions, or modes of dry friction, "
         "switch each time"
     )
+
+
+def _is_met(search: _Search, z: Array) -> bool:
+    """Return whether all residuals are rounding errors, where the iteration converged slowly.
+
+    Rates of a constrained system that are independent beside an equilibrium only have a double root
+    there: steps halve, and the slopes there vanish, so that terms are those of the guess too.
+    """
+    left = np.abs(search.value(z))
+    slope = np.maximum(np.abs(search.slope(z)), np.abs(search.slope(search.guess)))
+    terms = slope @ np.maximum(np.abs(z), 1.0) + np.abs(search.targets)
+    return bool(np.all(left <= _EXACT * terms))
 
 
 def _posed(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -309,8 +310,10 @@ def _given_max_step(settings: Settings) -> float | None:
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
-    for name in inputs:
-        if model.sensitivities and name in model.layout.event_inputs:
+    for name, value in inputs.items():
+        # One constant in place of another has the same rate.
+        is_alike = isinstance(value, Real) and name in model.constant_inputs
+        if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
                 f"input '{name}' decides when an event happens, or what it sets, and the "
                 "sensitivities there need its own rate: to replace it, compile "
