@@ -66,6 +66,7 @@ class TablesContext(KernelFile):
     n_signals: int
     is_found: bool
     is_at_rest: bool
+    has_states: bool
     has_sizes: bool
     n_seeds: int
     rtol: str
@@ -195,6 +196,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         n_signals=len(signals),
         is_found=facts.is_found,
         is_at_rest=facts.is_at_rest,
+        has_states=bool(layout.states),
         has_sizes=bool(facts.sizes),
         n_seeds=len(layout.sensitivities),
         rtol=DOUBLE.literal(facts.rtol),
