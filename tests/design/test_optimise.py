@@ -167,3 +167,53 @@ def test_wrong_input_gets_one_sentence(scene, minimise, over, more, sentence):
             cotree.optimise(scene, minimise, over, t_span=(0, 1), **more)
     assert "\n" not in str(caught.value)
     assert "goal0" not in str(caught.value)
+
+
+def bounded_search(n, **more):
+    """Search for six forces on a mass that lead it to rest at 1 m, with at most n iterations."""
+    described = cotree.Scene("pushed")
+    forces = [f"u{i}" for i in range(6)]
+    for i, name in enumerate(forces):
+        described.parameter(name, 3.0 * math.cos(i))
+    described.table("push", np.linspace(0, 2, 6).tolist(), forces)
+    described.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="push(t)", damping=0.1)
+    described.edge("body", "rigid_body", "ground", "A", mass=1.0)
+    described.output("force", "push(t)")
+    goal = "1000*(j.s - 1)**2 + 1000*j.s_dot**2 + integral(force**2)"
+    over = {name: (-25, 25) for name in forces}
+    return cotree.optimise(described, goal, over, t_span=(0, 2), max_iterations=n, **more)
+
+
+@pytest.mark.parametrize("method", ["slsqp", "trust-constr"])
+def test_a_search_that_ends_at_its_limit_names_the_limit_and_what_it_missed(method):
+    short = bounded_search(3, method=method)
+    assert not short.success
+    assert "max_iterations = 3" in short.message
+    assert f"{short.optimality:.1e}" in short.message
+    assert short.optimality > 1e-4
+    full = bounded_search(400, method=method)
+    assert full.success
+    assert full.message.startswith("Converged")
+    assert full.objective < short.objective
+    assert full.violation == 0.0
+
+
+def test_constraints_are_met_relative_to_their_size():
+    """A bound of nanovolts is violated by half, which is less than 1e-6 in its own unit."""
+    scene = cotree.Scene("small")
+    scene.parameter("I", 1e-9)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
+    scene.edge("S", "current_source", "ground", "a", current="I")
+    over = {"I": (2e-9, 4e-9)}
+    missed = cotree.optimise(scene, "I*1e9", over, ["C.v <= 1e-9"], t_span=(0, 1))
+    assert not missed.success
+    # The least voltage within the bounds is 2 nV, to the tolerance of the run.
+    assert missed.violation == pytest.approx(1e-9, rel=1e-5)
+    met = cotree.optimise(scene, "I*1e9", over, ["C.v >= 3e-9"], t_span=(0, 1))
+    assert met.success
+    assert met["I"] == pytest.approx(3e-9, rel=1e-5)
+
+
+def test_the_maximum_of_a_constant_is_that_constant(scene):
+    found = cotree.optimise(scene, "maximum(c + 0*j.s) + 1/c", {"c": (0.5, 5)}, t_span=(0, 1))
+    assert found["c"] == pytest.approx(1.0, rel=1e-4)

@@ -55,12 +55,19 @@ class Design:
     conditions : tuple of ConditionValue
         The constraints at these values, scenario by scenario.
     success : bool
-        Whether the search converged to a feasible point.
+        Whether the search ended at an optimum: all constraints hold to 1e-6 of their size at the
+        start, and ``optimality`` is at most 1e-4, or the search ended because the objective no
+        longer changed by ``tolerance``. A search that ends at a limit has no success, unless its
+        best point meets these tolerances.
     message : str
         How the search ended, in sentences.
     optimality : float
         Residual of the Karush-Kuhn-Tucker conditions: the part of the gradient that active bounds
-        and constraints do not balance, relative to the largest gradient encountered.
+        and constraints do not balance, by design variables in units of the distance between their
+        bounds, relative to the objective (or to a thousandth of the gradient at the start, if that
+        is larger).
+    violation : float
+        The largest violation of a constraint, in its unit; zero if all hold exactly.
     history : tuple of Trial
         Every trial point, in order: ``parameters``, ``objective``, ``missed``, ``reason``.
     starts : tuple of float
@@ -79,6 +86,7 @@ class Design:
     success: bool
     message: str
     optimality: float
+    violation: float
     history: tuple[Trial, ...]
     starts: tuple[float, ...]
     results: tuple[Result, ...]

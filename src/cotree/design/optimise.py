@@ -87,7 +87,8 @@ def optimise(
     method : {"slsqp", "trust-constr"}
         SciPy's method.
     tolerance : float
-        Relative change of the objective at which a search ends.
+        Change of the objective at which a search ends, relative to the objective or its gradient
+        at the start.
     max_iterations : int
         Largest number of iterations of a search.
     solver, rtol, atol, max_step
@@ -166,7 +167,8 @@ def optimise(
             "more starts"
         )
     order = sorted(range(len(searches)), key=lambda i: searches[i].rank)
-    return _design(evaluation, searches, order[0], ends[order[0]], len(failures))
+    best = order[0]
+    return _design(evaluation, searches, best, ends[best], len(failures), max_iterations)
 
 
 def _positive(tolerance: object) -> float:
@@ -257,26 +259,31 @@ def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> Non
 
 
 def _design(
-    evaluation: Evaluation, searches: Sequence[Search], best: int, end: Any, n_failed: int
+    evaluation: Evaluation,
+    searches: Sequence[Search],
+    best: int,
+    end: Any,
+    n_failed: int,
+    most: int,
 ) -> Design:
     """Make the result from the best point of all searches."""
     search = searches[best]
     at = search.best
     assert at is not None
     point = search.known(at)
-    optimality = search.optimality(at)
     values = search.values(at)
     conditions = _conditions(evaluation, search, point)
     holds = all(row.holds for row in conditions)
-    is_optimal = optimality <= OPTIMAL
+    is_optimal = search.is_optimal(at, end)
     results = tuple(evaluation.simulate(run, values) for run in evaluation.runs)
     return Design(
         parameters=values,
         objective=point.objective,
         conditions=conditions,
         success=holds and is_optimal,
-        message=_message(search, values, conditions, end, is_optimal=is_optimal),
-        optimality=optimality,
+        message=_message(search, values, conditions, end, most, is_optimal=is_optimal),
+        optimality=search.optimality(at),
+        violation=search.missed(point),
         history=tuple(row for one in searches for row in one.history),
         starts=(*(one.rank[1] for one in searches), *([float("nan")] * n_failed)),
         results=results,
@@ -290,10 +297,11 @@ def _conditions(evaluation: Evaluation, search: Search, point: Point) -> tuple[C
     found = []
     for i, excess in enumerate(point.conditions):
         row, run = rows[i % len(rows)], i // len(rows)
-        missed = abs(excess) if search.equalities[i] else excess
+        allowed = MET * search.sizes[i]
+        holds = search.violations(point)[i] <= allowed
         found.append(
             ConditionValue(
-                row.text, run, float(excess), missed <= MET, abs(excess) <= MET, row.is_equality
+                row.text, run, float(excess), bool(holds), abs(excess) <= allowed, row.is_equality
             )
         )
     return tuple(found)
@@ -304,12 +312,16 @@ def _message(
     values: Mapping[str, float],
     conditions: Sequence[ConditionValue],
     end: Any,
+    most: int,
     *,
     is_optimal: bool,
 ) -> str:
     """Describe in sentences how the search ended."""
     work = f"after {end.nit} iterations and {search.evaluation.n_runs} runs"
     missed = [row for row in conditions if not row.holds]
+    assert search.best is not None
+    optimality = search.optimality(search.best)
+    violation = search.missed(search.known(search.best))
     if missed:
         worst = max(missed, key=lambda row: abs(row.excess))
         message = (
@@ -317,12 +329,24 @@ def _message(
             f"{abs(worst.excess):.4g} at the best point."
         )
     elif is_optimal:
-        message = f"Converged {work}."
+        message = f"Converged {work}: the optimality is {optimality:.1e}."
     else:
-        reason = str(end.message).strip().rstrip(".")
+        is_limited = end.nit >= most
+        reason = (
+            f"at the limit max_iterations = {most}"
+            if is_limited
+            else f"before reaching an optimum ({str(end.message).strip().rstrip('.')})"
+        )
+        advice = (
+            "raise max_iterations, or try another guess"
+            if is_limited
+            else "try another guess, more starts, tighter integration tolerances, or the other "
+            "method"
+        )
         message = (
-            f"Stopped {work} before reaching an optimum ({reason}): try another guess, more "
-            "starts, tighter integration tolerances, or the other method."
+            f"Stopped {work} {reason}: the optimality is {optimality:.1e}, more than "
+            f"{OPTIMAL:.0e}, and the largest violation of a constraint {violation:.1e}; "
+            f"{advice}."
         )
     at_bound = [
         f"{scale.name} is at its {which} bound"

@@ -24,6 +24,9 @@ _REACH, _FEWEST = 4, 5
 #: Largest difference between the two interpolants, relative to the range of the output.
 _AGREE = 1e-7
 
+#: Rounding errors of the interpolants, relative to the largest magnitude of the output.
+_ROUNDING = 1e-13
+
 
 class CoarseError(SolveError):
     """The grid of times is too coarse for the output."""
@@ -69,9 +72,10 @@ def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, A
     step = t[k + 1] - t[k]
     s = (t[low:high] - t[k]) / step  # in grid steps from the largest value
     at, top = _top(s, value[low:high])
-    range_ = float(np.ptp(value)) or 1.0
+    # An output that is constant but for rounding has its maximum everywhere.
+    allowed = _AGREE * float(np.ptp(value)) + _ROUNDING * float(np.max(np.abs(value)))
     inner = slice(1, -1)
-    if abs(top - _top(s[inner], value[low:high][inner])[1]) > _AGREE * range_:
+    if abs(top - _top(s[inner], value[low:high][inner])[1]) > allowed:
         raise CoarseError(
             f"the output changes too fast near its maximum at t = {t[k]:.6g} to be resolved"
         )

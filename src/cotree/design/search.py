@@ -23,12 +23,17 @@ if TYPE_CHECKING:
 
 METHODS = ("slsqp", "trust-constr")
 
-#: Constraints count as satisfied if they are violated by less than this; bounds and constraints are
-#: active if the distance to them is less than this.
+#: Constraints are satisfied if they are violated by less than this, relative to their size at the
+#: start, and active if the distance is less; bounds are active within this share of their distance.
 MET = 1e-6
 
-#: Largest optimality residual of an optimum, relative to the largest gradient encountered.
+#: Largest optimality residual of an optimum. By convexity the objective could fall by no more than
+#: this share from there, times the distance to the optimum in the scaled design variables.
 OPTIMAL = 1e-4
+
+#: The residual counts relative to the objective, or to this share of the gradient at the start,
+#: where the least objective is zero.
+_LEAST_SIZE = 1e-3
 
 #: The penalty of a failed run, relative to the magnitude of the objective.
 _PENALTY = 1e3
@@ -45,7 +50,7 @@ class Trial:
     objective : float
         The objective there; nan where the run failed.
     missed : float
-        Largest constraint violation; nan where the run failed.
+        Largest constraint violation, in the unit of the constraint; nan where the run failed.
     reason : str
         Why the run failed; empty if it succeeded.
     """
@@ -77,6 +82,9 @@ class Search:
         rows = evaluation.goals.conditions
         self.equalities = np.array([row.is_equality for row in rows] * len(evaluation.runs), bool)
         self.steepest = 0.0
+        # Of the start: the norm of the gradient, and the size of each constraint.
+        self._first_slope = 0.0
+        self.sizes = np.ones(len(self.equalities))
 
     def values(self, v: Array) -> dict[str, float]:
         """Convert scaled coordinates to values by name."""
@@ -96,16 +104,26 @@ class Search:
             found = found._replace(gradient=found.gradient * slope, slopes=found.slopes * slope)
             self.history.append(Trial(values, found.objective, self.missed(found)))
             self.steepest = max(self.steepest, float(np.linalg.norm(found.gradient)))
+            if self._good is None:
+                self._first_slope = self.steepest
+                self.sizes = np.maximum(
+                    np.abs(found.conditions), np.linalg.norm(found.slopes, axis=1)
+                )
+                self.sizes[self.sizes == 0.0] = 1.0
             self._good = found
             self._known[key] = found
             self._keep(v, found)
         self._last = key, found
         return found
 
+    def violations(self, point: Point) -> Array:
+        """Return by how much each constraint is violated, zero if it holds exactly."""
+        excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
+        return np.maximum(excess, 0.0)
+
     def missed(self, point: Point) -> float:
         """Return the largest constraint violation."""
-        excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
-        return float(np.max(excess, initial=0.0))
+        return float(np.max(self.violations(point), initial=0.0))
 
     def known(self, v: Array) -> Point:
         """Return a point that was evaluated successfully before."""
@@ -124,7 +142,7 @@ class Search:
             self.best = np.array(v, dtype=float)
 
     def _rank(self, found: Point) -> tuple[float, float]:
-        missed = self.missed(found)
+        missed = float(np.max(self.violations(found) / self.sizes, initial=0.0))
         return (0.0 if missed <= MET else missed, found.objective)
 
     def penalised(self, v: Array) -> Point:
@@ -177,8 +195,8 @@ class Search:
             return [
                 {
                     "type": kind,
-                    "fun": lambda v, rows=rows, s=sign: s * self.penalised(v).conditions[rows],
-                    "jac": lambda v, rows=rows, s=sign: s * self.penalised(v).slopes[rows],
+                    "fun": lambda v, rows=rows, s=sign: s * self._scaled_conditions(v)[rows],
+                    "jac": lambda v, rows=rows, s=sign: s * self._scaled_slopes(v)[rows],
                 }
                 for kind, rows, sign in (("eq", equal, 1.0), ("ineq", ~equal, -1.0))
                 if np.any(rows)
@@ -186,22 +204,43 @@ class Search:
         from scipy.optimize import NonlinearConstraint
 
         return NonlinearConstraint(
-            lambda v: self.penalised(v).conditions,
+            self._scaled_conditions,
             np.where(equal, 0.0, -np.inf),
             0.0,
-            jac=lambda v: self.penalised(v).slopes,
+            jac=self._scaled_slopes,
         )
 
+    def _scaled_conditions(self, v: Array) -> Array:
+        return self.penalised(v).conditions / self.sizes
+
+    def _scaled_slopes(self, v: Array) -> Array:
+        return self.penalised(v).slopes / self.sizes[:, None]
+
     def optimality(self, v: Array) -> float:
-        """Return the Karush-Kuhn-Tucker residual, relative to the largest gradient.
+        """Return the Karush-Kuhn-Tucker residual, relative to the objective."""
+        found = self.known(v)
+        return self._residual(v, found) / max(
+            abs(found.objective), _LEAST_SIZE * self._first_slope, 1e-300
+        )
+
+    def is_optimal(self, v: Array, end: Any) -> bool:
+        """Return whether a point meets the tolerance of optimality, or that of the search.
+
+        A search may also end because the objective no longer changes, by less than the errors of
+        integration: the residual is then compared with the largest gradient encountered.
+        """
+        if self.optimality(v) <= OPTIMAL:
+            return True
+        size = max(self.steepest, abs(self.known(v).objective), 1e-300)
+        return bool(end.success) and self._residual(v, self.known(v)) <= OPTIMAL * size
+
+    def _residual(self, v: Array, found: Point) -> float:
+        """Return the norm of the part of the gradient that bounds and constraints do not balance.
 
         Nonnegative multipliers of the active bounds and constraints follow by least squares.
         """
         from scipy.optimize import nnls
 
-        found = self.point(v)
-        if isinstance(found, Error):
-            return np.inf
         columns = []
         for i, scale in enumerate(self.scales):
             unit = np.eye(len(self.scales))[i]
@@ -211,16 +250,18 @@ class Search:
             if scale.scaled(scale.high) - v[i] <= MET:
                 columns.append(-unit)
         for excess, slope, is_equal in zip(
-            found.conditions, found.slopes, self.equalities, strict=True
+            found.conditions / self.sizes,
+            found.slopes / self.sizes[:, None],
+            self.equalities,
+            strict=True,
         ):
             if is_equal:
                 columns += [slope, -slope]
             elif excess >= -MET:
                 columns.append(-slope)
-        size = max(self.steepest, abs(found.objective), 1e-300)
         if not columns:
-            return float(np.linalg.norm(found.gradient)) / size
-        return float(nnls(np.array(columns).T, found.gradient)[1]) / size
+            return float(np.linalg.norm(found.gradient))
+        return float(nnls(np.array(columns).T, found.gradient)[1])
 
 
 def _options(method: str, tolerance: float, most: int) -> dict[str, float]:

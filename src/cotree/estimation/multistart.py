@@ -189,9 +189,15 @@ class Start:
     def record(self) -> StartRecord:
         """Return the outcome."""
         is_converged = self._ended is not None and self._ended.status > 0
-        message = self._message if self._ended is None else self._why(self._ended)
+        ended = self._ended
         return StartRecord(
-            self._began, self._best, self._least, self._n_evaluations, is_converged, message
+            self._began,
+            self._best,
+            self._least,
+            self._n_evaluations,
+            is_converged,
+            self._message if ended is None else self._why(ended),
+            math.nan if ended is None else float(ended.optimality),
         )
 
     def _scale(self) -> str | Array:
@@ -252,7 +258,10 @@ class Start:
             3: "converged: the parameters no longer change",
             4: "converged: neither the objective nor the parameters change",
         }
-        limit = f"it stopped after {_counted(self._n_evaluations)}, the limit"
+        limit = (
+            f"it stopped after {_counted(self._n_evaluations)}, the limit, with an optimality of "
+            f"{ended.optimality:.1e}, more than {self._search.gtol:.0e}: raise max_evaluations"
+        )
         return found.get(int(ended.status), limit)
 
 

@@ -32,6 +32,11 @@ class ShownFit:
         """Whether the best start met the tolerances of the optimiser."""
         return self._fit.starts[0].is_converged
 
+    @property
+    def optimality(self) -> float:
+        """The optimality of the best start; see :class:`~cotree.estimation.start_record`."""
+        return self._fit.starts[0].optimality
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON-compatible values; numbers that are not finite are None."""
         from cotree.estimation.report import as_dict

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,9 @@ class StartRecord:
         Whether the optimiser met its tolerances.
     message : str
         Reason for termination.
+    optimality : float
+        The largest entry of the gradient where the optimiser ended, each times the distance to the
+        bound that it points to; nan if it was interrupted.
     """
 
     began: Array
@@ -36,3 +40,4 @@ class StartRecord:
     n_evaluations: int
     is_converged: bool
     message: str
+    optimality: float = math.nan
