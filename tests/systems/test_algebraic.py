@@ -11,6 +11,7 @@ from hand_made import Made, model_of
 from loop_with_network import four_bar, with_a_network
 from scipy.special import lambertw
 
+import cotree
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.pipeline import formulate
 from cotree.solvers import METHODS, Problem, integrate
@@ -395,3 +396,47 @@ def test_constraints_and_algebraic_unknowns_live_together(method):
     np.testing.assert_allclose(result.sensitivity("z", "a"), along, rtol=1e-13, atol=1e-15)
     assert result.drift.names == (*alone.constraints, "z")
     assert result.drift.worst < 1e-12
+
+
+def _amplifier():
+    """An amplifier without storages, whose output saturates at 4 V: o = -g (a + o) / 2."""
+    scene = cotree.Scene("amplifier")
+    scene.parameter("g", 1000.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="5*sin(2*pi*t)")
+    scene.edge("r1", "resistor", "a", "m", resistance=1000.0)
+    scene.edge("r2", "resistor", "o", "m", resistance=1000.0)
+    scene.edge("A", "voltage_source", "o", "ground", voltage="min(4, max(-4, -g*m.v))")
+    scene.output("o", "o.v")
+    return scene
+
+
+@pytest.mark.parametrize("method", ["auto", "rodas5", "cvode", "ida", "Radau"])
+def test_a_circuit_without_states_is_solved_in_c(method):
+    model = _amplifier().compile(["g"])
+    t = np.linspace(0.0, 1.0, 301)
+    result = model.simulate((0, 1), t, method=method)
+    # Python took a millisecond for each time; only methods in C have lower-case names.
+    assert result.statistics.method in ("dop853", "rodas5")
+    a = 5.0 * np.sin(2 * np.pi * t)
+    linear = -1000.0 * a / 1002.0
+    # Newton's method ends at rounding.
+    np.testing.assert_allclose(result["o"], np.clip(linear, -4.0, 4.0), atol=1e-11)
+    slope = np.where(np.abs(linear) < 4.0, -2.0 * a / 1002.0**2, 0.0)
+    np.testing.assert_allclose(result.sensitivity("o", "g"), slope, atol=1e-13)
+
+
+def test_an_event_of_a_circuit_without_states():
+    scene = _amplifier()
+    scene.event("low", "o.v + 2", direction=-1, stop=True)
+    result = scene.compile().simulate((0, 1))
+    # 1000/1002 * 5 sin(2 pi t) = 2.
+    expected = math.asin(2.0 / 5.0 * 1.002) / (2 * math.pi)
+    assert result.t[-1] == pytest.approx(expected, rel=1e-8)
+
+
+def test_members_without_states():
+    model = _amplifier().compile()
+    found = model.ensemble((0, 0.25), {"g": [10.0, 100.0]}, t_eval=[0.05])
+    a = 5.0 * math.sin(0.1 * math.pi)
+    expected = [-g * a / (2 + g) for g in (10.0, 100.0)]
+    assert found["o"].values[:, -1] == pytest.approx(expected, rel=1e-10)

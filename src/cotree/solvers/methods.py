@@ -127,8 +127,6 @@ def refusal(method: str, problem: Problem) -> str:
         return "there are events"
     # Own methods take problems without any rate; SUNDIALS needs one to integrate.
     if row.family == "cotree":
-        if problem.size == 0:
-            return "there is nothing for C to do"
         return _dependent(problem) if row.implicit else ""
     if problem.n_states == problem.n_algebraic:
         return "there are no states"

@@ -44,6 +44,9 @@ _STIFF_TIME_CONSTANTS = 2000.0
 # grows: steps that follow the growth are then not much longer than stability allows.
 _MILD = 10.0
 
+# Takes problems without states, in C.
+_STATIC = "dop853"
+
 _PROBE_STEPS = 20
 _PROBE_RTOL = 1e-3
 
@@ -109,6 +112,11 @@ def _solve(
     ``begun`` is that integration where it has begun already.
     """
     row = method_row(method)
+    if problem.n_states == problem.n_algebraic and row.family != "cotree":
+        # Nothing is integrated: any method in C solves for the unknowns at each wanted time.
+        attempt = begun or begin_in_c(problem, _STATIC)
+        if not isinstance(attempt, str):
+            return attempt.finish()
     if not row.stepper:
         return solve_with_scipy(problem, method)
     check_available(method)
@@ -201,9 +209,9 @@ class Choice(NamedTuple):
 
 def _choose(problem: Problem) -> Choice:
     """Choose a method for a problem that was checked; see :func:`choose_method`."""
-    # Any method does: only the algebraic unknowns are solved for at each stored time.
     if problem.n_states == problem.n_algebraic:
-        return Choice("DOP853", "There are no states to integrate.")
+        method = "DOP853" if refusal(_STATIC, problem) else _STATIC
+        return Choice(method, "There are no states to integrate.")
     explicit = "DOP853" if refusal("dop853", problem) else "dop853"
     probe = Probe(problem, explicit)
     method, reason = _chosen(problem, explicit, _rates(problem, probe))
