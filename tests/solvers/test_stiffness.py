@@ -249,3 +249,26 @@ def test_equal_runs_change_over_at_the_same_step():
     assert first.message == second.message
     assert first.statistics.n_steps == second.statistics.n_steps
     assert first.y.tobytes() == second.y.tobytes()
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10])
+def test_a_mode_that_is_stiff_for_a_while(rtol):
+    """Where both the switch and the diode block, a current decays within 50 ps.
+
+    At tight tolerances the stages of steps at the bound of stability differ by a small share of
+    the tolerance only, but by far more than rounding.
+    """
+    scene = Scene("buck")
+    scene.edge("V", "voltage_source", "in", "ground", voltage=24.0)
+    closed = "where(mod(t, 1e-5) < 5e-6, 1, 0)"
+    resistances = {"on_resistance": 0.05, "off_resistance": 1e6}
+    scene.edge("S", "switch", "in", "x", closed=closed, **resistances)
+    scene.edge("F", "diode", "ground", "x", saturation_current=1e-9, thermal_voltage=0.03)
+    scene.edge("L", "inductor", "x", "out", inductance=47e-6)
+    scene.edge("C", "capacitor", "out", "ground", capacitance=1e-4)
+    scene.edge("R", "resistor", "out", "ground", resistance=5.0)
+    result = scene.compile().simulate((0, 5e-4), rtol=rtol)
+    assert result.status == 0
+    assert "rodas5 took over from dop853" in result.message
+    # dop853 alone takes more than 200,000.
+    assert result.statistics.n_steps < 20_000
