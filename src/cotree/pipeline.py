@@ -106,7 +106,7 @@ def draw_graphs(
 
 def check_edges(scene: SceneDescription) -> None:
     """Refuse a scene without edges."""
-    if not scene.edges:
+    if not scene.edges and not scene.events:
         raise TopologyError(f"scene '{scene.name}' has no edges: add components between nodes")
 
 

@@ -208,3 +208,15 @@ def test_piecewise_formulas_of_time_and_of_the_state():
     np.testing.assert_allclose(result["A"], exact, rtol=1e-9)
     # A rests on the value at which its law jumps, whatever the constant.
     assert result.sensitivity("A", "k")[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_model_of_events_only_runs():
+    """Modes alone are states, whose rates vanish: the second event sees what the first one left."""
+    once = event_text("time >= 1", {"n": "n + k"}, id="first")
+    twice = event_text("n > 2", {"n": "2*n"}, id="second")
+    parts = parts_text([], {"k": 2.5, "n": 0.0}, constant=False)
+    scene = read_sbml_text(model_text(parts, events=once + twice), "m.xml", cotree.Scene).scene
+    assert not scene.edges
+    for method in ("auto", "dopri5", "rodas5", "cvode", "ida"):
+        result = scene.compile().simulate((0.0, 3.0), method=method, throw=True)
+        assert result["n"][-1] == 5.0, method

@@ -106,10 +106,11 @@ class SceneWriter(Generic[_Scene]):
             self._start_of(self.waiting.pop())
         for check in checks:
             check()
-        if not any(edge.component.name == "species" for edge in self.scene.edges.values()):
+        is_still = not any(e.component.name == "species" for e in self.scene.edges.values())
+        if is_still and not self.scene.events:
             raise SceneError(
-                f"{self.file}: nothing in the model changes with time, since it has no rate rules "
-                "and no species that reactions change"
+                f"{self.file}: nothing in the model changes with time, since it has no rate "
+                "rules, no species that reactions change and no events"
             )
         self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
