@@ -135,6 +135,59 @@ def killed(model, store, n_files):
 
 
 @on_linux
+def _damages(data, rng):
+    """List what a full disk, a power cut or a bad sector makes of a file; None removes it."""
+    places = rng.sample(range(len(data)), min(3, len(data)))
+    flips = (bytes(b ^ (0x10 if i == at else 0) for i, b in enumerate(data)) for at in places)
+    whole = (data[: len(data) // 2], b"", bytes(len(data)), b"\xff\xfe" + data, None)
+    return [*flips, *whole, data + b"}", b"null", b"[" * 5000]
+
+
+@pytest.mark.slow
+def test_any_damage_is_repaired_or_told(tmp_path):
+    """Every file of a store with events, damaged in eleven ways: the same results, or an error."""
+    model, speeds = cotree.load("bouncing-ball").compile(), np.linspace(1, 2, 14)
+
+    def run_again():
+        call = model.ensemble((0, 2), {"j.s": speeds}, t_eval=5, progress=False, store=store)
+        return call.load()
+
+    store, rng, told = tmp_path / "runs.zarr", random.Random(1), []
+    first = run_again()
+    files = sorted(path for path in store.rglob("*") if path.is_file())
+    count = 0
+    for path in files:
+        kept = path.read_bytes()
+        for new in _damages(kept, rng):
+            count += 1
+            if new is None:
+                path.unlink()
+            else:
+                path.write_bytes(new)
+            try:
+                assert_same(run_again(), first)
+                continue
+            except cotree.Error as error:
+                told.append((path, str(error)))
+            path.write_bytes(kept)
+    assert count >= 220
+    # Only the file that says whose results they are cannot be made again.
+    assert {path.relative_to(store).as_posix() for path, _ in told} == {"zarr.json"}
+    assert all("zarr.json" in text and "another folder" in text for _, text in told)
+    assert_same(run_again(), first)
+
+
+def test_a_damaged_coordinate_is_written_again(model, wanted, tmp_path):
+    store = tmp_path / "runs.zarr"
+    into(model, store)
+    for name in ("L", "member", "time"):
+        (path, *_) = chunks_of(store, name)
+        path.write_bytes(path.read_bytes()[:-3])
+        (store / name / "zarr.json").write_text("{")
+        assert_same(into(model, store), wanted)
+        assert_same(xarray.open_zarr(store), wanted)
+
+
 def test_killed_between_any_two_files(model, wanted, tmp_path):
     context, store = multiprocessing.get_context("fork"), tmp_path / "runs.zarr"
     moments = random.Random(21)

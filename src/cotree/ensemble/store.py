@@ -7,6 +7,7 @@ and says that its members are there. Members without it were not run, whatever e
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,13 +21,18 @@ from cotree.ensemble.identity import first_difference, identity_of
 from cotree.ensemble.reasons import Reasons
 from cotree.ensemble.results import NOT_RUN, NOT_RUN_SENTENCE, Results
 from cotree.ensemble.zarr_folder import (
+    attribute_text,
     check_zarr,
+    checked,
     consolidate,
+    in_memory,
     locked,
     make_array,
     new_folder,
+    read_attribute,
     read_path,
     remove_partial,
+    repair,
     told,
     unlock,
     whole_bytes,
@@ -44,6 +50,9 @@ if TYPE_CHECKING:
 # The attribute that tells whose results a store holds.
 _IDENTITY = "cotree_store"
 
+# What it holds besides: the lengths of a block, and hashes of the coordinates.
+_LENGTHS, _COORDINATES = "block", "coordinates"
+
 # Events of a chunk along their dimension, which grows as members turn up that have more.
 _OCCURRENCES = 8
 
@@ -52,6 +61,11 @@ _MOST_CUTS = 256
 
 # What stands for members that were not run; all other values are nan.
 _BLANKS: Mapping[str, Any] = {"status": NOT_RUN, "message": NOT_RUN_SENTENCE, "seconds": 0.0}
+
+
+def _digest(values: npt.NDArray[Any]) -> str:
+    """Hash the values of a coordinate."""
+    return hashlib.sha256(json.dumps([str(values.dtype), values.tolist()]).encode()).hexdigest()
 
 
 class Store:
@@ -156,99 +170,140 @@ class Store:
         """Make the folder, or check that it is of the same ensemble, and see what is missing."""
         if not self.path.exists() or (self.path.is_dir() and not any(self.path.iterdir())):
             self._make(size())
-        try:
-            self._group = self._zarr.open_group(str(self.path), mode="r+", use_consolidated=False)
-            there = json.loads(self._group.attrs[_IDENTITY])
-            self._arrays = {name: self._group[name] for name in self._rows if name in self._group}
-        except (KeyError, ValueError, FileNotFoundError, NotADirectoryError) as error:
-            raise StoreError(
-                f"'{self.path}' exists, and is no store of an ensemble ({error}): give another "
-                "folder"
-            ) from error
-        difference = first_difference(there, self._identity) or self._other_coordinates()
+        there = read_attribute(self.path, _IDENTITY)
+        difference = first_difference(there, self._identity) or self._other_coordinates(there)
         if difference:
             raise StoreError(
                 f"the store '{self.path}' holds another ensemble: {difference}. Give what it was "
                 "begun with, or another folder"
             )
-        self._lengths = tuple(self._arrays["status"].chunks)
+        self._lengths = tuple(there[_LENGTHS])
         remove_partial(self.path)
-        self._missing = self._find_missing()
-        if self._missing:
-            # A kill may have come between the growth of arrays and this.
-            consolidate(self.path)
+        statuses = self._find_missing()
+        # All but results follows from the call: what was lost, cut or changed is written again.
+        repair(self.path, self._documents(self._lengths, self._occurrences))
+        group = self._zarr.open_group(str(self.path), mode="r+", use_consolidated=False)
+        self._arrays = {name: group[name] for name in self._rows}
+        for first, region, status in statuses:
+            self.done += status.size
+            if status.any():
+                messages = self._arrays["message"][region].ravel()
+                self.reasons.add(first, status.ravel(), messages)
 
     def _make(self, size: int) -> None:
         """Write coordinates, attributes and empty arrays."""
-        frame, lengths = self._frame, chunk_lengths(self._shape, size)
-        empty = frame.dataset({})
-        empty.attrs[_IDENTITY] = json.dumps(self._identity)
+        documents = self._documents(chunk_lengths(self._shape, size), 0)
         with new_folder(self.path) as path:
+            repair(path, documents)
+
+    def _documents(self, lengths: tuple[int, ...], n_occurrences: int) -> dict[str, bytes]:
+        """Form all files but those of results, by their places in the folder.
+
+        Parameters
+        ----------
+        lengths : tuple of int
+            Of a block, along each dimension of members.
+        n_occurrences : int
+            Length of the dimension of events.
+        """
+        frame = self._frame
+        empty = frame.dataset({})
+        coordinates = {name: _digest(row.values) for name, row in empty.coords.items()}
+        identity = {**self._identity, _LENGTHS: list(lengths), _COORDINATES: coordinates}
+        empty.attrs[_IDENTITY] = attribute_text(identity)
+        with in_memory() as (memory, found):
             empty.to_zarr(
-                str(path),
+                memory,
                 zarr_format=3,
                 consolidated=False,
                 mode="w",
-                encoding=self._cuts(empty, lengths),
+                encoding=self._encoding(empty, lengths),
             )
-            group = self._zarr.open_group(str(path), mode="r+")
+            group = self._zarr.open_group(memory, mode="r+")
             for name, (dims, values, about) in self._rows.items():
                 own, kind = values.shape[len(lengths) :], values.dtype.kind
                 rest = [
                     _OCCURRENCES if dim == OCCURRENCE else n
                     for dim, n in zip(dims[len(lengths) :], own, strict=True)
                 ]
+                sizes = [
+                    max(n, n_occurrences) if dim == OCCURRENCE else n
+                    for dim, n in zip(dims[len(lengths) :], own, strict=True)
+                ]
                 make_array(
                     group,
                     name,
                     dims=dims,
-                    shape=(*self._shape, *own),
+                    shape=(*self._shape, *sizes),
                     chunks=(*lengths, *rest),
                     dtype=str if kind == "O" else values.dtype,
                     blank=_BLANKS.get(name, 0 if kind == "i" else np.nan),
                     about=about,
                 )
-            consolidate(path)
+            consolidate(memory)
+        return found
 
-    def _cuts(self, empty: Any, lengths: tuple[int, ...]) -> dict[str, Any]:
-        """Cut what members set as their results are, unless that makes very many files."""
+    def _encoding(self, empty: Any, lengths: tuple[int, ...]) -> dict[str, Any]:
+        """Give coordinates checksums, and cut what members set as their results are."""
         n_files = len(list(chunk_places(self._shape, lengths)))
-        if n_files > _MOST_CUTS or len(lengths) > 1:
-            return {}
-        return {
-            name: {"chunks": lengths}
-            for name, row in empty.coords.items()
-            if row.dims == self._frame.dims
-        }
+        # Programs that read both expect the same chunks, unless that makes very many files.
+        is_cut = n_files <= _MOST_CUTS and len(lengths) == 1
+        found: dict[str, dict[str, Any]] = {name: checked() for name in empty.coords}
+        for name, row in empty.coords.items():
+            if is_cut and row.dims == self._frame.dims:
+                found[name]["chunks"] = lengths
+        return found
 
-    def _other_coordinates(self) -> str:
+    def _other_coordinates(self, there: Mapping[str, Any]) -> str:
         """Say which coordinate differs from those of this call, and where; empty if none does."""
-        for name, wanted in self._frame.dataset({}).coords.items():
-            there = np.asarray(self._group[name][...] if name in self._group else [])
-            here = wanted.values
-            if there.shape != here.shape:
-                return f"'{name}' has {there.size} values there and {here.size} here"
-            differs = np.flatnonzero(there.astype(here.dtype) != here)
-            if differs.size:
-                i = int(differs[0])
-                return f"'{name}' at place {i} is {there[i]} there and {here[i]} here"
+        here = self._frame.dataset({}).coords
+        digests = there[_COORDINATES]
+        for name in {**here, **digests}:
+            row = here.get(name)
+            if row is None or digests.get(name) != _digest(row.values):
+                told = "" if row is None else self._first_other(name, row.values)
+                return told or f"'{name}' has other values there and here"
         return ""
 
-    def _find_missing(self) -> list[tuple[int, int]]:
-        """Find the blocks of which something is missing, and count the members of the others."""
-        missing = []
+    def _first_other(self, name: str, here: Any) -> str:
+        """Say where a coordinate differs first; empty if what is there cannot be read."""
+        try:
+            values = np.asarray(self._zarr.open_array(str(self.path / name), mode="r")[...])
+            if values.shape != here.shape:
+                return f"'{name}' has {values.size} values there and {here.size} here"
+            differs = np.flatnonzero(values.astype(here.dtype) != here)
+        except Exception:  # decoders of damaged bytes raise what they like
+            return ""
+        if not differs.size:
+            return ""
+        i = int(differs[0])
+        return f"'{name}' at place {i} is {values[i]} there and {here[i]} here"
+
+    def _find_missing(self) -> list[tuple[int, tuple[slice, ...], npt.NDArray[np.int8]]]:
+        """Find the blocks of which something is missing; give the status of the others.
+
+        The most events of a member of these is kept, by which the dimension of events is as long.
+        """
+        self._missing: list[tuple[int, int]] = []
+        self._occurrences, found = 0, []
         for place in chunk_places(self._shape, self._lengths):
             region = chunk_region(self._shape, self._lengths, place)
             first, end = member_range(self._shape, region)
             status = self._status(place, region)
             if status is None:
-                missing.append((first, end))
-                continue
-            self.done += end - first
-            if status.any():
-                messages = self._arrays["message"][region].ravel()
-                self.reasons.add(first, status.ravel(), messages)
-        return missing
+                self._clear(place)
+                self._missing.append((first, end))
+            else:
+                found.append((first, region, status))
+        return found
+
+    def _clear(self, place: tuple[int, ...]) -> None:
+        """Remove what is damaged of a block, since a write to a part of a chunk reads all of it."""
+        for name in self._rows:
+            base = self.path.joinpath(name, "c", *(str(i) for i in place))
+            for file in [path for path in (base, *base.rglob("*")) if path.is_file()]:
+                if whole_bytes(file) is None:
+                    file.unlink()
 
     def _status(
         self, place: tuple[int, ...], region: tuple[slice, ...]
@@ -278,6 +333,7 @@ class Store:
                 for k in range(math.ceil(most / _OCCURRENCES)):
                     if whole_bytes(self._file(name, place, k)) is None:
                         return None
+        self._occurrences = max(self._occurrences, most)
         return status
 
     def _values(self, name: str, place: tuple[int, ...], region: tuple[slice, ...]) -> Any:

@@ -8,6 +8,8 @@ renamed, so that a reader never meets half of one.
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 import os
 import shutil
 import tempfile
@@ -18,11 +20,14 @@ from typing import TYPE_CHECKING, Any
 from cotree.errors import StoreError, brief
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from filelock import BaseFileLock
 
 _ONE_FILE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".zip")
+
+# The file that describes a group or an array.
+_ABOUT = "zarr.json"
 
 # Bytes of a checksum.
 _CHECK = 4
@@ -178,6 +183,75 @@ def make_array(
     )
 
 
+def checked() -> dict[str, Any]:
+    """Give the encoding of an array whose chunks are as they are, with checksums."""
+    from zarr.codecs import Crc32cCodec
+
+    return {"compressors": [Crc32cCodec()]}
+
+
+@contextlib.contextmanager
+def in_memory() -> Iterator[tuple[Any, dict[str, bytes]]]:
+    """Give a Zarr store in memory, and a dict that holds its files at the end."""
+    from zarr.storage import MemoryStore
+
+    held: dict[str, Any] = {}
+    files: dict[str, bytes] = {}
+    yield MemoryStore(held), files
+    files.update({name: buffer.to_bytes() for name, buffer in held.items()})
+
+
+def attribute_text(value: Mapping[str, Any]) -> str:
+    """Write a table as the text of an attribute, with its hash before it."""
+    text = json.dumps(value)
+    return f"{_digest(text)} {text}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_attribute(path: Path, name: str) -> dict[str, Any]:
+    """Read a table that :func:`attribute_text` wrote to an attribute of the outermost group.
+
+    Raises
+    ------
+    StoreError
+        If there is none.
+    """
+    file = path / _ABOUT
+    remedy = "give another folder, or delete this one, whose results nothing tells from others"
+    try:
+        digest, _, text = json.loads(file.read_bytes())["attributes"][name].partition(" ")
+        if digest != _digest(text):
+            raise ValueError(name)
+        found: dict[str, Any] = json.loads(text)
+    except FileNotFoundError as error:
+        raise StoreError(
+            f"'{path}' exists, and is no store of an ensemble ({_ABOUT} is missing): {remedy}"
+        ) from error
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise StoreError(
+            f"'{file}' is damaged, or is of no store of an ensemble: {remedy}"
+        ) from error
+    return found
+
+
+def repair(path: Path, documents: Mapping[str, bytes]) -> None:
+    """Write files that are missing or differ; what describes all of them comes last."""
+    for name in sorted(documents, key=lambda name: (name == _ABOUT, name)):
+        file, wanted = path / name, documents[name]
+        try:
+            is_there = file.read_bytes() == wanted
+        except FileNotFoundError:
+            is_there = False
+        if not is_there:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            draft = file.with_name(f"{file.name}.partial")
+            draft.write_bytes(wanted)
+            draft.replace(file)
+
+
 def whole_bytes(path: Path) -> bytes | None:
     """Give the bytes of a chunk that is there and fits its checksum; None for any other."""
     import google_crc32c
@@ -191,13 +265,13 @@ def whole_bytes(path: Path) -> bytes | None:
     return data[:-_CHECK] if is_whole else None
 
 
-def consolidate(path: Path) -> None:
+def consolidate(store: Any) -> None:
     """Write what describes all arrays into one file, so that readers see all of it at once."""
     zarr = check_zarr()
     with warnings.catch_warnings():
         # It is not in the specification yet; readers that do not know it read the arrays' own.
         warnings.filterwarnings("ignore", "Consolidated metadata")
-        zarr.consolidate_metadata(str(path))
+        zarr.consolidate_metadata(store if not isinstance(store, Path) else str(store))
 
 
 def _umask() -> int:
