@@ -75,3 +75,73 @@ def test_sensitivities_of_the_least_move(make):
 def test_what_only_the_constraints_depend_on_is_no_idle_parameter():
     model, _ = wheels()
     assert model.unreached == ()
+
+
+def slider_crank(*order: str, l_of_slider: bool = False) -> Scene:
+    """Give a crank and a slider places that agree for a rod of half a metre only."""
+    scene = Scene("slider-crank")
+    scene.parameter("l", 0.5)
+    at, root = 0.2 * float(np.cos(0.8)), 0.04 * float(np.sin(0.8)) ** 2
+    place = f"{at!r} + sqrt(l**2 - {root!r})" if l_of_slider else float(at + np.sqrt(0.25 - root))
+    for name in order:
+        if name == "h":
+            start = {"theta": 0.8}
+            scene.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], initial=start)
+        else:
+            scene.edge("p", "prismatic", "ground", "S", axis=[1, 0, 0], initial={"s": place})
+    scene.edge("ca", "arm", "A", "P", vector=[0.2, 0, 0])
+    scene.edge("cb", "rigid_body", "ground", "A", mass=0.0, inertia=0.03)
+    scene.edge("sb", "rigid_body", "ground", "S", mass=0.7)
+    scene.edge("rod", "distance", "P", "S", length="l")
+    return scene
+
+
+@pytest.mark.parametrize("order", ["hp", "ph"])
+def test_of_two_given_numbers_the_first_is_kept_and_the_other_is_said_to_move(order):
+    kept, moved = {"h": "h.theta", "p": "p.s"}[order[0]], {"h": "h.theta", "p": "p.s"}[order[1]]
+    with pytest.warns(RuntimeWarning, match=rf"'{moved}' with 'l'"):
+        model = slider_crank(*order).compile(["l"])
+    with pytest.warns(RuntimeWarning, match=rf"'{moved}' with 'l'"):
+        result = model.simulate((0, 0.1), method="dopri5")
+    assert result.sensitivity(kept, "l")[0] == pytest.approx(0.0, abs=1e-14)
+    q, root = 0.8, np.sqrt(0.25 - (0.2 * np.sin(0.8)) ** 2)
+    # x = r cos q + sqrt(l^2 - r^2 sin^2 q)
+    by_l, by_q = 0.5 / root, -0.2 * np.sin(q) - 0.04 * np.sin(q) * np.cos(q) / root
+    slope = by_l if moved == "p.s" else -by_l / by_q
+    assert result.sensitivity(moved, "l")[0] == pytest.approx(slope, rel=1e-9)
+    assert f"'{moved}' with 'l'" in result.message
+
+
+def test_values_that_move_as_they_should_need_no_word():
+    model = slider_crank("h", "p", l_of_slider=True).compile(["l"])
+    result = model.simulate((0, 0.1), method="dopri5")
+    assert result.sensitivity("h.theta", "l")[0] == pytest.approx(0.0, abs=1e-12)
+    assert "given initial values" not in result.message.lower()
+
+
+def test_the_numbers_of_a_run_come_first_and_its_message_says_what_moves():
+    model = slider_crank("h", "p", l_of_slider=True).compile(["l"])
+    start = dict(zip(model.states, model.start().y, strict=True))
+    for first, second in (("h.theta", "p.s"), ("p.s", "h.theta")):
+        given = {first: start[first], second: start[second]}
+        result = model.simulate((0, 0.1), initial=given, method="dopri5")
+        assert result.sensitivity(first, "l")[0] == pytest.approx(0.0, abs=1e-14)
+        assert f"'{second}' with 'l'" in result.message
+
+
+def test_derivatives_by_an_initial_value_let_the_others_follow():
+    """Two angles of a crank and a slider are given: along one of them the other moves."""
+    for name, other in (("h.theta", "p.s"), ("p.s", "h.theta")):
+        start = slider_crank("h", "p").compile([name]).start()
+        slopes = dict(zip(("h.theta", "p.s"), start.s[:2, 0], strict=True))
+        assert slopes[name] == pytest.approx(1.0, abs=1e-14)
+        root = np.sqrt(0.25 - (0.2 * np.sin(0.8)) ** 2)
+        by_q = -0.2 * np.sin(0.8) - 0.04 * np.sin(0.8) * np.cos(0.8) / root
+        assert slopes[other] == pytest.approx(by_q if other == "p.s" else 1 / by_q, rel=1e-9)
+
+
+def test_of_values_that_nearly_fit_the_last_one_moves():
+    with pytest.warns(RuntimeWarning, match=r"changed .*: 'b\.y' from -1\.3 to"):
+        model = rod(1.4, x=0.5, y=-1.3).compile()
+    with pytest.warns(RuntimeWarning, match="changed"):
+        assert model.start().y[0] == 0.5

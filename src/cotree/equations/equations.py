@@ -306,6 +306,8 @@ class Equations:
         What ends the pieces that steps hold; see :mod:`cotree.program.pieces`.
     positions : tuple of PositionRow
         Positions in networks that are sums of states.
+    given : tuple of str
+        Names of the initial values of coordinates and rates that the scene gives, in its order.
     pieces : tuple of Node
         For each of these pieces the number of the one that an argument is in; zero for signs.
     """
@@ -345,6 +347,7 @@ class Equations:
     corners: tuple[CornerRow, ...] = ()
     pieces: tuple[Node, ...] = ()
     positions: tuple[PositionRow, ...] = ()
+    given: tuple[str, ...] = ()
     derived: tuple[DerivedParameter, ...] = ()
 
     @property

@@ -195,6 +195,16 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     return tuple(found)
 
 
+def given_names(scene: SceneDescription) -> tuple[str, ...]:
+    """List the initial values that a scene gives, in its order, named as states."""
+    found: list[str] = []
+    for edge in scene.edges.values():
+        for name in edge.initial:
+            own = [f"q{i}" for i in range(4)] if name == "rotation" else [name]
+            found += [f"{edge.name}.{short}" for short in own]
+    return tuple(found)
+
+
 def _is_state(system: System, edge: str, name: str) -> bool:
     """Whether an initial value is that of a state, or of the four of a rotation."""
     # A rotation is given as one field, which sets all four entries of the quaternion.

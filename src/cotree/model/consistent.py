@@ -1,9 +1,10 @@
 """The consistent start: initial states and sensitivities that satisfy every constraint.
 
 What the user gave is kept, and the rest follows by Gauss-Newton steps of least length. Where that
-cannot be but the given values are nearly consistent, they move as little as they can, with a
-warning; else the start is refused with the residual of each joint. Sensitivities are derivatives of
-what is done: what was given moves with a parameter, too, where nothing else can follow it.
+cannot be but the given values are nearly consistent, the last of them move as little as they can,
+with a warning; else the start is refused with the residual of each joint. Sensitivities are
+derivatives of what is done: what was given last moves with a parameter, too, where nothing else can
+follow it. A run's own values come before those of the scene, which come in its order.
 """
 
 from __future__ import annotations
@@ -15,16 +16,18 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from cotree.errors import ParameterError
+from cotree.errors import ParameterError, listed
 from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.finder import Finder, Level
 from cotree.model.linear import SMALL
+from cotree.quiet import level_of_user
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from cotree.model.arrays import Array
+    from cotree.model.finder import Way
     from cotree.model.moment import Moment
 
 _LARGEST_ITERATIONS = 50
@@ -63,11 +66,14 @@ class Start:
     is_chosen : bool
         Whether something moved that neither the constraints nor what was given fix: the least move
         was chosen, and ``s`` does not know how that choice depends on the parameters.
+    told : str
+        A sentence on the given values that move with a parameter; empty where none does.
     """
 
     y: Array
     s: Array
     is_chosen: bool = False
+    told: str = ""
 
     @cached_property
     def z(self) -> Array:
@@ -85,7 +91,7 @@ def consistent_start(
     *,
     is_initial: bool = True,
     is_probe: bool = False,
-    anew: Collection[int] = (),
+    anew: Sequence[int] = (),
 ) -> Start:
     """Move initial states and sensitivities onto the constraints.
 
@@ -102,9 +108,9 @@ def consistent_start(
         mended; later on neither.
     is_probe : bool
         Whether only the states are wanted, next to a start that was found.
-    anew : collection of int
-        Those of ``kept`` whose values a run gives in place of the scene's. Where they are all
-        coordinates, or all speeds, the scene's initial values of what is no state give way.
+    anew : sequence of int
+        Those of ``kept`` whose values a run gives in place of the scene's, in its order. Where they
+        are all coordinates, or all speeds, the scene's initial values of what is no state give way.
 
     Raises
     ------
@@ -114,13 +120,13 @@ def consistent_start(
     """
     if not at.model.layout.has_conditions:
         return Start(y, s)
-    finder = Finder(at, y, frozenset(kept), frozenset(anew), is_initial=is_initial)
+    finder = Finder(at, y, frozenset(kept), anew, is_initial=is_initial)
     search = _Search(finder, is_initial=is_initial, is_probe=is_probe)
     # Positions first: the gradients that velocities obey are those at the positions found.
     found = search.settle(search.settle(finder.normalised(y), 0), 1)
     if at.model.sensitivities and not is_probe:
         s = search.sensitivities(found, s)
-    return Start(found, s, search.is_chosen(y, found))
+    return Start(found, s, search.is_chosen(y, found), search.told(anew))
 
 
 class _Search:
@@ -130,6 +136,8 @@ class _Search:
         self.model, self.finder = finder.model, finder
         self._mends, self._is_probe = is_initial, is_probe
         self._mended = [False, False]
+        #: Given values that move, with the parameters that they do with.
+        self._following: dict[str, list[str]] = {}
 
     def settle(self, y: Array, level: int) -> Array:
         """Solve one level, keeping what was given; mend nearly consistent values."""
@@ -150,9 +158,14 @@ class _Search:
         if residual <= _MET * size:
             return found
         mended, residual = found, np.inf
-        # Given values move only where nothing else can.
-        if self._mends and len(free) < finder.n_speeds:
-            mended, residual = self._iterate(found, level, mends=True)
+        # Given values move only where nothing else can, and only the last ones where these suffice.
+        rows, ways = finder.gradient(found, level), [finder.any_way(level)]
+        if np.all(np.isfinite(rows)):
+            ways.insert(0, finder.way(rows, level))
+        for way in ways if self._mends else []:
+            gives = bool(way.columns) or len(way.rows) < len(rows)
+            if gives and not residual <= _MET * size:
+                mended, residual = self._iterate(found, level, way)
         if not residual <= _MET * size:
             self._refuse(found, level)
         self._mended[level] = True
@@ -160,12 +173,12 @@ class _Search:
             self._check_mended(y, found, mended, level)
         return mended
 
-    def _iterate(self, y: Array, level: int, *, mends: bool = False) -> tuple[Array, float]:
+    def _iterate(self, y: Array, level: int, way: Way | None = None) -> tuple[Array, float]:
         """Take Gauss-Newton steps of least length until the residual no longer shrinks."""
         limits = NewtonLimits(
             _LARGEST_ITERATIONS, slow=SMALL, met=_ROUNDING * self.finder.size(y, level)
         )
-        root = iterate(Level(self.finder, level, mends), y, limits)
+        root = iterate(Level(self.finder, level, way), y, limits)
         return root.z, float(np.max(np.abs(root.g), initial=0.0))
 
     def _check_mended(self, y: Array, found: Array, mended: Array, level: int) -> None:
@@ -176,15 +189,18 @@ class _Search:
         if level == 1:
             # A speed is small or large beside the others of the motion, not beside one.
             change /= float(np.max(np.abs(finder.scaled(mended, 1)), initial=0.0)) or 1.0
-        moved = [
-            (i, change[i - places.start])
+        moved = {
+            f"'{self.model.states[i]}' from {y[i]:.6g} to {mended[i]:.6g}": change[i - places.start]
             for i in places
             if i in finder.kept and change[i - places.start] > _NOTICED
-        ]
-        names = ", ".join(
-            f"'{self.model.states[i]}' from {y[i]:.6g} to {mended[i]:.6g}" for i, _ in moved[:6]
-        )
-        if any(far > _FARTHEST for _, far in moved):
+        }
+        left = finder.residual(mended, level)
+        for row, value, size in zip(finder.rows[level], left, finder.sizes[level], strict=True):
+            # Values of what is no state may have given way, too; all else holds.
+            if abs(value) > _NOTICED * size:
+                moved[f"'{row.name}' by {value:.3g}"] = abs(value) / size
+        names = ", ".join([*moved][:6])
+        if any(far > _FARTHEST for far in moved.values()):
             self._refuse(found, level, f". The nearest that do not would move {names}")
         if moved:
             warnings.warn(
@@ -274,21 +290,47 @@ class _Search:
 
         Given values move, too, along parameters that the others cannot follow.
         """
-        step = self.finder.step(rows, d, level, mends=False)
+        finder = self.finder
+        step = finder.step(rows, d, level)
         if not self._mends or not d.size:
             return step
         allowed = _FOLLOWED * np.max(np.abs(d), axis=0) + rounding[columns]
         missed = np.max(np.abs(d + rows @ step), axis=0) > allowed
-        if not np.any(missed):
-            return step
-        step = np.where(missed, self.finder.step(rows, d, level, mends=True), step)
-        left = d + rows @ step
-        shares = np.max(np.abs(left), axis=0) / allowed
-        # Above one, no motion follows this parameter: constraints depend on each other.
-        if np.any(shares > 1.0):
-            j = int(np.argmax(shares))
-            self._refuse_derivative(left[:, j], level, columns[j])
+        for k in np.flatnonzero(missed):
+            name, own = self.model.sensitivities[columns[k]], d[:, k]
+            # A value that derivatives are taken to is not to follow itself.
+            way = finder.way(rows, level, name)
+            step[:, k] = finder.step(rows[way.rows], own[way.rows], level, way.columns)
+            left = own + rows @ step[:, k]
+            # No motion follows this parameter: constraints depend on each other.
+            if np.max(np.abs(left[way.rows]), initial=0.0) > allowed[k]:
+                left[np.setdiff1d(np.arange(len(left)), way.rows)] = 0.0
+                self._refuse_derivative(left, level, columns[k])
+            if name in self.model.parameters:
+                far = np.abs(step[:, k]) > _FOLLOWED * np.max(np.abs(step[:, k]))
+                moved = [finder.given(i, level) for i in way.columns if far[i]]
+                moved += [
+                    finder.rows[level][i].name for i in np.flatnonzero(abs(left) > allowed[k])
+                ]
+                for value in dict.fromkeys(moved):
+                    self._following.setdefault(value, []).append(name)
         return step
+
+    def told(self, anew: Sequence[int]) -> str:
+        """Name the given values that move with parameters; warn where the run gives none itself."""
+        if not self._following:
+            return ""
+        shown = listed(
+            f"'{value}' with {listed(repr(name) for name in dict.fromkeys(names))}"
+            for value, names in self._following.items()
+        )
+        said = (
+            f"given initial values move with parameters, so that those given before them are kept: "
+            f"{shown}. Give them as expressions of these parameters, or leave them out"
+        )
+        if not anew:
+            warnings.warn(said, RuntimeWarning, stacklevel=level_of_user())
+        return f"{said[0].upper()}{said[1:]}."
 
     def _rounding(self, rows: Array, s: Array) -> Array:
         """Bound the rounding errors of residuals' derivatives that should vanish, shape (m,)."""

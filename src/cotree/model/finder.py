@@ -6,7 +6,7 @@ radians, constraints in either. So neither steps nor what is decided by them dep
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,13 @@ import numpy.typing as npt
 from cotree.equations import Quantity
 from cotree.errors import ParameterError
 from cotree.model.lengths import gradient_groups, scene_length, turning_speeds
-from cotree.model.linear import Linear, least_step, vanishing_combinations
+from cotree.model.linear import Linear, least_step, spanning, vanishing_combinations
 from cotree.naming import split_name
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.model.arrays import Array
     from cotree.model.moment import Moment
 
@@ -38,8 +40,8 @@ class Finder:
         States, which the scene's length is taken from.
     kept : frozenset of int
         The states that were given.
-    anew : frozenset of int
-        Those of them that a run gives in place of the scene's values.
+    anew : sequence of int
+        Those of them that a run gives in place of the scene's values, in its order.
     is_initial : bool
         Whether initial values of what is no state are to hold, too. Later on they do not, and a
         metre counts as a radian does, as in what C settles after events.
@@ -50,7 +52,7 @@ class Finder:
         at: Moment,
         y: Array,
         kept: frozenset[int],
-        anew: frozenset[int] = frozenset(),
+        anew: Sequence[int] = (),
         *,
         is_initial: bool,
     ) -> None:
@@ -69,7 +71,8 @@ class Finder:
         self.n_values = len(layout.constraints) - self.n_rows - len(layout.quaternions)
         # A run that gives every coordinate, or every speed, says where all that is no state begins.
         holds = [
-            is_initial and not anew.issuperset(range(*own.indices(own.stop))) for own in self.own
+            is_initial and not set(anew).issuperset(range(*own.indices(own.stop)))
+            for own in self.own
         ]
         self.conditions = [
             [
@@ -86,6 +89,9 @@ class Finder:
             for level in (0, 1)
         ]
         self.columns = [self._free(level) for level in (0, 1)]
+        names = [*(self.model.states[i] for i in anew), *layout.given_names, *self.model.states]
+        #: Places of initial values by name: a run's own first, then the scene's in its order.
+        self.order = {name: i for i, name in enumerate(dict.fromkeys(names))}
         self.turns = turning_speeds(layout)
         # Events settle in metres and radians, as their C does.
         self.length = self._length(y) if is_initial else 1.0
@@ -229,7 +235,55 @@ class Finder:
             i += 3
         return change
 
-    def step(self, rows: Array, target: Array, level: int, *, mends: bool) -> Array:
+    def way(self, rows: Array, level: int, ahead: str = "") -> Way:
+        """Choose the given values that give way where no free motion takes residuals away.
+
+        Those that come last are the first to, until what is left of the residuals can be anything.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (n_rows, n_speeds)
+            The gradient of all residuals of a level, free of units.
+        level : int
+            0 for positions, 1 for velocities.
+        ahead : str
+            A state whose value is kept before all others.
+        """
+        free = self.columns[level]
+        # Candidates by name: columns of given states, and rows of values of what is no state.
+        found: dict[str, tuple[list[int], int | None]] = {}
+        for column in sorted(set(range(self.n_speeds)) - set(free)):
+            found.setdefault(self.given(column, level), ([], None))[0].append(column)
+        n_held = len(self.rows[level]) - len(self.conditions[level])
+        for row in range(n_held, len(rows)):
+            found[self.rows[level][row].name] = [], row
+        last = sorted(found, key=lambda name: self.order.get(name, 0), reverse=True)
+        if ahead in last:
+            last = [*(name for name in last if name != ahead), ahead]
+        across = vanishing_combinations(rows[:, free], rows)
+        moves = {
+            name: across[:, [row]] if row is not None else across @ rows[:, columns]
+            for name, (columns, row) in found.items()
+        }
+        chosen = spanning([(name, moves[name]) for name in last], float(np.linalg.norm(rows, 2)))
+        columns = [column for name in chosen for column in found[name][0]]
+        dropped = {found[name][1] for name in chosen}
+        return Way(sorted(columns), [i for i in range(len(rows)) if i not in dropped])
+
+    def given(self, column: int, level: int) -> str:
+        """Name the value that fixes a direction of motion."""
+        if level == 1:
+            return self.model.states[self.own[1].start + column]
+        names = [self.model.states[i] for i in self.groups()[column] if i in self.kept]
+        return min(names, key=self.order.__getitem__)
+
+    def any_way(self, level: int) -> Way:
+        """Let all that was given move, and keep all residuals."""
+        free = set(self.columns[level])
+        columns = [i for i in range(self.n_speeds) if i not in free]
+        return Way(columns, list(range(len(self.rows[level]))))
+
+    def step(self, rows: Array, target: Array, level: int, giving: Sequence[int] = ()) -> Array:
         """Find the least step that takes residuals away, or as much of them as can be.
 
         Parameters
@@ -240,8 +294,9 @@ class Finder:
             The residuals.
         level : int
             0 for positions, 1 for velocities.
-        mends : bool
-            Whether given values move, too: as little as they can, however far the others move.
+        giving : sequence of int
+            The columns of given values that move, too: as little as they can, however far the
+            others move.
 
         Returns
         -------
@@ -251,10 +306,9 @@ class Finder:
         step = np.zeros((self.n_speeds, *target.shape[1:]))
         free = self.columns[level]
         # First what is given makes up for what no free motion can; then the free ones follow.
-        if mends:
-            given = [i for i in range(self.n_speeds) if i not in set(free)]
-            across = vanishing_combinations(rows[:, free], rows)
-            step[given] = -least_step(across @ rows[:, given], across @ target, rows)
+        if giving:
+            own, across = list(giving), vanishing_combinations(rows[:, free], rows)
+            step[own] = -least_step(across @ rows[:, own], across @ target, rows)
             target = target + rows @ step
         step[free] = -least_step(rows[:, free], target, rows)
         return step
@@ -281,6 +335,21 @@ class Finder:
         return np.asarray(found / self.sizes[level][:, None])
 
 
+class Way(NamedTuple):
+    """What gives way of what was given, at one level.
+
+    Attributes
+    ----------
+    columns : list of int
+        The directions of motion whose given values move.
+    rows : list of int
+        The residuals that hold: initial values of what is no state may be left out.
+    """
+
+    columns: list[int]
+    rows: list[int]
+
+
 class Level:
     """The residuals of a level as :func:`cotree.model.damped_newton.iterate` takes them.
 
@@ -290,32 +359,34 @@ class Level:
         The residuals.
     level : int
         0 for positions, 1 for velocities.
-    mends : bool
-        Whether what was given moves, too.
+    way : Way or None
+        What gives way of what was given; nothing where absent.
     """
 
     n_carried = 0
 
-    def __init__(self, finder: Finder, level: int, mends: bool) -> None:
-        self._finder, self._level, self._mends = finder, level, mends
+    def __init__(self, finder: Finder, level: int, way: Way | None = None) -> None:
+        self._finder, self._level = finder, level
+        self._giving = way.columns if way else []
+        self._rows = way.rows if way else slice(None)
 
     def value(self, y: Array) -> Array:
-        """Give the residuals, free of units."""
+        """Return the residuals, free of units."""
         finder, level = self._finder, self._level
-        return np.asarray(finder.residual(y, level) / finder.sizes[level])
+        return np.asarray((finder.residual(y, level) / finder.sizes[level])[self._rows])
 
     def linearised(self, y: Array) -> Linear:
-        """Give the least step from a point, free of units."""
-        finder, level, mends = self._finder, self._level, self._mends
-        if not (finder.columns[level] or mends):
+        """Return the least step from a point, free of units."""
+        finder, level = self._finder, self._level
+        moving = [*finder.columns[level], *self._giving]
+        if not moving:
             raise np.linalg.LinAlgError("nothing may move")
-        rows = finder.gradient(y, level)
-        moving = np.abs(rows if mends else rows[:, finder.columns[level]])
+        rows = finder.gradient(y, level)[self._rows]
         # Without a gradient to speak of, the pseudo-inverse would only enlarge rounding.
-        if not np.all(np.isfinite(rows)) or np.max(moving) < RANK:
+        if not np.all(np.isfinite(rows)) or np.max(np.abs(rows[:, moving])) < RANK:
             raise np.linalg.LinAlgError("nothing moves what is left")
         scale = np.full(finder.n_speeds, finder.size(y, level))
-        return Linear(lambda g: -finder.step(rows, g, level, mends=mends), scale)
+        return Linear(lambda g: -finder.step(rows, g, level, self._giving), scale)
 
     def moved(self, y: Array, step: Array) -> Array:
         """Move along a step, shortened so that positions stay on their branch."""

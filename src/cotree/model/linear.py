@@ -16,7 +16,7 @@ import numpy as np
 from cotree.tolerances import LIMITS, RANK, TINY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from cotree.model.arrays import Array
 
@@ -46,6 +46,9 @@ _ROUNDS, _CLEARLY = 4, 1e3
 
 #: Singular values up to this share of the largest are rounding.
 _WEAK = 10 * float(np.finfo(float).eps)
+
+#: What differs from columns before it by less than this share would have to move far.
+_APART = 1e-2
 
 #: Entries below this share of the largest are not involved in a singular direction.
 _INVOLVED = 0.1
@@ -256,6 +259,32 @@ def vanishing_combinations(rows: Array, whole: Array) -> Array:
     # Left singular vectors beyond the rank span what vanishes.
     rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
     return np.asarray(left[:, rank:].T, dtype=np.float64)
+
+
+def spanning(moves: Sequence[tuple[str, Array]], size: float) -> list[str]:
+    """Choose moves by name, in order, that span what all of them do together.
+
+    Parameters
+    ----------
+    moves : sequence of (str, ndarray of shape (n, m))
+        Columns by name. One that hardly differs from those before it is left out if it can be.
+    size : float
+        What is rounding beside this spans nothing.
+    """
+    if not moves or not len(moves[0][1]):
+        return []
+    chosen: list[str] = []
+    basis = np.zeros((len(moves[0][1]), 0))
+    largest = max(float(np.linalg.norm(own)) for _, own in moves)
+    for least in (_APART * largest, RANK * size):
+        for name, own in moves:
+            if name in chosen:
+                continue
+            left, values, _ = np.linalg.svd(own - basis @ (basis.T @ own), full_matrices=False)
+            if np.any(values > least):
+                basis = np.hstack([basis, left[:, values > least]])
+                chosen.append(name)
+    return chosen
 
 
 def independent_columns(rows: Array) -> list[int]:

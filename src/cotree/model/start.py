@@ -64,7 +64,7 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     # Checks come last, since they compare with values that the steps before have found.
     check_followers(model, initial, y)
     check_redundant(at, Start(y, s), set(initial))
-    return Start(y, s, start.is_chosen)
+    return replace(start, y=y, s=s)
 
 
 def scene_start(model: CompiledModel) -> Start:
@@ -169,8 +169,8 @@ def constrained_start(
         _put_slopes(model, slopes, s)
     if not model.layout.has_conditions:
         return Start(y, s)
-    anew = {names.index(name) for name in initial}
-    kept = {i for i, is_given in enumerate(model.layout.given) if is_given} | anew
+    anew = [names.index(name) for name in initial]
+    kept = {i for i, is_given in enumerate(model.layout.given) if is_given}.union(anew)
     # A state whose initial value has a sensitivity counts as given.
     kept |= {names.index(name) for name in wanted if name in names}
     # Constraints depend on time and the scene's own inputs alone.

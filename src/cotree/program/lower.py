@@ -242,5 +242,6 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
         corners=tuple((row.piece, row.direction) for row in equations.corners),
         n_pieces=len(equations.pieces),
         positions=equations.positions,
+        given_names=equations.given,
         derived=equations.derived,
     )

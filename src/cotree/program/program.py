@@ -123,6 +123,8 @@ class Layout:
         they follow as, and what they are given as.
     positions : tuple of PositionRow
         Positions in networks that are sums of states.
+    given_names : tuple of str
+        The initial values of coordinates and rates that the scene gives, in its order.
     uses_multipliers : tuple of bool
         Whether each output depends on multipliers themselves: a reaction.
     followers : tuple of (int, int)
@@ -178,6 +180,7 @@ class Layout:
     positions: tuple[PositionRow, ...] = ()
     ranges: tuple[int, ...] = ()
     n_quantities: int = 0
+    given_names: tuple[str, ...] = ()
 
     @cached_property
     def sensitivity_places(self) -> tuple[int, ...]:

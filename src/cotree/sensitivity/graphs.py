@@ -24,6 +24,7 @@ from cotree.equations import Derivative, Equations, Quantity, substituted
 from cotree.formulation.constraints import stabilised
 from cotree.formulation.output_units import units_of_expressions
 from cotree.formulation.outputs import output_tangents
+from cotree.formulation.start import given_names
 from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
 from cotree.sensitivity.reach import Reach, rows_touched
@@ -335,6 +336,7 @@ def form_equations(
         n_modes=len(system.modes),
         events=first.events,
         positions=first.network.positions if first.network else (),
+        given=given_names(scene),
         motion=(
             differentiate(first, {"t": _motion_seed(first)}, support)[0]
             if scene.events or any(state.is_algebraic for state in first.states)

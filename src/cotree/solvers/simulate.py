@@ -124,7 +124,7 @@ def run_values(
         "parameters_of_sensitivity": model.sensitivities,
         "units": preparation.units.copy(),
         "status": trajectory.status,
-        "message": trajectory.message,
+        "message": f"{trajectory.message} {run.start.told}".rstrip(),
         "statistics": trajectory.statistics,
         "times": _times_of(trajectory, time.perf_counter() - begin),
         "drift": trajectory.drift,
