@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import sympy
 from scipy.integrate import DOP853
 
-from cotree import Scene
+from cotree import Scene, register_component
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,12 +63,15 @@ class Writer:
         Whether laws have kinks alone.
     level : float or None
         The value of the first state at which arguments vanish; None draws one.
+    is_registered : bool
+        Whether laws are functions of the first state alone that SymPy has, too.
     """
 
     rng: np.random.Generator
     names: list[str]
     is_smooth: bool
     level: float | None
+    is_registered: bool = False
     n_jumps: int = 0
 
     def number(self, low: float, high: float) -> float:
@@ -82,10 +86,14 @@ class Writer:
             return Law(f"({a}*{self.names[0]} + {level!r} - d)", f"({a}*x[0] + {level!r} - d)")
         i = int(rng.integers(len(self.names)))
         text, code = f"{a}*{self.names[i]}", f"{a}*x[{i}]"
-        if rng.random() < 0.2:
+        if self.is_registered:
+            pass
+        elif rng.random() < 0.2:
             n = self.number(2.0, 9.0)
             text, code = f"sin({n}*{self.names[i]})", f"sin({n}*x[{i}])"
-        if rng.random() < 0.3:
+        if self.is_registered:
+            pass
+        elif rng.random() < 0.3:
             b, w = self.number(0.1, 0.4), self.number(1.0, 5.0)
             text, code = f"{text} + {b}*sin({w}*t)", f"{code} + {b}*sin({w}*t)"
         elif rng.random() < 0.15:
@@ -98,12 +106,15 @@ class Writer:
         """Write a law; those of laws are at most three deep."""
         rng = self.rng
         inner = self.argument()
-        if depth < 2 and rng.random() < 0.25:
+        # SymPy folds branches within conditions to others than comparisons, which are refused.
+        if depth < 2 and rng.random() < 0.25 and not self.is_registered:
             own = self.law(depth + 1)
             a = self.number(0.3, 0.9)
             inner = Law(f"({inner.text} + {a}*({own.text}))", f"({inner.code} + {a}*({own.code}))")
             inner.kinds = own.kinds
         kinds = list(_KINKS) if self.is_smooth else [*_JUMPS, *_JUMPS, *_KINKS]
+        if self.is_registered:
+            kinds = [kind for kind in _KINKS if kind not in ("table", "by sign")]
         kind = str(rng.choice(kinds))
         text, code = (_KINKS | _JUMPS)[kind]
         if kind in _JUMPS:
@@ -279,6 +290,29 @@ def _pendulum(scene: Scene, drive: str, law: str, start: Sequence[float]) -> Mad
     return Made(scene, ["h.theta", "h.theta_dot"], list(start), rates)
 
 
+def _registered(scene: Scene, drive: str, law: str, start: Sequence[float]) -> Made:
+    """A law that a user registers, of the voltage, in SymPy's own functions."""
+    functions = {
+        "where": lambda holds, own, other: sympy.Piecewise((own, holds), (other, True)),
+        **{"min": sympy.Min, "max": sympy.Max, "abs": sympy.Abs},
+    }
+    text = law.replace("C.v", "v")
+
+    def through(across: Any, q: Any, d: Any) -> Any:
+        return eval(text, functions, {"v": across, "q": q, "d": d})
+
+    register_component("switching", through, domain="electrical", gives="through")
+    scene.edge("I", "current_source", "ground", "a", current=drive)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=0.8, initial={"v": start[0]})
+    scene.edge("R", "resistor", "a", "ground", resistance=1.5)
+    scene.edge("D", "switching", "a", "ground", q="q", d="d")
+
+    def rates(t: float, x: Sequence[float], f: float, q: float) -> list[float]:
+        return [(f - q - x[0] / 1.5) / 0.8]
+
+    return Made(scene, ["C.v"], list(start[:1]), rates)
+
+
 PLACES: dict[str, tuple[Callable[..., Made], list[str]]] = {
     "capacitor": (_capacitor, ["C.v"]),
     "inertia": (_inertia, ["J.theta", "J.w"]),
@@ -286,6 +320,7 @@ PLACES: dict[str, tuple[Callable[..., Made], list[str]]] = {
     "resonator": (_resonator, ["C.v", "L.i"]),
     "pendulum": (_pendulum, ["h.theta", "h.theta_dot"]),
     "ladder": (_ladder, ["C1.v", "C2.v"]),
+    "registered": (_registered, ["C.v"]),
 }
 
 
@@ -302,7 +337,8 @@ def make(seed: int) -> Made:
     elif situation in ("rest", "decay"):
         level = 0.0
         start = [0.0, 0.0] if situation == "rest" else start
-    writer = Writer(rng, names, is_smooth=bool(rng.random() < 0.4), level=level)
+    is_smooth, is_registered = bool(rng.random() < 0.4), place == "registered"
+    writer = Writer(rng, names, is_smooth, level, is_registered)
     law = writer.law()
     a, w = writer.number(0.6, 1.6), writer.number(1.0, 3.0)
     drive, force = f"{a}*cos({w}*t)", f"{a}*cos({w}*t)"

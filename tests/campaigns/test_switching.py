@@ -51,7 +51,8 @@ def outcomes(seed: int) -> list[str]:
         warnings.simplefilter("ignore")  # of runs that stop: they are counted
         try:
             # The level of a jump on which a run starts has no derivative.
-            wanted = ["q"] if made.situation == "start" and made.n_jumps else ["q", "d"]
+            on_jump = made.situation in ("start", "rest") and made.n_jumps
+            wanted = ["q"] if on_jump else ["q", "d"]
             model = made.scene.compile(wanted, optimize="-O0")
         except Error as error:
             return [f"{_of_refusal(made, reference)}: compile: {error}"]
