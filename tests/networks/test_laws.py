@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from cotree import Scene
 from cotree.components import COMPONENTS
-from cotree.errors import SceneError
+from cotree.errors import ParameterError, SceneError
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
 
@@ -196,3 +196,62 @@ def test_a_cell_by_a_table():
 def test_tables_that_are_none(table, message):
     with pytest.raises(SceneError.__mro__[1], match=message):
         Scene("s").edge("V", "voltage_source", "a", "ground", voltage=table)
+
+
+@pytest.mark.parametrize(
+    ("storage", "dissipator", "field", "state", "closed_form"),
+    [
+        ("capacitor", "resistor", "resistance", "v", lambda r: np.exp(-0.5 / r)),
+        ("accumulator", "hydraulic_resistor", "resistance", "p", lambda r: np.exp(-0.5 / r)),
+        ("translational_mass", "translational_damper", "damping", "v", lambda d: np.exp(-d / 2)),
+        ("rotational_inertia", "rotational_damper", "damping", "w", lambda d: np.exp(-d / 2)),
+    ],
+)
+def test_a_negative_dissipator_feeds_energy_in(storage, dissipator, field, state, closed_form):
+    scene = Scene("fed")
+    scene.parameter("k", -0.8)
+    size = {
+        "translational_mass": "mass",
+        "rotational_inertia": "inertia",
+        "accumulator": "capacity",
+    }
+    value = {size.get(storage, "capacitance"): 2.0, "initial": {state: 1.0}}
+    ends = ("A", "ground") if field == "resistance" else ("ground", "A")
+    scene.edge("store", storage, *ends, **value)
+    scene.edge("loss", dissipator, *ends, **{field: "k"})
+    run = scene.compile(["k"]).simulate((0, 1), rtol=1e-10)
+    assert run[f"store.{state}"][-1] == pytest.approx(closed_form(-0.8), rel=1e-8)
+    step = 1e-5
+    slope = (closed_form(-0.8 + step) - closed_form(-0.8 - step)) / (2 * step)
+    # Central differences of the closed form are good to the square of the step.
+    assert run.sensitivity(f"store.{state}", "k")[-1] == pytest.approx(slope, rel=1e-7)
+    assert [row.name for row in scene.lint() if row.rule == "magnitude"] == ["loss"]
+    with pytest.raises(ParameterError, match="'loss' must be negative, as in the scene"):
+        scene.compile().simulate((0, 1), parameters={"k": 0.8})
+    scene.set("k", 0.8)
+    assert not [row for row in scene.lint() if row.rule == "magnitude"]
+    scene.edge("short", dissipator, *ends, **{field: 0.0})
+    with pytest.raises(ParameterError, match=f"{field} of edge 'short' must not be zero"):
+        scene.compile()
+
+
+def test_a_pivot_of_negative_resistors_may_vanish():
+    """1 and -1 ohm at a node cancel each other's conductance: no pivot may be taken there."""
+    scene = Scene("cancelling")
+    scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
+    scene.edge("R1", "resistor", "a", "b", resistance=1.0)
+    scene.edge("R2", "resistor", "b", "ground", resistance=-1.0)
+    scene.edge("R3", "resistor", "b", "c", resistance=1.0)
+    scene.edge("R4", "resistor", "c", "ground", resistance=2.0)
+    scene.output("y", "R4.v")
+    # All of 1 A from R1 through R3 and R4, since (1 - u) + u is 1.
+    assert scene.compile().simulate((0, 1))["y"][-1] == pytest.approx(2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("edge", ["translational_mass", "rotational_inertia", "capacitor"])
+def test_negative_storages_stay_refused(edge):
+    scene = Scene("negative")
+    field = {"translational_mass": "mass", "rotational_inertia": "inertia"}.get(edge, "capacitance")
+    scene.edge("x", edge, "ground", "A", **{field: -1.0})
+    with pytest.raises(ParameterError, match=f"{field} of edge 'x'.*positive"):
+        scene.compile()

@@ -148,3 +148,19 @@ def test_a_pickled_model_does_not_follow_its_scene():
     again = pickle.loads(pickle.dumps(model))
     assert again.outputs == model.outputs == ("drop", "late")
     assert again.default_parameters.tolist() == model.default_parameters.tolist()
+
+
+def test_nodes_are_given_by_place_or_as_a_list():
+    scene = Scene("listed")
+    scene.edge("R", "resistor", nodes=["a", "ground"], resistance=1.0)
+    scene.resistor("S", nodes=("a", "ground"), resistance=1.0)
+    assert scene.edges["R"].nodes == scene.edges["S"].nodes == ("a", "ground")
+    with pytest.raises(SceneError, match=r"edge 'Q' needs two nodes.*; there are 3"):
+        scene.edge("Q", "resistor", nodes=["a", "b", "c"], resistance=1.0)
+    with pytest.raises(SceneError, match=r"edge 'Q' .* needs 3 nodes.*; there is 1"):
+        scene.edge("Q", "mosfet_n", nodes=["a"])
+    with pytest.raises(SceneError, match="edge 'Q' has nodes twice"):
+        scene.edge("Q", "resistor", "a", nodes=["a", "ground"], resistance=1.0)
+    for wrong in ("ab", 5, None):
+        with pytest.raises(SceneError, match="nodes of edge 'Q' must be a list"):
+            scene.edge("Q", "resistor", nodes=wrong, resistance=1.0)

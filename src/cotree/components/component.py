@@ -66,8 +66,9 @@ class Field:
         allowed too.
     timed : bool
         Whether it may depend on parameters and time.
-    sign : {'', 'nonnegative', 'positive'}
-        Sign that its value must have; empty where it may have any.
+    sign : {'', 'nonnegative', 'positive', 'nonzero'}
+        Sign that its value must have; empty where it may have any. One that is not zero keeps the
+        sign that it has at the scene's values of parameters.
     """
 
     name: str
@@ -259,7 +260,7 @@ def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
     ----------
     name, unit, doc : str
         Its name in scenes, SI unit and meaning.
-    sign : {'', 'nonnegative', 'positive'}
+    sign : {'', 'nonnegative', 'positive', 'nonzero'}
         Sign that it must have where it is constant.
     """
     return Field(name, unit, doc, required=True, constant=False, sign=sign)

@@ -15,7 +15,10 @@ from cotree.components.terminal import Kind, Terminal
 _DOMAIN = "electrical"
 
 RESISTOR = resistance(
-    _DOMAIN, "resistor", "linear resistance", value("resistance", "ohm", "voltage per current")
+    _DOMAIN,
+    "resistor",
+    "linear resistance",
+    value("resistance", "ohm", "voltage per current", "nonzero"),
 )
 
 # i = C dv/dt even where C depends on states. Where charge is a function of the voltage, the

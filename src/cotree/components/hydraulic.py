@@ -22,7 +22,7 @@ RESISTOR = resistance(
     _DOMAIN,
     "hydraulic_resistor",
     "linear resistance: laminar flow",
-    value("resistance", "Pa s/m^3", "pressure per flow"),
+    value("resistance", "Pa s/m^3", "pressure per flow", "nonzero"),
 )
 
 

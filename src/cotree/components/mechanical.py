@@ -65,7 +65,7 @@ _ROTATION = _Motion("rotational", "torque", "N m", "angle", "rad")
 
 
 def _damper(m: _Motion) -> Component:
-    field = value("damping", m.damping_unit, f"{m.force} per relative speed")
+    field = value("damping", m.damping_unit, f"{m.force} per relative speed", "nonzero")
     terminal = Terminal(
         m.domain,
         Kind.DISSIPATOR,

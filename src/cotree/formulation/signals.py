@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def resolver_of(
-    known: Sequence[Mapping[str, Node]], allowed: str = "", refused: Collection[str] = ()
+    known: Sequence[Mapping[str, Node]],
+    allowed: str = "",
+    refused: Collection[str] = (),
+    advice: str = "",
 ) -> Resolver:
     """Make the function that gives the node of a name; ``allowed`` says what may be used.
 
@@ -29,6 +32,8 @@ def resolver_of(
         What may be used, for messages; empty where anything may.
     refused : collection of str
         Names that have a node elsewhere but may not be used here.
+    advice : str
+        What to write instead, for messages.
     """
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
@@ -40,6 +45,8 @@ def resolver_of(
             told = f"uses '{name}', but may depend on {allowed} only"
             if name in refused:
                 told += ": let an output depend on modes, which fields may name"
+            elif advice:
+                told += f": {advice}"
             raise ExpressionError(told)
         # Whoever writes T means a temperature or a torque, and hardly the time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)

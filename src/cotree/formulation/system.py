@@ -229,7 +229,14 @@ def bind(
     states |= {mode.name: mode.symbol for mode in modes}
     everything = {**parameters, "t": time, **inputs, **states}
     signals = FieldNames(scene, dag, everything, names)
-    resolvers = Resolvers(of_parameters, of_time, signals.node)
+    held = resolver_of(
+        [parameters, {"t": time}],
+        "parameters and t",
+        scene.modes,
+        "what is held is differentiated by t alone; where it follows states, let the torque or "
+        "force of a joint, or a damper on it, drive towards them",
+    )
+    resolvers = Resolvers(of_parameters, held, signals.node)
     edges: dict[str, BoundEdge] = {}
     guards: list[Guard] = []
     for edge in scene.edges.values():

@@ -195,6 +195,15 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
         if told:
             yield Finding("magnitude", "edge", edge.name, f"{what} is {size:.6g} {told}")
             return
+    for row in edge.component.fields:
+        given = edge.fields.get(row.name)
+        if row.sign == "nonzero" and isinstance(given, Expression) and _number(given, known) < 0.0:
+            told = (
+                f"{row.name} of edge '{edge.name}' is {_number(given, known):.6g}: it feeds energy "
+                "in; is the sign meant?"
+            )
+            yield Finding("magnitude", "edge", edge.name, told)
+            return
 
 
 def _inertias(scene: SceneDescription) -> Iterator[Finding]:

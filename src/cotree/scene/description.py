@@ -21,7 +21,7 @@ from cotree.scene.part import TABLES
 from cotree.scene.part_adding import check_nodes, set_in_part
 from cotree.scene.part_statement import LARGEST_SCENE
 from cotree.scene.simulation import Simulation, with_settings
-from cotree.scene.statements import plain
+from cotree.scene.statements import is_list, plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -255,6 +255,7 @@ class SceneDescription:
             and thermal ones plus, then minus: across variables are plus minus minus, through
             variables flow from plus to minus inside. Forces of multibody components are those on
             the second node; of one-dimensional ones, through is positive where it takes up power.
+            ``nodes=[...]`` is accepted too, as in scene files.
         initial : mapping, optional
             Initial values of its coordinates and their rates, numbers or expressions of parameters.
         **fields
@@ -270,7 +271,14 @@ class SceneDescription:
         self._check_new("edge", name, self.members if name in self.members else self.edges)
         if len(self.edges) >= LARGEST_SCENE:
             raise SceneError(f"the scene has more than {LARGEST_SCENE} edges")
-        made = make_edge(name, type, nodes, initial, fields)
+        listed: Any = nodes
+        if "nodes" in fields:
+            if nodes:
+                raise SceneError(f"edge '{name}' has nodes twice: by place and as nodes=[...]")
+            listed = fields.pop("nodes")
+            if not is_list(listed):
+                raise SceneError(f"nodes of edge '{name}' must be a list of names")
+        made = make_edge(name, type, listed, initial, fields)
         check_nodes(self, made)
         self.edges[name] = made
 

@@ -241,7 +241,7 @@ def _by_terminal(
         wanted = ", ".join(component.terminals)
         raise SceneError(
             f"edge '{edge}' of type '{component.name}' needs {len(component.terminals)} nodes: "
-            f"{wanted}"
+            f"{wanted}{_counted(nodes)}"
         )
     by_name = {
         terminal: check_path("node", node)
@@ -275,10 +275,15 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
     return ends
 
 
+def _counted(nodes: object) -> str:
+    """Return how many nodes were given, for a message."""
+    return f"; there {'is' if len(nodes) == 1 else 'are'} {len(nodes)}" if is_list(nodes) else ""
+
+
 def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
     """Check two nodes; those of an edge in a scalar graph may be one, where across is zero."""
     if not is_list(nodes) or len(nodes) != 2:
-        raise SceneError(f"{what} needs two nodes, as a list of their names")
+        raise SceneError(f"{what} needs two nodes, as a list of their names{_counted(nodes)}")
     first, second = (check_path("node", node) for node in nodes)
     if first == second and not may_be_one:
         raise SceneError(f"{what} begins and ends at node '{first}': name two nodes")

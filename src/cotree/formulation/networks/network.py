@@ -169,7 +169,7 @@ def form_network(
     # networks, then the algebraic unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
-    fields, measured, guards = _bind_fields(ports, symbols, names, system)
+    fields, measured, guards, negative = _bind_fields(ports, symbols, names, system)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
     # Open edges of swaps take part in the equations, but are no edges of the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
@@ -205,7 +205,8 @@ def form_network(
         plan,
         lambda i: dag.symbol(STATE, first + i),
         lambda block: all(
-            _is_passive(all_ports, trees, v) for v in (*block.unknowns, *block.inner)
+            v[1] not in negative and _is_passive(all_ports, trees, v)
+            for v in (*block.unknowns, *block.inner)
         ),
         is_static=first == 0,
     )
@@ -265,11 +266,12 @@ def _bind_fields(
     symbols: Mapping[Variable, Node],
     names: Names,
     system: System,
-) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard]]:
-    """Turn the fields of all components into nodes."""
+) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
+    """Turn the fields of all components into nodes, and name edges with negative resistance."""
     fields: dict[tuple[str, str], Node] = {}
     standing: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
+    negative: set[str] = set()
 
     def resolve(name: str) -> Node:
         variable = names.variable(name)
@@ -300,7 +302,12 @@ def _bind_fields(
             fields[edge.name, field] = node
             system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
             if row.sign and not is_varying(node):
-                ask(Guard(node, f"{field} of edge '{edge.name}'", row.sign == "positive"))
+                what = f"{field} of edge '{edge.name}'"
+                if row.sign == "nonzero" and not system.at_scene(node) > 0.0:
+                    negative.add(edge.name)
+                    ask(_negative(node, what))
+                else:
+                    ask(Guard(node, what, row.sign != "nonnegative"))
         for demand in edge.component.demands:
             arguments = {name: fields[edge.name, name] for name in demand.law.arguments}
             node = demand.law.value(system.dag, arguments)
@@ -309,4 +316,10 @@ def _bind_fields(
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     # Fields that use a variable of the networks make it an argument, by its symbol.
     measured = {symbol: variable for variable, symbol in standing.items()}
-    return fields, measured, list(guards.values())
+    return fields, measured, list(guards.values()), negative
+
+
+def _negative(node: Node, what: str) -> Guard:
+    """Make the condition on a resistance that is negative at the scene's values."""
+    breach = "must not be zero" if node.value is not None else "must be negative, as in the scene"
+    return Guard(-node, what, True, breach)
