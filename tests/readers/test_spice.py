@@ -185,7 +185,6 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("R1 a 0 {foo(1)}", 2, "no function here"),
         ("R1 a 0 1 tc3=1", 2, "no 'tc3'"),
         ("R1 a 0 4k7", 2, "4.7k in some simulators"),
-        ("R1 a 0 -1", 2, "must be positive"),
         ("C1 a 0 {-1u}", 2, "must be positive"),
         ("L1 a 0 -1m", 2, "must be positive"),
         ("L1 a 0 0\nL2 b 0 1\nK1 L1 L2 .5", 2, "no inductance to be coupled"),
