@@ -56,7 +56,9 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.put([row.value for row in equations.corners])
-    found_ranges = find_ranges(equations, [*(values[row.watched] for row in rows), *corners])
+    # What decides whether an impact ends in rest is read at impacts only.
+    crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
+    found_ranges = find_ranges(equations, [*crossed, *corners])
     seed_of_motion = _along_the_motion(equations)
     still = [dag.zero] * len(corners)
 
