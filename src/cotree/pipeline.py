@@ -20,7 +20,7 @@ from cotree.codegen.model_text import ModelText
 from cotree.codegen.render import render_model
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
-from cotree.formulation.early import check_numbers
+from cotree.formulation.early import check_numbers, within_range
 from cotree.formulation.networks.network import draw_networks
 from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
@@ -147,15 +147,16 @@ def formulate(
     ModelError, FormulationError
         If the scene is wrong, or its equations cannot be formed.
     """
-    check_scene_units(scene)
-    trees = trees_to_try(scene, tree)
-    # Walks, elimination and derivatives along one parameter are done for every alternative; the
-    # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
-    first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
-    _check_corners(first, sensitivities)
-    if sensitivities:
-        _check_impacts(first)
-    return first, form_equations(first, sensitivities), alternatives
+    with within_range(scene):
+        check_scene_units(scene)
+        trees = trees_to_try(scene, tree)
+        # Walks, elimination and derivatives along one parameter are done for every alternative; the
+        # full set of sensitivity graphs (Eq. (4) of the paper) is formed for the chosen one alone.
+        first, alternatives = choose_first_graph(scene, trees, sensitivities, baumgarte, check)
+        _check_corners(first, sensitivities)
+        if sensitivities:
+            _check_impacts(first)
+        return first, form_equations(first, sensitivities), alternatives
 
 
 def _check_corners(first: FirstGraph, sensitivities: Sequence[str]) -> None:
@@ -262,6 +263,17 @@ def form_text(
     ModelError, FormulationError, CodegenError
         If a stage cannot do its work; the message says which edge, node or name is at fault.
     """
+    with within_range(scene):
+        return _form_text(scene, sensitivities, tree, baumgarte, locates_corners)
+
+
+def _form_text(
+    scene: SceneDescription,
+    sensitivities: Sequence[str],
+    tree: TreeChoice,
+    baumgarte: float,
+    locates_corners: bool,
+) -> Formed:
     marks = [time.perf_counter()]
     # Jumps inside expressions become events here, which the engine locates. Equations for people,
     # and those of operating points, keep jumps as they are.

@@ -2,15 +2,12 @@ from __future__ import annotations
 
 import shlex
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from cotree.build import Toolchain, find_toolchain
+from cotree.build import Toolchain, find_toolchain, toolchain
 from cotree.errors import BuildError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 VERSION_1 = 'echo "first 1.0"; echo "second line"'
 
@@ -106,3 +103,19 @@ def test_kinds():
 def test_zig_by_request(monkeypatch, make_script):
     monkeypatch.setenv("CC", f"{make_script(VERSION_1, name='zig')} cc")
     assert find_toolchain().kind == "zig"
+
+
+def test_a_compiler_that_hangs_is_asked_once_and_leaves_nothing_behind(
+    monkeypatch, make_script, tmp_path
+):
+    monkeypatch.setattr(toolchain, "_ANSWER_TIME", 0.3)
+    count, child = tmp_path / "count", tmp_path / "child"
+    path = make_script(f"echo asked >> {count}; sleep 600 & echo $! > {child}; wait", "hangs")
+    monkeypatch.setenv("CC", path)
+    for _ in range(3):
+        with pytest.raises(BuildError, match=rf"'{path}' does not answer --version within 0.3 s"):
+            find_toolchain()
+    assert count.read_text() == "asked\n"
+    status = Path(f"/proc/{child.read_text().strip()}/status")
+    # A child that was killed stays as a zombie until whoever adopts it has looked.
+    assert not status.exists() or "zombie" in status.read_text()

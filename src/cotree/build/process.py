@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 # Ordinary models need a few hundred MiB; a compiler that wants more than this has run away.
 _MEMORY_LIMIT_KIB = 8 * 1024 * 1024
 
+# How long the output of a command that was killed is waited for, [s].
+_LAST_WORDS = 2.0
+
 
 # Commands that run, with the thread that each is for, and threads whose work nobody wants any more.
 # Threads are told apart by themselves: systems give the number of one that ended to another.
@@ -100,8 +103,12 @@ def run_limited(
             status: int | None = process.returncode
         except subprocess.TimeoutExpired:
             _kill_group(process)
-            # The pipe is emptied, and the killed process waited for.
-            output, _ = process.communicate()
+            # The pipe is emptied, and the killed process waited for; what left the group may hold
+            # the pipe open for as long as it likes.
+            try:
+                output, _ = process.communicate(timeout=_LAST_WORDS)
+            except subprocess.TimeoutExpired as error:
+                output = error.stdout or b""
             status = None
         # Ctrl-C ends the compiler with the caller.
         except BaseException:

@@ -14,18 +14,20 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from cotree.build.process import run_limited
 from cotree.errors import BuildError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _NAMES = ("cc", "gcc", "clang")
-# A first call may wait for a network file system or a virus scanner, never for this long.
-_ANSWER_TIME = 60.0
+# A first call may wait for a network file system or a virus scanner, never for this long, [s].
+_ANSWER_TIME = 10.0
 
 
 @dataclass(frozen=True)
@@ -142,25 +144,31 @@ def _toolchain(command: tuple[str, ...]) -> Toolchain:
     return Toolchain(command, _version_text(command), "zig" if is_zig else "cc")
 
 
-# Failures are raised, hence not remembered: a compiler installed meanwhile is found.
-@functools.cache
 def _version_text(command: tuple[str, ...]) -> str:
+    version = _answer(command)
+    if version is None:
+        raise BuildError(
+            f"'{command[0]}' does not answer --version within {_ANSWER_TIME:g} s; it is not asked "
+            "again in this process"
+        )
+    return version
+
+
+# Other failures are raised, hence not remembered: a compiler installed meanwhile is found.
+@functools.cache
+def _answer(command: tuple[str, ...]) -> str | None:
+    """Ask a compiler for its version; None where it does not answer in time."""
     try:
         _check_command_line_tools(command[0])
-        answer = subprocess.run(
-            [*command, "--version"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=_ANSWER_TIME,
-            # The text is part of cache keys and must not depend on the user's language.
-            env={**os.environ, "LC_ALL": "C"},
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            answer = run_limited([*command, "--version"], Path(folder), _ANSWER_TIME)
+    except OSError as error:
         raise BuildError(f"it does not answer --version ({error})") from error
-    lines = answer.stdout.decode("utf-8", "replace").strip().splitlines()
-    if answer.returncode != 0 or not lines:
-        raise BuildError(f"it does not answer --version (exit status {answer.returncode})")
+    if answer.status is None:
+        return None
+    lines = answer.output.strip().splitlines()
+    if answer.status != 0 or not lines:
+        raise BuildError(f"it does not answer --version (exit status {answer.status})")
     return lines[0].strip()
 
 

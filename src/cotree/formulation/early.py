@@ -1,4 +1,4 @@
-"""Checks of a first graph by the scene's numbers, before anything is made of it.
+"""Checks of a scene and its first graph by its numbers, before anything is made of it.
 
 Deriving sensitivities, writing C and compiling it take minutes for a large robot; what its numbers
 alone refuse is found here in a moment.
@@ -6,6 +6,9 @@ alone refuse is found here in a moment.
 
 from __future__ import annotations
 
+import ast
+import math
+from contextlib import contextmanager
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -15,13 +18,16 @@ import numpy.typing as npt
 from cotree.components import FreeRotation
 from cotree.dag.evaluate import evaluate
 from cotree.dag.traverse import symbols_in
-from cotree.errors import SingularSystemError
+from cotree.errors import FormulationError, SingularSystemError
+from cotree.scene.expressions import Expression
+from cotree.scene.grammar import finite
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.formulation.first_graph import FirstGraph
+    from cotree.scene.description import SceneDescription
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +35,52 @@ Array = npt.NDArray[np.float64]
 _ROUNDING = 1e-15
 #: Configurations, of any numbers, in all of which a motion must be without inertia to be refused.
 _N_TRIED = 3
+
+
+@contextmanager
+def within_range(scene: SceneDescription) -> Iterator[None]:
+    """Name the value of a scene that is likely to be at fault where a constant overflows.
+
+    Raises
+    ------
+    FormulationError
+        In the place of an ArithmeticError.
+    """
+    try:
+        yield
+    except ArithmeticError as error:
+        # What is furthest from one leads beyond the range of doubles first.
+        rows = [(abs(math.log(abs(x))), x, where) for x, where in _numbers(scene) if x]
+        _, number, where = max(rows, default=(0.0, 0.0, f"scene '{scene.name}'"))
+        raise FormulationError(
+            f"{where} holds {number:g}, from which the equations have no finite numbers ({error}): "
+            "give a number nearer to one, in other units if need be"
+        ) from None
+
+
+def _numbers(scene: SceneDescription) -> Iterator[tuple[float, str]]:
+    """List the numbers that stand in a scene, with what they belong to."""
+    for edge in scene.edges.values():
+        for name, value in (*edge.fields.items(), *edge.initial.items()):
+            for number in _constants(value):
+                yield number, f"{name} of edge '{edge.name}'"
+    for parameter in scene.parameters.values():
+        for number in _constants(parameter.value):
+            yield number, f"parameter '{parameter.name}'"
+    for number in _constants(scene.gravity):
+        yield number, "gravity"
+
+
+def _constants(value: object) -> Iterator[float]:
+    if isinstance(value, Expression):
+        for node in ast.walk(value.tree):
+            if isinstance(node, ast.Constant):
+                yield from _constants(node.value)
+    elif isinstance(value, (tuple, list)):
+        for item in value:
+            yield from _constants(item)
+    elif (number := finite(value)) is not None:
+        yield number
 
 
 def check_numbers(first: FirstGraph) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import Error
 from cotree.files import read_text
-from cotree.formulation.early import check_numbers
+from cotree.formulation.early import check_numbers, within_range
 from cotree.lint import names, topology, values
 from cotree.lint.findings import Finding
 from cotree.model.kernels import PythonKernels
@@ -94,7 +94,7 @@ def dangling_hint(scene: SceneDescription) -> str:
 def _refused(scene: SceneDescription) -> Iterable[Finding]:
     """Form the equations and find a start, without C."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), within_range(scene):
             warnings.simplefilter("ignore")
             acting = with_jumps(scene, has_sensitivities=False)
             equations = formulate(acting, (), None, 0.0, check_numbers)[1]

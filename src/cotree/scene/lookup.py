@@ -7,7 +7,6 @@ parameters are written out, so that sensitivities follow them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
@@ -16,6 +15,7 @@ from cotree.dag.lookup import CubicTable, PlaneTable, look_up
 from cotree.dag.multi_output import Table, table
 from cotree.errors import SceneError, brief, nearest
 from cotree.scene.expressions import Expression, parse
+from cotree.scene.grammar import finite, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -217,10 +217,9 @@ def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
     if len(items) < 2:
         raise SceneError(f"{what} of {where} needs two numbers or more")
     for i, item in enumerate(items, 1):
-        is_number = isinstance(item, (int, float)) and not isinstance(item, bool)
-        if not is_number or not math.isfinite(item):
+        if finite(item) is None:
             raise SceneError(
-                f"number {i} of {what} of {where} is {brief(repr(item))}: give a finite number"
+                f"number {i} of {what} of {where} is {shown(item)}: give a finite number"
             )
     for i, (a, b) in enumerate(pairwise(items), 2):
         if not b > a:

@@ -63,7 +63,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
         # Whatever a user gives is unpacked; what is no pair of rows fails here, with one message.
         x, y = cast("Any", value)
         made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SceneError(
             f"{where} must be a number, an expression in quotes, or {argument} and values with as "
             "many numbers each"

@@ -166,6 +166,8 @@ class _Reading:
         except tomllib.TOMLDecodeError as error:
             what = f"{error}{advice(str(error), self.text)}"
             raise SceneError(f"{self.where}: not valid TOML: {what}") from None
+        except ValueError:  # Python itself refuses to read integers of thousands of digits
+            raise SceneError(f"{self.where}: holds an integer of thousands of digits") from None
         except RecursionError:
             raise SceneError(f"{self.where}: nested too deeply") from None
         try:
