@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import math
 
 import numpy as np
 import pytest
 from ivp_cases import oscillator, oscillator_exact, robertson, scalar
 
+from cotree import Scene
 from cotree.solvers import choose_method, integrate
 
 
@@ -65,3 +67,49 @@ def test_auto_leaves_what_cannot_start_to_the_solver():
     result = integrate(scalar(lambda t, x: float("nan"), None), "auto")
     assert result.status == -1
     assert "'x' is nan" in result.message
+
+
+def _thyristors() -> Scene:
+    """Two antiparallel pairs of transistors, each fired through a diode of 1e-5 ohm."""
+    scene = Scene("thyristors")
+    scene.edge("V", "voltage_source", "in", "ground", voltage="100*sin(100*pi*t)")
+    scene.edge("L", "inductor", "in", "a", inductance=1e-2)
+    scene.edge("R", "resistor", "b", "ground", resistance=10.0)
+    gains = {"saturation_current": 1e-12, "reverse_gain": 0.5}
+    for n, (anode, cathode), delay in ((1, "ab", 0.003), (2, "ba", 0.013)):
+        p, g, d, q = f"p{n}", f"g{n}", f"d{n}", f"q{n}"
+        scene.edge(f"P{n}", "bjt_pnp", g, p, anode, forward_gain=5.0, **gains)
+        scene.edge(f"N{n}", "bjt_npn", p, g, cathode, forward_gain=20.0, **gains)
+        scene.edge(f"Rk{n}", "resistor", g, cathode, resistance=100.0)
+        scene.edge(f"Ra{n}", "resistor", p, anode, resistance=1e4)
+        pulse = {"delay": delay, "rise": 1e-5, "width": 1e-3, "fall": 1e-5, "period": 0.02}
+        scene.edge(f"G{n}", "pulse_voltage", q, cathode, low=0.0, high=3.0, **pulse)
+        scene.edge(f"Rg{n}", "resistor", q, d, resistance=50.0)
+        diode = {"saturation_current": 1e-12, "series_resistance": 1e-5}
+        scene.edge(f"D{n}", "diode", d, g, **diode)
+        scene.edge(f"Ca{n}", "capacitor", p, anode, capacitance=1e-9)
+        scene.edge(f"Ck{n}", "capacitor", g, cathode, capacitance=1e-9)
+    return scene
+
+
+def test_ida_stands_in_where_unknowns_cannot_be_solved_for():
+    model = _thyristors().compile()
+    with pytest.warns(RuntimeWarning, match="rodas5 stopped"):
+        alone = model.simulate((0, 0.006), [0.006], method="rodas5")
+    assert alone.status == -1
+    result = model.simulate((0, 0.006), [0.006])
+    assert result.status == 0
+    assert "ida began anew" in result.message
+    assert "rodas5 stopped" in result.message
+    assert result.statistics.n_steps > alone.statistics.n_steps
+    # While it conducts, 10 mH and 10 ohm follow the source less some 0.9 V of the junctions from
+    # the firing at t = 3 ms on: the current of the loop in closed form, to the few millivolts by
+    # which that drop varies.
+    r, x, w, drop, t = 10.0, math.pi, 100 * math.pi, 0.9, 0.006
+    size, phase = 100.0 / math.hypot(r, x), math.atan2(x, r)
+
+    def steady(at: float) -> float:
+        return size * math.sin(w * at - phase) - drop / r
+
+    expected = steady(t) - steady(0.003) * math.exp(-(t - 0.003) * r / 1e-2)
+    assert result["L.i"][-1] == pytest.approx(expected, rel=0.01)

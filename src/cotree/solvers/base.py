@@ -95,6 +95,8 @@ class Trajectory:
     events : ndarray, shape (n_events, 2 + n_sensitivities + 2 * n_states)
         The events that happened, in order, a row each: time, [s], number of the event, derivatives
         of the time by the parameters, states before, and states after.
+    is_unsolved : bool
+        Whether it failed because equations could not be solved, however short the step.
     """
 
     t: FloatArray
@@ -104,3 +106,4 @@ class Trajectory:
     statistics: Statistics
     drift: Drift | None = None
     events: FloatArray = field(default_factory=_no_events)
+    is_unsolved: bool = False

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cotree.codegen.statuses import NUMBERS
 from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.event_messages import rest_note
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
+
+# Endings for which the equations are to blame, and not an event or the tolerances.
+_UNSOLVED = {
+    NUMBERS[name] for name in ("STEP_TOO_SMALL", "RATE_FAILED", "RATE_NOT_FINITE", "NOT_SOLVED")
+}
 
 
 class Ended(NamedTuple):
@@ -87,6 +93,7 @@ def trajectory_of(
         "statistics": filled(Statistics, work),
         "drift": _drift(job, problem, t, z),
         "events": happened,
+        "is_unsolved": ended.status != 0 and int(c.status) in _UNSOLVED,
     }
     return filled(Trajectory, values)
 

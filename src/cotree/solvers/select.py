@@ -19,12 +19,12 @@ from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
-from cotree.solvers.methods import method_row, refusal
+from cotree.solvers.methods import METHODS, method_row, refusal
 from cotree.solvers.native import begin_in_c, check_available
 from cotree.solvers.outcome import compiled_in
 from cotree.solvers.problem import check_problem
 from cotree.solvers.stiffness_probe import bound_of_decay, fastest_decay, fastest_growth
-from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method
+from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method, summed
 from cotree.solvers.sundials_library import has_sundials
 
 if TYPE_CHECKING:
@@ -86,9 +86,36 @@ def run(problem: Problem, method: str) -> Trajectory:
         load_engine("dop853")
     compiling = time.perf_counter() - before
     choice = _choose(problem)
-    trajectory = _solve_watched(problem, choice)
+    trajectory = _with_ida(problem, _solve_watched(problem, choice))
     trajectory = compiled_in(trajectory, trajectory.statistics.compile_seconds + compiling)
     return changed(trajectory, message=f"{trajectory.message} {choice.reason}")
+
+
+def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
+    """Integrate anew with "ida" where another method could not solve for algebraic unknowns.
+
+    It solves for states and unknowns together, within an iteration that each step begins from a
+    prediction, where others have to solve for the unknowns at given states.
+    """
+    own = METHODS[first.statistics.method]
+    if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
+        return first
+    limit, taken = problem.time_limit, problem.steps_taken + first.statistics.n_steps
+    limit = None if limit is None else limit - first.statistics.seconds
+    is_spent = problem.max_steps is not None and taken >= problem.max_steps
+    if is_spent or (limit is not None and limit <= 0) or not has_sundials():
+        return first
+    # Samples of a function are those of one integration alone.
+    if refusal("ida", problem) or problem.reach is not None:
+        return first
+    second = _solve(changed(problem, time_limit=limit, steps_taken=taken), "ida")
+    if second.status != 0:
+        return changed(first, message=f"{first.message} Nor did ida: {second.message}")
+    return changed(
+        second,
+        message=f"{second.message} ida began anew, since {first.message.rstrip('.')}.",
+        statistics=summed(first.statistics, second.statistics),
+    )
 
 
 def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:

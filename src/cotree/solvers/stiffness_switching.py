@@ -217,14 +217,15 @@ def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajecto
         second,
         t=np.concatenate([first.t, t]),
         z=np.hstack([first.z, z]),
-        statistics=_summed(first.statistics, second.statistics),
+        statistics=summed(first.statistics, second.statistics),
         drift=_joined_drift(first.drift, second.drift, skipped),
         # Methods that take no events give no columns for them either.
         events=np.vstack([first.events, second.events]) if len(first.events) else second.events,
     )
 
 
-def _summed(first: Statistics, second: Statistics) -> Statistics:
+def summed(first: Statistics, second: Statistics) -> Statistics:
+    """Add up the work of two integrations of one run."""
     return replace(
         second,
         began_with=first.method,
