@@ -205,11 +205,12 @@ def expected(name: str, situation: str, **changed: float) -> float:
 def slopes(name: str, situation: str, parameters: list[str]) -> dict[str, float]:
     """Return derivatives by differences, where there are any.
 
-    At rest on a corner that moves, and where slopes are infinite, there are none.
+    Close to rest on a corner that moves, and where slopes are infinite, there are none.
     """
-    if LAWS[name].is_steep or situation == "rest":
+    law = LAWS[name]
+    if law.is_steep or situation == "rest" or (situation == "decay" and law.at != "z"):
         return {}
-    h = 1e-5
+    h = 1e-4
     return {
         parameter: (
             expected(name, situation, **{parameter: VALUES[parameter] + h})
@@ -244,7 +245,7 @@ def faults(
             found.append(f"{method}: {result.statistics.n_steps} steps")
         for parameter, slope in along.items():
             own = result.sensitivity("C.v", parameter)[-1]
-            # Differences over 1e-5 of a reference at 1e-10 with corners.
+            # Differences over 1e-4 of a reference that errs by some 1e-9 at corners.
             if abs(own - slope) > 1e-4 * (1.0 + abs(slope)):
                 found.append(f"{method}: dC.v/d{parameter} = {own!r}, expected {slope!r}")
     return found

@@ -125,7 +125,7 @@ class Law:
         fixed = whole.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
-            name: fixed.diff(sympy.Symbol(name, real=True))
+            name: _derivative(fixed, sympy.Symbol(name, real=True))
             # The derivative of a sign is an impulse where it changes; events treat the change.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
@@ -209,3 +209,25 @@ class _Deferred(Law):
     @cached_property
     def arguments(self) -> tuple[str, ...]:
         return tuple(sorted(symbol.name for symbol in self.expression.free_symbols))
+
+
+def _derivative(expression: Any, symbol: Any) -> Any:
+    """Differentiate a SymPy expression, roots of sums with one exponent less.
+
+    SymPy divides them by their base, which has no value where that is zero.
+    """
+    import sympy
+
+    def is_root(item: Any) -> bool:
+        exponent = item.exp
+        return exponent.is_number and not exponent.is_integer and not item.base.is_Symbol
+
+    found = [root for root in expression.atoms(sympy.Pow) if is_root(root) and root.has(symbol)]
+    # Each stands for a function of the argument, which differentiates in its place in a branch.
+    roots = {root: sympy.Function(f"root_{i}", real=True)(symbol) for i, root in enumerate(found)}
+    total = expression.xreplace(roots).diff(symbol)
+    slopes = {
+        made.diff(symbol): root.exp * root.base ** (root.exp - 1) * _derivative(root.base, symbol)
+        for root, made in roots.items()
+    }
+    return total.xreplace(slopes).xreplace({made: root for root, made in roots.items()})
