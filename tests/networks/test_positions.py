@@ -69,6 +69,14 @@ def test_a_run_may_not_give_what_follows_along_a_circuit():
         model.start(initial={"k.s": 0.5})
 
 
+def test_members_of_an_ensemble_have_positions_that_follow():
+    model = oscillator("translational", is_turned=True).compile(["x0"])
+    runs = model.ensemble((0, 1), {"x0": [0.1, 0.2]}, t_eval=[0.0, 1.0])
+    np.testing.assert_array_equal(runs["k.s"], -runs["m.s"])
+    np.testing.assert_array_equal(runs["d(k.s)"], -runs["d(m.s)"])
+    assert runs["k.s"].attrs["units"] == "m"
+
+
 def two_carts(**initial: dict[str, float]) -> Scene:
     scene = Scene("carts")
     masses = {"m1": "a", "m2": "b"}

@@ -66,7 +66,7 @@ class Collected(Results):
 
 def member_bytes(plan: Plan) -> int:
     """Give the bytes of the results of one member, events left out."""
-    n_values = len(plan.model.states) + len(plan.outputs)
+    n_values = len(plan.model.states) + len(plan.model.layout.positions) + len(plan.outputs)
     return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + n_sensitivities(plan))
 
 

@@ -120,6 +120,10 @@ class Frame:
             (name, y[..., i], None if s is None else s[..., i])
             for i, name in enumerate(model.states)
         ]
+        rows += [
+            (row.name, row.sum_of(y), None if s is None else row.sum_of(s))
+            for row in model.layout.positions
+        ]
         rows += [(name, outputs[..., i], slopes[..., i]) for i, name in enumerate(plan.outputs)]
         told = {row.name: row.doc for row in model.layout.outputs}
         for name, values, slope in rows:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.dag.symbols import PARAMETER
 from cotree.dag.traverse import symbols_in
@@ -85,3 +85,7 @@ class PositionRow:
     name: str
     unit: str
     terms: tuple[tuple[int, int], ...]
+
+    def sum_of(self, values: Any) -> Any:
+        """Sum an array of states, or of their sensitivities, along its last axis."""
+        return sum(sign * values[..., i] for sign, i in self.terms)

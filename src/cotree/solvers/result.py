@@ -329,7 +329,7 @@ class RunRecord(Deferring):
         of_states = getattr(self, fields[0])
         yield self.states, of_states
         if self.positions:
-            sums = [sum(sign * of_states[i] for sign, i in row.terms) for row in self.positions]
+            sums = [row.sum_of(of_states.T).T for row in self.positions]
             yield tuple(row.name for row in self.positions), np.array(sums)
         for names, name in zip((self.outputs, self.inputs), fields[1:], strict=False):
             yield names, getattr(self, name)
