@@ -190,9 +190,15 @@ def test_many_curves_are_explained_once():
 
 def test_many_parameters_take_several_rows():
     result = FakeResult({"j1.s": "m"}, tuple("abcdefgh"))
-    figure = plot_result(result)
+    figure = plot_result(result, [("j1.s", name) for name in "abcdefgh"] + ["j1.s"])
     assert len(figure.axes) == 9
     assert figure.axes[0].get_gridspec().get_geometry() == (3, 4)
+
+
+def test_of_many_parameters_few_come_along_unnamed():
+    figure = plot_result(FakeResult({"j1.s": "m"}, tuple("abcdefgh")))
+    # The value itself, and a readable number of its sensitivities.
+    assert len(figure.axes) == 5
 
 
 def test_rates_are_plotted_where_there_is_nothing_else_or_on_request(pendulum: FakeResult):

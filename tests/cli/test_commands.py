@@ -409,3 +409,32 @@ def test_optimise_prints_the_design_and_writes_its_run(tmp_path, capsys):
     assert target.read_text(encoding="utf-8").startswith("t,j1.s,")
     assert main([*arguments[:5], "zeta=0.1"]) == 2
     assert "is not of the form NAME=LOW:HIGH" in capsys.readouterr().err
+
+
+def test_run_prints_what_is_suspicious(tmp_path, capsys):
+    path = tmp_path / "open.toml"
+    path.write_text(
+        """
+[edges.V]
+type = "voltage_source"
+nodes = ["a", "ground"]
+voltage = 1.0
+[edges.R]
+type = "resistor"
+nodes = ["a", "b"]
+resistance = 1.0
+[edges.C]
+type = "capacitor"
+nodes = ["b", "ground"]
+capacitance = 1.0
+[edges.D]
+type = "resistor"
+nodes = ["b", "gnd"]
+resistance = 1.0
+""",
+        encoding="utf-8",
+    )
+    assert main(["run", str(path), "--t-end", "1"]) == 0
+    told = capsys.readouterr().err
+    assert "dangling-node:gnd" in told
+    assert "is 'ground' meant?" in told

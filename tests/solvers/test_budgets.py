@@ -206,3 +206,34 @@ def test_short_pulses_in_a_long_run_begin_soon():
         model.simulate((0, 1e-2), max_steps=2000)
     # One by one they took 20 s; a loaded machine takes a few times the second.
     assert time.process_time() - begin < 8.0
+
+
+def test_a_counter_of_turns_does_not_grow_without_bound():
+    """A driven shaft counts its turns, and the budget of events ends the run."""
+    scene = cotree.Scene("turns")
+    scene.mode("n", 0)
+    hinge = {"axis": [0, 0, 1], "torque": 1.0, "damping": 0.001}
+    scene.revolute("h", "ground", "A", **hinge)
+    scene.rigid_body("b", "ground", "A", mass=1.0, inertia=0.1)
+    scene.event("turn", "mod(h.theta, 6.28) - 3", direction=1, set={"n": "n + 1"})
+    with pytest.warns(RuntimeWarning) as told:
+        run = scene.compile().simulate((0, 1e6), max_events=3000)
+    assert run.status != 0
+    # Counts and angles grow as the square of time at most.
+    assert not any("grows without bound" in str(row.message) for row in told)
+
+
+def test_an_event_that_atol_hides_names_atol():
+    """An electron crosses a picometre; the tolerance of 1e-9 m is a thousand times as wide."""
+    mass, charge, field, d = 9.1093837139e-31, 1.602176634e-19, 1e13, 1e-12
+    scene = cotree.Scene("plates")
+    scene.parameter("d", d)
+    scene.prismatic("x", "ground", "A", axis=[1, 0, 0], force=charge * field)
+    scene.rigid_body("b", "ground", "A", mass=mass)
+    scene.event("hit", "x.s - d", direction=1, stop=True)
+    model, t = scene.compile(["d"]), math.sqrt(2 * d * mass / (charge * field))
+    with pytest.warns(RuntimeWarning, match="give a smaller atol"):
+        model.simulate((0, 1.5 * t), method="dop853")
+    run = model.simulate((0, 1.5 * t), method="dop853", atol=1e-20)
+    assert run.events["hit"].t == pytest.approx([t], rel=1e-6)
+    assert run.event_sensitivity("hit", "d") == pytest.approx([t / (2 * d)], rel=1e-6)

@@ -25,7 +25,7 @@ from cotree.cli.arguments import (
 from cotree.cli.exporting import export_scene
 from cotree.cli.fitting import fit_scene
 from cotree.cli.guide import new_scene, show_components
-from cotree.cli.linting import lint_scene
+from cotree.cli.linting import lint_scene, warn_of
 from cotree.cli.messages import INTERRUPTED, complain, warnings_in_one_line
 from cotree.cli.optimise import optimise_scene
 from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
@@ -183,6 +183,7 @@ def run_scene(
     settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
     described = read_inputs(read_scene(scene), inputs, settings["parameters"])
     is_moving = check_animated(animate, described)
+    warn_of(described)
     build_ahead(method or described.defaults.method)
     model = described.compile(sensitivity, read_tree(tree))
     if plot is not None or (animate is not None and not is_moving):

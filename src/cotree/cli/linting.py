@@ -13,7 +13,12 @@ from cotree.cli.source import read_scene
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.api import Scene
     from cotree.lint import Finding
+
+
+# Findings that a run prints.
+_MOST_WARNINGS = 5
 
 
 def lint_scene(
@@ -36,6 +41,18 @@ def lint_scene(
             typer.echo(line)
     if found:
         raise typer.Exit(1)
+
+
+def warn_of(scene: Scene) -> None:
+    """Print to stderr what is suspicious in a scene that is about to run."""
+    from cotree.lint import lint
+
+    # What a run refuses is an error of its own, and names that nothing uses change no number.
+    found = [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
+    for row in found[:_MOST_WARNINGS]:
+        typer.echo(str(row), err=True)
+    if len(found) > _MOST_WARNINGS:
+        typer.echo(f"{len(found) - _MOST_WARNINGS} more findings: see `cotree lint`", err=True)
 
 
 def finding_lines(found: Sequence[Finding]) -> list[str]:

@@ -15,10 +15,17 @@ if TYPE_CHECKING:
 
     from cotree.scene.description import Edge, SceneDescription
 
+# Names that other tools have for the ground.
+_GROUNDS = frozenset({"gnd", "0", "gnd!", "earth", "ground"})
+
 
 def findings(scene: SceneDescription) -> Iterator[Finding]:
     """Find dangling nodes and shorted edges."""
     yield from dangling_nodes(scene)
+    for node in scene.nodes:
+        if node != "ground" and node.lower() in _GROUNDS:
+            told = f"node '{node}' is a node like any other: is 'ground' meant?"
+            yield Finding("similar-names", "node", node, told)
     for edge in scene.edges.values():
         if _is_shorted(edge):
             told = f"both ends of edge '{edge.name}' are at node '{edge.nodes[0]}': it does nothing"

@@ -11,6 +11,9 @@ from cotree.errors import SceneError, brief, nearest
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+# Parameters to which sensitivities come along unnamed: each has a panel of its own.
+_MOST_UNNAMED = 4
+
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
 
 #: Name that a user gives: a state, output, input or title of a column, or (name, parameter).
@@ -48,8 +51,9 @@ def choose_curves(
     ----------
     names : str, sequence of str or of (str, str), or None
         States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
-        ``(name, parameter)``. Where no sensitivity is named, all those of the states and outputs
-        that are come with them. None means the coordinates, the states that are no rates.
+        ``(name, parameter)``. Where no sensitivity is named, those of the states and outputs that
+        are, to the first four parameters, come with them. None means the coordinates, the states
+        that are no rates.
     states, outputs, inputs, parameters : sequence of str
         The names that the result has; parameters are those of its sensitivities.
     is_alone : bool
@@ -82,7 +86,8 @@ def choose_curves(
     if not values and not pairs:
         raise SceneError("nothing is named that could be plotted")
     if not pairs and not is_alone:
-        pairs = {(name, to): None for name in values if name in known for to in parameters}
+        unnamed = parameters[:_MOST_UNNAMED]
+        pairs = {(name, to): None for name in values if name in known for to in unnamed}
     return Curves(tuple(values), tuple(pairs))
 
 

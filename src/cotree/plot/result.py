@@ -68,8 +68,9 @@ def plot_result(
         The result of a simulation.
     names : str, sequence of str or of (str, str), or None
         States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
-        ``(name, parameter)``. Where no sensitivity is named, all those of the states and outputs
-        that are come with them. None plots the coordinates, the states that are no rates.
+        ``(name, parameter)``. Where no sensitivity is named, those of the states and outputs that
+        are, to the first four parameters, come with them. None plots the coordinates, the states
+        that are no rates.
     overlay : mapping of (name, parameter) to (t, values), or None
         Sensitivities found in another way, by finite differences for example, of shape (n,) each;
         drawn as open circles.

@@ -29,8 +29,9 @@ VERDICTS = {
         "through it: let a mode hold what comes to rest, or stop there"
     ),
     "EVENTS_GRAZE": (
-        "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, and "
-        "nothing there has sensitivities; change a parameter, or compile without sensitivities"
+        "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, to within "
+        "the tolerances, and nothing there has sensitivities; where it is never much larger than "
+        "atol, give a smaller atol, else change a parameter, or compile without sensitivities"
     ),
     "EVENTS_ACCUMULATE": (
         "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a mode hold "

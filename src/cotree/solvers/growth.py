@@ -22,6 +22,10 @@ _EARLY, _LATE = 0.1, 0.9
 # the way, and an accelerated one a hundred times.
 _LEAST = 1e3
 
+# Nor does what grows more slowly than this power of time, as counts and angles do: an exponential
+# that has grown a thousandfold grows as the power of 7.7 at its end.
+_LEAST_POWER = 7.0
+
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """Add to the message of a run that stopped early which state grows, since when and how far."""
@@ -36,9 +40,9 @@ def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
 def growth(problem: Problem, trajectory: Trajectory) -> str:
     """Name the state that has grown most, as a sentence; empty where none has grown much.
 
-    A state has grown if it has left the range of the first tenth of the run a thousandfold, and is
-    as large as ever in the last one. The range is at least the size below which the absolute
-    tolerance decides.
+    A state has grown if it has left the range of the first tenth of the run a thousandfold, is as
+    large as ever in the last one, and grows there faster than any power of time below the seventh.
+    The range is at least the size below which the absolute tolerance decides.
     """
     n, start = problem.n_states, float(problem.t_span[0])
     if not trajectory.t.size or not n:
@@ -53,7 +57,14 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        factors = np.where(last >= most, last / ranges, 0.0)
+        # The power of time by which each has grown since the last time before the last tenth.
+        before = np.flatnonzero(~late)
+        power = np.zeros(n)
+        if before.size and t[before[-1]] > 0.0:
+            size = np.maximum(np.max(y[:, before], axis=1), floor)
+            power = np.log(last / size) / np.log(t[-1] / t[before[-1]])
+        is_growing = (last >= most) & (power >= _LEAST_POWER)
+        factors = np.where(is_growing, last / ranges, 0.0)
     worst = int(np.argmax(factors))
     if not factors[worst] >= _LEAST:
         return ""
