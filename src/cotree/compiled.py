@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.carried import carry, digest
 from cotree.ensemble.of_model import EnsembleMethods
-from cotree.errors import SolveError
+from cotree.errors import Error, SolveError
 from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.moment import Moment
@@ -98,6 +98,16 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         from cotree.model.display import model_html
 
         return model_html(self, ("auto", *METHODS))
+
+    def slow_causes(self) -> str:
+        """Return sentences on bodies that are so light that rounding errors move them."""
+        from cotree.scene.inertias import tiny_masses
+
+        try:
+            found = [sentence for _, sentence in tiny_masses(self._scene)]
+        except Error:  # of values that a run replaced
+            return ""
+        return " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in found[:2])
 
     @property
     def source(self) -> str:

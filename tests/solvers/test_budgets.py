@@ -237,3 +237,36 @@ def test_an_event_that_atol_hides_names_atol():
     run = model.simulate((0, 1.5 * t), method="dop853", atol=1e-20)
     assert run.events["hit"].t == pytest.approx([t], rel=1e-6)
     assert run.event_sensitivity("hit", "d") == pytest.approx([t / (2 * d)], rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "ida"])
+def test_a_fold_of_the_algebraic_equations_is_named(method):
+    """An amplifier with positive feedback: its upper solution ends where the input reaches b V."""
+    scene = cotree.Scene("amplifier")
+    scene.edge("R1", "resistor", "o", "c", resistance=1e4)
+    scene.edge("C1", "capacitor", "c", "ground", capacitance=1e-7, initial={"v": 0.1})
+    scene.edge("d1", "resistor", "o", "f", resistance=6e3)
+    scene.edge("d2", "resistor", "f", "ground", resistance=4e3)
+    law = "max(-12, min(12, 1000*(d2.v - C1.v)))"
+    scene.edge("S", "voltage_source", "o", "ground", voltage=law)
+    with pytest.warns(RuntimeWarning, match=r"fold at t = .*'S\.v'"):
+        run = scene.compile().simulate((0, 5e-3), method=method, rtol=1e-8, max_steps=5000)
+    # At 0.4 of the supply, less the millivolts that drive the output to it: V (b - 1/1000).
+    assert abs(run["C1.v"][-1]) == pytest.approx(12 * (0.4 - 1e-3), rel=1e-6)
+
+
+def test_a_body_too_light_for_its_forces_is_named():
+    """A nanogram that constraints hold beside 1.5 kg."""
+    scene = cotree.Scene("light", gravity=[0, -9.81, 0])
+    scene.parameter("eps", 1e-9)
+    scene.planar("b", "ground", "P", normal=[0, 0, 1])
+    scene.rigid_body("d", "ground", "P", mass=1.5, inertia=0.05)
+    scene.prismatic("u", "ground", "U", axis=[1, 0, 0], initial={"s": -1.4})
+    scene.rigid_body("ub", "ground", "U", mass="eps")
+    scene.constraint("cx", "ground", "P", expression="P.x - u.s")
+    scene.constraint("cy", "ground", "P", expression="P.y - 0.4*u.s**2")
+    with pytest.warns(RuntimeWarning, match=r"[Mm]ass of edge 'ub' is 1e-09"):
+        scene.compile().simulate((0, 3), rtol=1e-9, max_steps=3)
+    assert "ub" in [row.name for row in scene.lint() if row.rule == "inertia"]
+    scene.set("eps", 1e-3)
+    assert not [row for row in scene.lint() if row.rule == "inertia"]

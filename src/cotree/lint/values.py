@@ -23,7 +23,7 @@ from cotree.scene.dimensions import (
     stated_values,
 )
 from cotree.scene.expressions import Expression
-from cotree.scene.inertias import inertia_faults
+from cotree.scene.inertias import inertia_faults, tiny_masses
 from cotree.scene.parameters import in_order, parameter_values
 from cotree.units import same_dimension, unit_text
 
@@ -208,7 +208,7 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
 
 def _inertias(scene: SceneDescription) -> Iterator[Finding]:
     try:
-        for name, told in inertia_faults(scene):
+        for name, told in (*inertia_faults(scene), *tiny_masses(scene)):
             yield Finding("inertia", "edge", name, told)
     except Error:
         return  # told by another rule

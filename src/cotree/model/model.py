@@ -69,6 +69,13 @@ class CompiledModel(PreparedKernels):
         """Hash of names and default values: different for models that compute something else."""
         return hashlib.sha256(repr(self.layout).encode()).hexdigest()
 
+    def slow_causes(self) -> str:
+        """Return sentences on values of the scene that make steps short; empty where none is known.
+
+        The program knows none: a model of a scene does.
+        """
+        return ""
+
     @property
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state or output depends on."""

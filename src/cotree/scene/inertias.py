@@ -28,8 +28,37 @@ if TYPE_CHECKING:
 # Thin rods and plates are at the limit, and their three values may be written with six digits.
 _WRITTEN = 2e-5
 
+# A share of the heaviest body's mass below which rounding errors of its forces are felt.
+_TINY = 1e-8
+
 #: Principal moments above minus this share of the sum of all are zero but for rounding.
 ROUNDING = 1e-12
+
+
+def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
+    """Name bodies whose mass is far below that of the heaviest, with a sentence each.
+
+    Forces that balance there but for rounding accelerate them, which takes short steps.
+    """
+    values = parameter_values(scene.parameters)
+    dag = Dag()
+    masses: dict[str, float] = {}
+    for edge in scene.edges.values():
+        given = edge.fields.get("mass")
+        if not isinstance(given, Expression) or not all(name in values for name in given.names):
+            continue
+        number = given.lower(dag, lambda name: dag.constant(values[name])).value
+        if number is not None and number > 0.0:
+            masses[edge.name] = number
+    heaviest = max(masses, key=masses.__getitem__, default="")
+    for name, mass in masses.items():
+        if mass < _TINY * masses[heaviest]:
+            yield (
+                name,
+                f"mass of edge '{name}' is {mass:.3g}, {mass / masses[heaviest]:.1g} of that of "
+                f"'{heaviest}': rounding errors of forces accelerate it, and steps become short; "
+                "give it more mass, or leave the body out where constraints hold its motion",
+            )
 
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:

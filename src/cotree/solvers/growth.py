@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.errors import listed
+
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.problem import Problem
@@ -26,15 +28,48 @@ _LEAST = 1e3
 # that has grown a thousandfold grows as the power of 7.7 at its end.
 _LEAST_POWER = 7.0
 
+# Unknowns whose determinant is formed, and those that a message names; how far aside it is formed.
+_MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
+
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add to the message of a run that stopped early which state grows, since when and how far."""
+    """Add to the message of a run that stopped early which state grows, or that a fold ended it."""
     if trajectory.status == 0:
         return trajectory
-    said = growth(problem, trajectory)
+    said = growth(problem, trajectory) or fold(problem, trajectory)
     if not said:
         return trajectory
     return replace(trajectory, message=f"{trajectory.message} {said}")
+
+
+def fold(problem: Problem, trajectory: Trajectory) -> str:
+    """Report a fold of the algebraic equations where a run ended early, as a sentence, or empty.
+
+    Two solutions meet at a fold, and none goes on: the determinant of the derivatives by the
+    unknowns has different signs on either side of it.
+    """
+    m, n = problem.n_algebraic, problem.n_states
+    if not (0 < m <= _MOST_UNKNOWNS and trajectory.t.size) or problem.jacobian is None:
+        return ""
+    t, y = float(trajectory.t[-1]), trajectory.z[:n, -1].copy()
+    signs = set()
+    # A kink may be near rather than at the last point.
+    for i in range(n - m, n):
+        for aside in (-_ASIDE, _ASIDE):
+            there = y.copy()
+            there[i] += aside * max(abs(y[i]), float(problem.state_atol[i]))
+            slopes = np.asarray(problem.jacobian(t, there))[n - m :, n - m :]
+            if not np.all(np.isfinite(slopes)):
+                return ""
+            signs.add(float(np.linalg.slogdet(slopes)[0]))
+    if len(signs) < 2:
+        return ""
+    unknowns = listed(f"'{name}'" for name in list(problem.names[n - m : n])[:_MOST_NAMED])
+    return (
+        f"The algebraic equations have a fold at t = {t:.6g}: two of their solutions for "
+        f"{unknowns} meet there, and none goes on. Let a mode switch there by events, or put a "
+        "storage, such as a small capacitor, into the loop."
+    )
 
 
 def growth(problem: Problem, trajectory: Trajectory) -> str:

@@ -309,10 +309,11 @@ class Job:
 
     def _verdict(self, problem: Problem, name: str) -> str:
         """Say why an event ended the job."""
-        assert problem.events is not None  # whose status it is
-        rows, c = problem.events.rows, self.job
+        c = self.job
+        # Kinks of laws are located as events are, and have no names.
+        rows = problem.events.rows if problem.events is not None else ()
         fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
-        events = blamed(name, rows[c.event].name, fired)
+        events = blamed(name, rows[c.event].name, fired) if rows else ["kink of a law"]
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import SolveError
 from cotree.quiet import level_of_user
 from cotree.records import filled
+from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.growth import with_growth
 from cotree.solvers.observed import observed
 from cotree.solvers.prepare import prepared
@@ -98,6 +100,8 @@ def run_values(
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
     redundant = redundancy(model, projection, trajectory)
     trajectory = with_growth(problem, held(problem, trajectory, redundant))
+    if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes()):
+        trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
     if trajectory.status != 0:
         if settings.throw:
             raise SolveError(trajectory.message)
