@@ -80,6 +80,17 @@ def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
         return y
 
 
+def without_sticking(at: Moment, y: Array) -> Array | None:
+    """Return a point at which all that sticks slides forwards; None where nothing sticks."""
+    modes = [row.targets[0] for row in at.model.layout.events if row.part == ModePart.STOPS]
+    stuck = [mode for mode in modes if y[mode] == _STUCK]
+    if not stuck:
+        return None
+    sliding = y.copy()
+    sliding[stuck] = 1.0
+    return sliding
+
+
 def check_friction(at: Moment, y: Array) -> None:
     """Refuse a point at which a mode of dry friction is not one of its equations' own.
 

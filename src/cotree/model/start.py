@@ -21,15 +21,17 @@ import numpy as np
 from cotree.errors import ParameterError, SingularSystemError, listed, nearest
 from cotree.model.consistent import Start, consistent_start
 from cotree.model.contents import check_followers, held_followers
+from cotree.model.friction_modes import settle_friction, without_sticking
 from cotree.model.moment import Moment
 from cotree.model.redundant import check_redundant
 from cotree.model.unknowns import settle_jumps, solve_start
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.model.arrays import Array
+    from cotree.model.contents import Pair
     from cotree.model.model import CompiledModel
 
 
@@ -59,12 +61,25 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
             )
         # The sensitivities of a chosen start do not know how that choice depends on parameters.
         s = _by_differences(at, initial, start)
-    y, s = solve_start(at, y, s, held)
+    if model.layout.n_algebraic:
+        y = settle_friction(at, y, initial)
+    y, s = _solve(at, y, s, held)
     y, s = settle_jumps(at, y, s, held)
     # Checks come last, since they compare with values that the steps before have found.
     check_followers(model, initial, y)
     check_redundant(at, Start(y, s), set(initial))
     return replace(start, y=y, s=s)
+
+
+def _solve(at: Moment, y: Array, s: Array, held: Sequence[Pair]) -> tuple[Array, Array]:
+    """Solve for the unknowns of a start; what cannot stick begins to slide, see the engine."""
+    try:
+        return solve_start(at, y, s, held)
+    except SingularSystemError:
+        sliding = without_sticking(at, y)
+        if sliding is None:
+            raise
+    return solve_start(at, sliding, s, held)
 
 
 def scene_start(model: CompiledModel) -> Start:
