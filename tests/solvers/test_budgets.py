@@ -270,3 +270,14 @@ def test_a_body_too_light_for_its_forces_is_named():
     assert "ub" in [row.name for row in scene.lint() if row.rule == "inertia"]
     scene.set("eps", 1e-3)
     assert not [row for row in scene.lint() if row.rule == "inertia"]
+
+
+def test_a_singular_position_is_named():
+    """Two axes are parallel at a middle angle of zero, and one of their motions moves nothing."""
+    scene = cotree.Scene("gimbal")
+    scene.revolute("a", "ground", "A", axis=[0, 0, 1])
+    scene.revolute("b", "A", "B", axis=[1, 0, 0], initial={"theta": 0.0})
+    scene.revolute("c", "B", "C", axis=[0, 0, 1], initial={"theta": 0.25})
+    scene.rigid_body("r", "ground", "C", mass=1.0, inertia=[1, 1, 1])
+    with pytest.raises(cotree.SingularSystemError, match=r"b\.theta = 0, c\.theta = 0\.25"):
+        scene.compile().simulate((0, 1))

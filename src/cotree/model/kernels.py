@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 
 SINGULAR = 1
 
+#: Coordinates of a singular position that a message lists.
+_MOST_COORDINATES = 8
+
 
 def _singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
     layout, why = program.layout, why_undefined(program, name, known)
@@ -57,11 +60,22 @@ def _singular(program: Program, name: str, known: Mapping[str, Any]) -> Singular
             "their stretch; change a ratio or a start, or put a resistance or a damper between them"
         )
     names = ", ".join(f"'{name}'" for name in layout.uncertain)
+    place = _position(program, known.get("x"))
     return SingularSystemError(
-        f"the mass matrix is singular in the present configuration: among {names}, whose joints "
-        "carry no inertia of their own, some motion moves no inertia; give the bodies that these "
-        "joints carry mass or inertia"
+        f"the mass matrix is singular in the present configuration{place}: among {names}, whose "
+        "joints carry no inertia of their own, some motion moves no inertia; give the bodies that "
+        "these joints carry mass or inertia, or begin away from where axes are parallel"
     )
+
+
+def _position(program: Program, x: Any) -> str:
+    """Return the values of the coordinates as a phrase; empty where they are many or unknown."""
+    layout = program.layout
+    n = layout.n_coordinates
+    if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
+        return ""
+    rows = zip(layout.states[:n], x, strict=False)
+    return " at " + ", ".join(f"{row.name} = {float(value):.6g}" for row, value in rows)
 
 
 @dataclass(frozen=True, eq=False)
