@@ -40,7 +40,7 @@ _STEEP, _ROUNDING = 10.0, 1e-10
 
 # Points where a condition is zero: as many random ones are tried, and so many have to show that
 # both sides meet.
-_N_TRIALS, _N_SHOWN = 60, 12
+_N_TRIALS, _N_SHOWN = 600, 12
 
 # Sizes of random values: powers of ten. Every third value lies near a constant of the law.
 _SIZES = (-3.0, 1.5)
@@ -355,12 +355,11 @@ class _Boundary:
             ]
             if sides[0][0] < 0.0:
                 sides.reverse()
-            if not sides[0][0] > 0.0 > sides[1][0]:
+            gap = abs(sides[0][1] - sides[1][2])
+            if not sides[0][0] > 0.0 > sides[1][0] or not math.isfinite(gap):
                 return None
-            gaps.append(abs(sides[0][1] - sides[1][2]))
+            gaps.append(gap)
             largest = max(largest, abs(sides[0][1]), abs(sides[1][2]))
-        if not math.isfinite(largest) or not all(map(math.isfinite, gaps)):
-            return None
         floor = _FLOOR * largest
         is_met = all(after <= max(_FALLS * gap, floor) for gap, after in pairwise(gaps))
         return is_met, values
