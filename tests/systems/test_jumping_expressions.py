@@ -492,3 +492,22 @@ def test_fmus_stop_where_a_jump_contradicts_itself(tmp_path, kind):
                 start_values={"C": C, "I": drawn},
                 logger=lambda *_: None,
             )
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-10, 1e-11])
+def test_a_table_in_a_condition_does_not_hide_when_it_changes(rtol):
+    """The time of a jump whose condition has a table of a state moves with a parameter."""
+    scene = Scene("switch")
+    scene.parameter("d", 0.1)
+    scene.table("curve", [-1.0, 0.0, 0.7, 2.0], [0.3, -0.2, 0.5, 0.1])
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, initial={"v": -0.9})
+    scene.edge("I", "current_source", "ground", "a", current="1 + where(curve(C.v) - d > 0, 1, 0)")
+    result = scene.compile(["d"]).simulate((0.0, 1.5), rtol=rtol)
+    # The table falls through 0.1 at v = -0.6 and rises through it at v = 0.3. Until then v grows by
+    # 2 in a second, then by 1, then by 2; the rises are -0.5 and 1 in a unit of v.
+    v = 0.3 + 2.0 * (1.5 - 0.15 - 0.9)
+    assert result["C.v"][-1] == pytest.approx(v, rel=1e-7)
+    # With v1 and v2 there: t1 = (v1 + 0.9)/2, t2 = t1 + v2 - v1, v = v2 + 2 (1.5 - t2).
+    v1, v2 = -2.0, 1.0  # slopes by d of where it jumps
+    t2 = 0.5 * v1 + v2 - v1
+    assert result.sensitivity("C.v", "d")[-1] == pytest.approx(v2 - 2.0 * t2, rel=1e-6)

@@ -206,15 +206,18 @@ def _of_table(node: Node, given: Range) -> Range:
         (y1 - y0) / (x1 - x0)
         for (x0, x1), (y0, y1) in zip(pairwise(data.x), pairwise(data.y), strict=True)
     ]
-    if place == 1:
-        slopes = [*slopes, 0.0]  # beyond the ends
-        return dag.constant(min(slopes)), dag.constant(max(slopes))
+    is_held = isinstance(data, HeldTable)
     ends = [
-        dag.several(held.op, [end, *held.args[1:]], data, 5 if isinstance(data, HeldTable) else 2)[
-            place
-        ]
+        dag.several(held.op, [end, *held.args[1:]], data, 5 if is_held else 2)[place]
         for end in given
     ]
+    if place == 1:
+        slopes = [*slopes, 0.0]  # beyond the ends
+        of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
+        # A piece that is held has one slope.
+        return (
+            _where(-dag.function("abs", held.args[1]), of_all, _hull(ends)) if is_held else of_all
+        )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
         return _hull(ends)  # of what falls or grows throughout, as do the ends of pieces
     # It leaves the mean of both ends by no more than its largest slope allows.
