@@ -692,3 +692,11 @@ def test_expressions_of_voltages_mean_what_they_do_in_ngspice(text, value):
     model = circuit.compile(tunable=[])
     # Values of ngspice 39, printed with six digits.
     assert model.output_values(0.0, model.start().y)[0] == pytest.approx(value, rel=1e-6)
+
+
+def test_a_negative_resistance_is_read():
+    """6 A flow through 3 ohms less 2, so that 12 V lie against the current."""
+    circuit = read("title\nV1 a 0 6\nR1 a b 3\nR2 b 0 -2\n")
+    circuit.output("b", "b.v")
+    model = circuit.compile()
+    assert model.output_values(0.0, model.start().y)[0] == pytest.approx(-12.0, rel=1e-12)

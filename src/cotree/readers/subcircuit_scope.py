@@ -314,12 +314,12 @@ class Instance:
             if row is None or not row.sign or not isinstance(value, Expression):
                 continue
             found = self.sheet.amount(value.text)
-            if found is not None and not (found > 0.0 or (found == 0.0 and row.sign != "positive")):
-                demand = "be positive" if row.sign == "positive" else "not be negative"
-                raise ParameterError(
-                    f"{name} of '{edge}' is {found:.6g}: it must {demand}; the parameters that "
-                    "it is made of say so"
-                )
+            if found is None or found > 0.0:
+                continue
+            if {"nonnegative": found < 0.0, "nonzero": found == 0.0}.get(row.sign, True):
+                wanted = {"nonnegative": "not be negative", "nonzero": "not be zero"}
+                told = wanted.get(row.sign, "be positive")
+                raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {told}")
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
         """Read the value of an element; a number becomes a parameter of the element's name.
