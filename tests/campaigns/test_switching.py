@@ -29,10 +29,13 @@ pytestmark = pytest.mark.compiler
 
 ALL = int(os.environ.get("COTREE_CASES", "2000"))
 QUICK, SLOW, BLOCK = 3, 60, 20
+#: A jump whose condition holds a table: it was met beside a corner of that, and lost its slope.
+FOUND = (557,)
 
 RTOL, ATOL = 1e-8, 1e-10
-#: A hundred tolerances of the largest state; FMUs and Co-Simulation read at communication points.
-MOST_OFF = 100.0
+#: A hundred tolerances of the largest state, and of methods of variable order a few more for each
+#: switch, at which they begin anew by the first order.
+MOST_OFF, PER_SWITCH = 100.0, 5.0
 #: Of differences with steps of 1e-5 of a reference that is right to about 1e-11.
 STEP, NEAR = 1e-5, 1e-4
 METHODS = ("dopri5", "rodas5", "cvode", "ida", "dop853", "rkf45", "rodas4", "scipy")
@@ -79,7 +82,9 @@ def _of_refusal(made: Made, reference: Reference) -> str:
     return "refused" if made.is_continuous else "refused jump"
 
 
-def _judged(made: Made, reference: Reference, names: dict[str, Any], t: Any) -> str:
+def _judged(
+    made: Made, reference: Reference, names: dict[str, Any], t: Any, method: str = ""
+) -> str:
     """Compare states with the reference, as far as both go."""
     if reference.is_open:
         return "open"
@@ -89,7 +94,10 @@ def _judged(made: Made, reference: Reference, names: dict[str, Any], t: Any) -> 
         size = np.nanmax(np.abs(row), initial=0.0)
         off = np.abs(np.asarray(names[name])[:n] - row[:n])
         worst = max(worst, float(np.nanmax(off, initial=0.0)) / (ATOL + RTOL * size))
-    if not worst <= MOST_OFF:
+    most = MOST_OFF
+    if method in ("cvode", "ida"):
+        most += PER_SWITCH * len(reference.order)
+    if not worst <= most:
         if _is_sensitive(made):
             return "sensitive"
         return f"silent error of {worst:.0f} tolerances"
@@ -120,7 +128,7 @@ def _run(model: Model, made: Made, reference: Reference, method: str, q: float |
         return f"crash: {method}: {error!r}"
     if run.status < 0:
         return f"{_of_refusal(made, reference)}: {method}: {run.message}"
-    kind = _judged(made, reference, run, run.t)
+    kind = _judged(made, reference, run, run.t, method)
     if kind == "right" and q is not None:
         wrong = _wrong_sensitivity(run, made, reference, q)
         if wrong:
@@ -212,7 +220,11 @@ def check(seeds: range) -> Counter[str]:
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(i, marks=[pytest.mark.slow] if i >= QUICK else []) for i in range(SLOW)]
+    "seed",
+    [
+        pytest.param(i, marks=[pytest.mark.slow] if QUICK <= i < SLOW else [])
+        for i in (*range(SLOW), *FOUND)
+    ],
 )
 def test_a_switching_scene_is_right_or_says_why_not(seed: int) -> None:
     check(range(seed, seed + 1))
