@@ -41,7 +41,7 @@ def registry() -> Iterator[None]:
 
 
 @pytest.mark.sampled(8)
-@pytest.mark.parametrize("number", map(_marked, range(len(CASES))))
+@pytest.mark.parametrize("number", [*map(_marked, range(len(CASES)))])
 def test_a_law_in_a_situation(number: int) -> None:
     """One method for each case, with sensitivities in every other."""
     name, situation, is_registered = CASES[number]
@@ -57,7 +57,7 @@ def test_a_law_in_a_situation(number: int) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("parameters", [[], ["k", "c"]], ids=["plain", "sensitivities"])
-@pytest.mark.parametrize("number", map(_marked, range(len(CASES))))
+@pytest.mark.parametrize("number", [*map(_marked, range(len(CASES)))])
 def test_every_method(number: int, parameters: list[str]) -> None:
     name, situation, is_registered = CASES[number]
     assert not faults(
