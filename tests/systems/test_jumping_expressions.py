@@ -449,6 +449,26 @@ def test_what_contradicts_its_own_condition_stops(method, sensitivities):
         assert result.t[-1] == pytest.approx(_cut(C, drawn), rel=1e-5)
 
 
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+@pytest.mark.parametrize("coils", [("r1",), ("r2", "r1")])
+def test_a_contradiction_that_changes_no_rate_stops(method, coils):
+    """A relay shorts its own coil, or two do by turns, and no rate changes."""
+    scene = Scene("relay")
+    scene.edge("V", "voltage_source", "a", "ground", voltage="t")
+    scene.edge("R", "resistor", "a", "c", resistance=1.0)
+    scene.edge("C", "capacitor", "c", "ground", capacitance=1.0)
+    # One closes above 1 V of the other, which then falls; of two, the second opens below 1 V.
+    for i, coil in enumerate(coils, 1):
+        off, on = (10.0, 0.1) if i == 1 else (0.1, 10.0)
+        scene.edge(f"s{i}", "resistor", "a", f"n{i}", resistance=1.0)
+        law = f"where({coil}.v > 1, {on}, {off})"
+        scene.edge(f"r{i}", "resistor", f"n{i}", "ground", resistance=law)
+    with pytest.warns(RuntimeWarning, match=r"'r1.v > 1 up'"):
+        result = scene.compile().simulate((0, 3), method=method)
+    assert result.status == -1
+    assert result.t[-1] == pytest.approx(1.1, rel=1e-9)  # 10/11 of the voltage are 1 V
+
+
 def test_members_of_ensembles_stop_where_a_jump_contradicts_itself():
     rng = np.random.default_rng(2)
     members = {"C": 10 ** rng.uniform(1, 3, 100), "I": rng.uniform(0.5, 3.9, 100)}
