@@ -39,6 +39,16 @@ def _slid(force: str, speed: float = 1.0, **values: float) -> Scene:
     return scene
 
 
+def _turned(torque: str, **values: float) -> Scene:
+    """An inertia of 1 kg m2 at rest under a torque."""
+    scene = Scene("turned")
+    for name, value in values.items():
+        scene.parameter(name, value)
+    scene.edge("J", "rotational_inertia", "ground", "A", inertia=1.0)
+    scene.edge("f", "torque_source", "ground", "A", torque=torque)
+    return scene
+
+
 def _along(end, values):
     """Differentiate a closed form by each of its arguments, to twenty digits."""
     with mpmath.workdps(40):
@@ -202,6 +212,62 @@ def test_what_rests_is_pushed_off_at_a_corner_of_a_force(method):
     assert result["m.v"][-1] == pytest.approx(4.5, rel=1e-9)
     assert result.sensitivity("m.v", "F")[-1] == pytest.approx(-1.5, rel=1e-9)
     assert result.sensitivity("m.v", "d")[-1] == pytest.approx(-3.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+@pytest.mark.parametrize("begins", [0.0, 0.5])
+@pytest.mark.parametrize(
+    ("law", "push"),
+    [
+        ("where(J.theta >= 0, a, 2*a)", 0.3),
+        ("where(J.theta > 0, a, 2*a)", 0.3),
+        ("where(J.theta >= 0, -a, -2*a)", -0.6),
+        ("where(J.theta > 0, -a, -2*a)", -0.6),
+        # From one side alone: with the other branch it would stay.
+        ("where(J.theta + mod(J.theta, 0.5) >= 0, a, 0)", 0.3),
+    ],
+)
+def test_rest_on_a_jump_ends_on_the_side_that_it_is_pushed_to(law, push, begins, method):
+    """theta = push (t - begins)^2/2, which is linear in a."""
+    scene = _turned(f"where(t >= {begins}, 1, 0)*({law})", a=0.3)
+    result = scene.compile(["a"]).simulate((0, 1), [0, 0.5, 1], method=method, **TIGHT)
+    expected = 0.5 * push * (1.0 - begins) ** 2
+    # Methods of variable order err by some hundred tolerances over their first steps.
+    assert result["J.theta"][-1] == pytest.approx(expected, rel=1e-7)
+    assert result.sensitivity("J.theta", "a")[-1] == pytest.approx(expected / 0.3, rel=1e-7)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+@pytest.mark.parametrize("sensitivities", [[], ["a"]])
+@pytest.mark.parametrize("begins", [0.0, 0.5])
+def test_rest_on_a_jump_that_pushes_back_from_either_side_stops(begins, sensitivities, method):
+    scene = _turned(f"where(t >= {begins}, a, 0)*where(J.theta > 0, -1, 2)", a=0.3)
+    with pytest.warns(RuntimeWarning, match=r"'J.theta > 0 up'.*driven back"):
+        result = scene.compile(sensitivities).simulate((0, 1), method=method)
+    assert result.t[-1] == pytest.approx(begins, abs=1e-9)
+
+
+def test_rest_on_a_jump_that_grows_from_nothing_is_driven_back():
+    """Both rates are zero at the start, and differ later: no kink."""
+    scene = _charged("C.v + where(C.v > 0, -t, t)", R=1.0)
+    with pytest.warns(RuntimeWarning, match=r"'C.v > 0 up'.*driven back"):
+        result = scene.compile().simulate((0, 1))
+    assert result.t[-1] == 0.0
+
+
+def test_rest_on_a_jump_has_no_slope_by_where_it_is():
+    model = _turned("where(J.theta >= d, 1, 2)", d=0.0).compile(["d"])
+    with pytest.raises(SolveError, match=r"'J.theta >= d up' happens right at the start.*'d'"):
+        model.simulate((0, 1))
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
+def test_a_jump_that_takes_the_rate_away_is_passed(method):
+    """v = t up to 0.5, where v' jumps to zero and v'' to 1: v = t - 1 + exp(0.5 - t)."""
+    scene = _charged("where(C.v < 0.5, 1, 0) + min(1, t)", R=1.0)
+    result = scene.compile().simulate((0, 1), method=method, **TIGHT)
+    # Methods of variable order err by some hundred tolerances over their first steps.
+    assert result["C.v"][-1] == pytest.approx(math.exp(-0.5), rel=1e-7)
 
 
 def test_a_start_on_a_jump_has_sensitivities_along_it_only():
