@@ -7,11 +7,15 @@ looks for the time at which an argument leaves its piece as it looks for events,
 from there on the next piece. States and their sensitivities are continuous at a corner, so that
 nothing else happens there.
 
-Left as they are: conditions whose two sides do not evidently meet, which would be jumps; those that
-are known functions of time, where integration stops anyway; corners within roots, powers,
-logarithms, exponentials, divisors and constraints, and corners where a root or power ends, since a
-piece has no value beyond its end there, or a huge one; and tables with very many points, whose
-corners are small.
+A sign, or a selection whose two sides differ, is a corner where what reads it is continuous, as in
+``x*sign(x)``. Where a power of more than one ends, as ``max(x, 0)**1.5`` does, a piece has no value
+beyond its end: steps end there, too, but its argument decides at all times.
+
+Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
+those that are known functions of time, where integration stops anyway; corners within roots,
+logarithms, exponentials, divisors and constraints, and corners where a root or a power below one
+ends, since a piece has no value beyond its end there, or a huge one; and tables with very many
+points, whose corners are small.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
 from cotree.equations import CornerRow
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
@@ -40,17 +44,21 @@ if TYPE_CHECKING:
 #: alone that may have corners, and of a linear system the right-hand side.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
 _TAME |= {"select", "sign", "table", "result", "sines"}
+_BRANCHING = frozenset({"select", "abs", "sign"})
 
 #: Tables with more points than this along an axis are left to the error test: a run would stop at
 #: each of them.
 _MOST_POINTS = 1000
+
+#: So many values are tried between one that jumps and those in which it no longer does.
+_MOST_READERS = 8
 
 #: Sums of more terms than this are compared as they stand.
 _MOST_TERMS = 64
 
 
 def hold_pieces(equations: Equations) -> Equations:
-    """Let steps hold the pieces of what has corners."""
+    """Return the equations whose steps hold the pieces of what has corners."""
     found = _find(equations)
     if not found:
         return equations
@@ -96,46 +104,112 @@ def without_corners(program: Program) -> Program:
     return replace(program, layout=layout, kernels=kernels)
 
 
-def _find(equations: Equations) -> dict[Node, None]:
-    """List the conditions and the tables that are followed, in order of evaluation."""
+def _find(equations: Equations) -> dict[Node, bool]:
+    """List the conditions and the tables that are followed, and whether steps hold their pieces."""
     order = reachable([*equations.forcing, *equations.rates])
     moving = dependent(order, _moving(order, equations))
-    wild = _wild(order, equations)
-    conditions: dict[_Key, bool] = {}
+    wild = _wild(order, equations, _TAME)
+    steep = _wild(order, equations, _TAME | {"pow"}) if wild else wild
+    conditions: dict[_Key, int] = {}
     looked_at: dict[_Key, Node] = {}
-    tables: dict[Node, None] = {}
-    keys = _Keys()
-    for node in (item for item in order if not moving.isdisjoint(item.args)):
-        if node.op in ("select", "abs", "sign"):
-            # One condition serves all that it decides: one of these may rule it out.
-            is_corner = node not in wild and (node.op == "abs" or _meets(node))
-            if node.args[0] in moving:
-                key, _ = keys.of(node.args[0])
-                looked_at.setdefault(key, node.args[0])
-                conditions[key] = conditions.get(key, True) and is_corner
+    tables: dict[Node, bool] = {}
+    keys, jumps = _Keys(), _Jumps(order, [*equations.forcing, *equations.rates])
+    reading = [node for node in order if not moving.isdisjoint(node.args)]
+    branching = [node for node in reading if node.op in _BRANCHING and node.args[0] in moving]
+    # One condition serves all that it decides: one of these may rule it out.
+    ruled_out = {keys.of(node.args[0])[0] for node in branching if node in steep}
+    for node in reading:
+        if node.op in _BRANCHING:
+            if node.args[0] not in moving:
+                continue
+            key, _ = keys.of(node.args[0])
+            looked_at.setdefault(key, node.args[0])
+            kind = _JUMP if key in ruled_out else jumps.kind(node)
+            if kind == _JUMP:
+                ruled_out.add(key)
+            kind = min(kind, _SEEN if node in wild else _HELD)
+            conditions[key] = min(conditions.get(key, _HELD), kind)
         elif _is_table(node) and node not in wild and _n_points(node) <= _MOST_POINTS:
-            tables[node] = None
+            tables[node] = True
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
-    located = [looked_at[key] for key, is_corner in conditions.items() if is_corner]
-    kept = [node for node in located if node not in timed]
-    kept += [node for node in tables if not timed.issuperset(node.args)]
-    return dict.fromkeys(kept)
+    located = {looked_at[key]: kind == _HELD for key, kind in conditions.items() if kind != _JUMP}
+    kept = {node: is_held for node, is_held in located.items() if node not in timed}
+    return kept | {node: True for node in tables if not timed.issuperset(node.args)}
 
 
-def _meets(node: Node) -> bool:
-    """Tell whether both sides of a selection agree where its condition is zero, and go on."""
-    if node.op != "select":
-        return False
-    condition, accepted, refused = node.args
-    roots = [node for node in reachable([accepted, refused]) if node.op in SINGULAR]
+#: What a condition decides: a jump; a corner beside which a power has no value or, of a slope that
+#: is infinite further on, a wrong one, so that steps end there but hold no piece; or a corner.
+_JUMP, _SEEN, _HELD = range(3)
+
+
+class _Jumps:
+    """Follow what jumps where a condition is zero, up to where the whole is continuous.
+
+    Parameters
+    ----------
+    order : sequence of Node
+        All values, arguments first.
+    roots : sequence of Node
+        Those that must not jump.
+    """
+
+    def __init__(self, order: Sequence[Node], roots: Sequence[Node]) -> None:
+        self._order, self._roots = order, set(roots)
+        self._readers: dict[Node, list[Node]] = {}
+
+    def kind(self, node: Node) -> int:
+        """Return what a selection, a sign or an absolute value decides."""
+        if node.op == "abs":
+            return _HELD
+        dag, (condition, *sides) = node.dag, node.args
+        above, below = sides or (dag.one, -dag.one)
+        kind = _kind(condition, above, below)
+        if kind != _JUMP:
+            return kind
+        kind = _HELD
+        for item in self._order if not self._readers else ():
+            for arg in dict.fromkeys(item.args):
+                self._readers.setdefault(arg, []).append(item)
+        jumping = [node]
+        for _ in range(_MOST_READERS):
+            if not jumping:
+                return kind
+            last = jumping.pop()
+            if last in self._roots:
+                return _JUMP
+            for reader in self._readers.get(last, ()):
+                if reader.op not in _TAME:
+                    return _JUMP
+                own, other = (substitute([reader], {node: side})[0] for side in (above, below))
+                found = _kind(condition, own, other)
+                if found == _JUMP:
+                    jumping.append(reader)
+                else:
+                    kind = min(kind, found)
+        return _JUMP
+
+
+def _kind(condition: Node, above: Node, below: Node) -> int:
+    """Return what a condition decides that selects one of two values."""
+    roots = [node for node in reachable([above, below]) if node.op in SINGULAR]
+    kind = _HELD
     try:
         for way in ways_to_zero(condition) if roots else ():
-            if any(_ends(node, way) for node in roots):
-                return False
+            for node in roots:
+                if _ends(node, way):
+                    if not _is_flat(node):
+                        return _JUMP
+                    kind = _SEEN
     except (ArithmeticError, ValueError):  # it has no value there
-        return False
-    return meets(accepted, refused, condition)
+        return _JUMP
+    return kind if meets(above, below, condition) else _JUMP
+
+
+def _is_flat(node: Node) -> bool:
+    """Return whether the slope of an operation is finite where its value ends."""
+    power = node.args[-1].value
+    return node.op == "pow" and power is not None and power > 1.0
 
 
 def _ends(node: Node, way: Mapping[Node, Node]) -> bool:
@@ -175,14 +249,15 @@ def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
     return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 
-def _wild(order: list[Node], equations: Equations) -> set[Node]:
-    """Give the values that something reads which must not be given a piece beyond its end."""
+def _wild(order: list[Node], equations: Equations, tame: frozenset[str]) -> set[Node]:
+    """List the values that something reads which must not be given a piece beyond its end."""
     held = equations.constraints
     found = set(reachable(list(chain.from_iterable(equations.matrix))))
     values = [node for node in held.values if node is not None]
     found |= set(reachable([*values, *held.rates]))
     for node in reversed(order):
-        if node in found or (node.op not in _TAME and not _is_table(node)):
+        is_tame = (node.op in tame and (node.op != "pow" or _is_flat(node))) or _is_table(node)
+        if node in found or not is_tame:
             found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
     return found
 
@@ -235,7 +310,7 @@ class _Held:
     pieces: list[Node]
 
 
-def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, Node], _Held]:
+def _held(equations: Equations, found: Mapping[Node, bool]) -> tuple[dict[Node, Node], _Held]:
     """Form what takes the place of each value that has a corner, from the inside out."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
@@ -290,7 +365,7 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
         return made
 
     results: dict[Node, tuple[Node, ...]] = {}
-    followed = {keys.of(node)[0] for node in found if not _is_table(node)}
+    followed = {keys.of(node)[0]: is_held for node, is_held in found.items() if not _is_table(node)}
     for node in order:
         if node in found and _is_table(node):
             results[node] = table(node)
@@ -298,10 +373,13 @@ def _held(equations: Equations, found: Mapping[Node, None]) -> tuple[dict[Node, 
         if node.op == "result" and node.args[0] in results:
             new[node] = results[node.args[0]][node.data]
             continue
-        key, scale = keys.of(node.args[0]) if node.op in ("select", "abs", "sign") else ((), 0.0)
+        key, scale = keys.of(node.args[0]) if node.op in _BRANCHING else ((), 0.0)
         if key and key in followed:
             own = sign(node.args[0], key, scale)
-            if node.op == "select":
+            if not followed[key]:
+                # The step ends there, but its values decide by themselves.
+                made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
+            elif node.op == "select":
                 made = dag.select(own, of(node.args[1]), of(node.args[2]))
             else:
                 made = dag.function("sign", own)
