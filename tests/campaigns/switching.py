@@ -434,7 +434,10 @@ def solve(made: Made, q: float, d: float = 0.0, start: Sequence[float] | None = 
         solver = DOP853(f, t, x, T_END, rtol=RTOL, atol=ATOL, max_step=LONGEST)
         crossed = None
         while crossed is None and solver.status == "running":
-            solver.step()
+            try:
+                solver.step()
+            except OverflowError:  # of the floor of a value that a stage of the step takes beyond all
+                return Reference(found, float(solver.t), order, is_open=True)
             if not np.abs(solver.y).max() < LARGEST:
                 return Reference(found, float(solver.t), order, is_open=True)
             dense, begun = solver.dense_output(), solver.t_old
