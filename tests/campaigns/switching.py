@@ -436,7 +436,7 @@ def solve(made: Made, q: float, d: float = 0.0, start: Sequence[float] | None = 
         while crossed is None and solver.status == "running":
             try:
                 solver.step()
-            except OverflowError:  # of the floor of a value that a stage of the step takes beyond all
+            except OverflowError:  # of the floor of a value that a stage takes beyond all
                 return Reference(found, float(solver.t), order, is_open=True)
             if not np.abs(solver.y).max() < LARGEST:
                 return Reference(found, float(solver.t), order, is_open=True)
