@@ -23,6 +23,8 @@ LAWS = {
     "abs": "-k*m.s + a - abs(m.s_dot + 9*a)/9",
     "where": "-where(m.s > -4, k*m.s, a*(m.s + 4) - 4*k)",
     "nested": "-k*m.s - max(abs(m.s + 6*a) - 12, 0)",
+    "sign": "-k*m.s - a*(m.s + 4)*sign(m.s + 4) + 4*a",
+    "power": "-k*m.s - a*max(m.s - 5*a, 0)**1.5",
     "table": "-k*f(m.s)*a",
     "plane": "-k*m.s + a*g(m.s, m.s_dot)",
 }
