@@ -140,6 +140,7 @@ class _Domain:
             ("rotational_inertia", "inertia") if is_turning else ("translational_mass", "mass")
         )
         self.speed, self.stretch = ("w", "theta") if is_turning else ("v", "s")
+        self.free = "free_angle" if is_turning else "free_length"
         self.effort = "torque" if is_turning else "force"
         self.through = "tau" if is_turning else "f"
         self.prefix = "rotational" if is_turning else "translational"
@@ -215,10 +216,11 @@ def _springs(line, nodes, own, rng):
     for i in range(int(rng.integers(0, len(nodes) + 1))):
         pair, name = _pair(nodes, own, rng), f"K{i}"
         stiffness = line.number(f"k_{i}", "stiffness")
-        initial = {own.stretch: line.number(f"x_{i}", "stretch")}
-        kind = f"{own.prefix}_spring"
-        line.scene.edge(name, kind, *pair, stiffness=stiffness, initial=initial)
-        line.energy.append(f"0.5*{stiffness}*{name}.{own.stretch}**2")
+        # All positions begin at zero, as they do along any circuit.
+        stretch = line.number(f"x_{i}", "stretch")
+        spring = {"stiffness": stiffness, own.free: f"-{stretch}"}
+        line.scene.edge(name, f"{own.prefix}_spring", *pair, **spring)
+        line.energy.append(f"0.5*{stiffness}*({name}.{own.stretch} + {stretch})**2")
         if rng.random() < 0.3:
             damping = line.number(f"d_{i}", "damping")
             line.scene.edge(f"D{i}", f"{own.prefix}_damper", *pair, damping=damping)
