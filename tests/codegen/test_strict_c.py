@@ -60,6 +60,7 @@ def _closed(sensitivities):
     scene.mode("count", 0)
     scene.event("hit", "j1.theta", direction=-1, impact={"restitution": "m/9"})
     scene.event("fast", "j2.theta_dot - t", set={"count": "count + L", "j2.theta": 0.1})
+    scene.event("turned", "sin(3*j1.theta) - t", set={"count": "count + 1"})
     return generate(formulate(scene, list(sensitivities), branches)[1])[0]
 
 
@@ -302,9 +303,9 @@ def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sens
     program = _closed(sensitivities)
     found = _sanitized(program, "closed", run_compiler)
     optional = {name for name, spec in KERNELS.items() if spec.is_optional} - OF_UNKNOWNS
-    # In the rates of events, s stands for rates of states.
+    # Of events, s stands for rates of states, or for how far these reach.
     of_sensitivities = {name for name in optional if "s" in KERNELS[name].arguments}
-    of_sensitivities.remove("event_rates")
+    of_sensitivities -= {"event_rates", "event_ranges"}
     assert optional & set(found) == (optional if sensitivities else optional - of_sensitivities)
     _check_against_python(program, found)
 

@@ -160,7 +160,7 @@ def test_budgets_hold_for_each_member(slider, ball):
     rows = np.array([[1.0, 50.0], [1.1, -5000.0]])
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -2]
-    assert "the limit of 40 steps is reached. 'h2.theta_dot' grows" in block.messages[1]
+    assert "the limit of 40 steps is reached. 'j1.s_dot' grows" in block.messages[1]
     assert_same(block, run_one_by_one(plan, rows))
     plan = Plan(ball, Settings((0.0, 8.0), TIMES, "dop853", 1e-6, max_events=2), ("v",))
     block = run_block(plan, np.array([[0.5], [100.0]]))

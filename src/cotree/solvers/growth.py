@@ -92,12 +92,14 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        # The power of time by which each has grown since the last time before the last tenth.
+        # The power of time by which each grows at the end, and has grown since the last time before
+        # the last tenth: what swings may be at rest at the end.
+        rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
+        power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
         before = np.flatnonzero(~late)
-        power = np.zeros(n)
         if before.size and t[before[-1]] > 0.0:
             size = np.maximum(np.max(y[:, before], axis=1), floor)
-            power = np.log(last / size) / np.log(t[-1] / t[before[-1]])
+            power = np.fmax(power, np.log(last / size) / np.log(t[-1] / t[before[-1]]))
         is_growing = (last >= most) & (power >= _LEAST_POWER)
         factors = np.where(is_growing, last / ranges, 0.0)
     worst = int(np.argmax(factors))
