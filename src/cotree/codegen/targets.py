@@ -92,7 +92,7 @@ class Target:
 
     @property
     def has_lanes(self) -> bool:
-        """Whether maps may compute several columns at a time: vectors hold doubles."""
+        """Return whether maps may compute several columns at a time: vectors hold doubles."""
         return self.scalar != SINGLE.scalar
 
     @property

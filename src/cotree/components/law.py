@@ -191,7 +191,7 @@ class Law:
 
     @cached_property
     def _has_root(self) -> bool:
-        """Whether the law has an operation without a finite derivative at some arguments."""
+        """Return whether the law has an operation without a finite derivative at some arguments."""
         dag = Dag()
         symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
         return any(

@@ -266,7 +266,7 @@ def meets(above: Node, below: Node, boundary: Node) -> bool:
 
 
 def _folds(difference: Node, boundary: Node) -> bool:
-    """Tell whether a difference folds to zero where a boundary is zero."""
+    """Return whether a difference folds to zero where a boundary is zero."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
     except (ArithmeticError, ValueError):  # it has no value there
@@ -392,6 +392,6 @@ def _argument(node: Node) -> Node:
 
 
 def _is_covered(values: set[float]) -> bool:
-    """Tell whether a condition was met on both sides of zero, or always had one value."""
+    """Return whether a condition was met on both sides of zero, or always had one value."""
     low, high = min(values), max(values)
     return low < 0.0 < high or high - low <= _FLOOR * max(abs(low), abs(high))

@@ -31,7 +31,7 @@ _INCREASING = frozenset({"exp", "sinh", "tanh", "atan", "erf", "sign", "floor"})
 
 
 def is_ranged(node: Node) -> bool:
-    """Tell whether the range of a node follows from those of its arguments."""
+    """Return whether the range of a node follows from those of its arguments."""
     if node.op == "result":
         return isinstance(node.args[0].data, Table)
     return node.op in _RULES or isinstance(node.data, Table)

@@ -266,7 +266,7 @@ class Store:
         return ""
 
     def _first_other(self, name: str, here: Any) -> str:
-        """Say where a coordinate differs first; empty if what is there cannot be read."""
+        """Return where a coordinate differs first; empty if what is there cannot be read."""
         try:
             values = np.asarray(self._zarr.open_array(str(self.path / name), mode="r")[...])
             if values.shape != here.shape:

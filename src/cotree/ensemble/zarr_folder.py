@@ -184,7 +184,7 @@ def make_array(
 
 
 def checked() -> dict[str, Any]:
-    """Give the encoding of an array whose chunks are as they are, with checksums."""
+    """Return the encoding of an array whose chunks are as they are, with checksums."""
     from zarr.codecs import Crc32cCodec
 
     return {"compressors": [Crc32cCodec()]}
@@ -192,7 +192,7 @@ def checked() -> dict[str, Any]:
 
 @contextlib.contextmanager
 def in_memory() -> Iterator[tuple[Any, dict[str, bytes]]]:
-    """Give a Zarr store in memory, and a dict that holds its files at the end."""
+    """Return a Zarr store in memory, and a dict that holds its files at the end."""
     from zarr.storage import MemoryStore
 
     held: dict[str, Any] = {}

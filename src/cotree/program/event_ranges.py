@@ -90,7 +90,7 @@ def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
 
 
 def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
-    """Tell how each value depends on what moves during a step."""
+    """Return how each value depends on what moves during a step."""
     still = {
         state.symbol
         for state, rate in zip(equations.states, equations.rates, strict=True)
@@ -121,7 +121,7 @@ def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
 
 
 def _is_held(node: Node) -> bool:
-    """Tell whether a value is a sign that steps hold, or an end or the number of their piece."""
+    """Return whether a value is a sign that steps hold, or an end or the number of their piece."""
     if node.op == "select":
         return {symbol.data[0] for symbol in symbols_in(node.args[:1])} == {PIECE}
     data = node.args[0].data if node.op == "result" else None
@@ -132,7 +132,7 @@ def _is_held(node: Node) -> bool:
 
 
 def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
-    """Tell whether a value is linear, or grows or falls with one that is."""
+    """Return whether a value is linear, or grows or falls with one that is."""
     if kinds[node] != _CURVED:
         return True
     moving = [arg for arg in node.args if kinds[arg] != _CONSTANT]
@@ -143,7 +143,7 @@ def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
-    """Tell whether a value that moves is read as it is."""
+    """Return whether a value that moves is read as it is."""
     return kinds[node] == _LINEAR or not is_ranged(node)
 
 

@@ -213,7 +213,7 @@ def _is_flat(node: Node) -> bool:
 
 
 def _ends(node: Node, way: Mapping[Node, Node]) -> bool:
-    """Tell whether a root or a power has no value beyond where its condition is zero."""
+    """Return whether a root or a power has no value beyond where its condition is zero."""
     first, *others = substitute(node.args, way)
     if node.op == "pow":
         return first.value is not None and first.value <= 0.0

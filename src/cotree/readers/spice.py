@@ -269,7 +269,7 @@ class Writer(Sheet[_Scene]):
 
 
 def _turn(line: Line) -> int:
-    """Say in which turn an element is added: what others name comes before them."""
+    """Return in which turn an element is added: what others name comes before them."""
     if line.key[0] == "k":
         return 2
     return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

@@ -56,7 +56,7 @@ _Read = tuple[str, bool]
 
 
 def _value(read: _Read) -> str:
-    """Give a value; a condition counts one where it holds, and zero elsewhere."""
+    """Return a value; a condition counts one where it holds, and zero elsewhere."""
     return f"where({read[0]}, 1, 0)" if read[1] else read[0]
 
 
@@ -124,11 +124,11 @@ class _Parser:
         self._scope, self._voltage, self._current = scope, voltage, current
 
     def word(self) -> str:
-        """Give the next token as it is written."""
+        """Return the next token as it is written."""
         return self._tokens[self._at][1] if self._at < len(self._tokens) else "its end"
 
     def sign(self) -> str | None:
-        """Give the next token where it is a sign; what else follows is none of an expression."""
+        """Return the next token where it is a sign; what else follows is none of an expression."""
         return self.word() if self._at < len(self._tokens) else None
 
     def _took(self, *signs: str) -> str | None:

@@ -32,13 +32,13 @@ _GIVES = {
 
 
 def has_law(line: Line) -> bool:
-    """Say whether a controlled source follows an expression."""
+    """Return whether a controlled source follows an expression."""
     match = _LAW.match(line.text)
     return match is not None and match[1].lower() in _GIVES[line.key[0]]
 
 
 def has_signals(word: str) -> bool:
-    """Say whether an expression names voltages, currents or time."""
+    """Return whether an expression names voltages, currents or time."""
     return _SIGNAL.search(word) is not None
 
 

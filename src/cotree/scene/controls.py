@@ -95,7 +95,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
 
 
 def _is_single(port: Port, ports: Mapping[str, Port]) -> bool:
-    """Whether a port is a source, and the only one of its component but for meters."""
+    """Return whether a port is a source, and the only one of its component but for meters."""
     others = [ports[port.sibling(row.port)] for row in port.edge.component.ports]
     is_source = port.kind in GIVES and not _is_meter(port)
     return is_source and all(_is_meter(p) for p in others if p is not port)
@@ -144,7 +144,7 @@ def _in_field(
 
 
 def _is_of_difference(field: Expression, first: str, second: str) -> bool:
-    """Whether an expression keeps its value where two names in it grow by the same."""
+    """Return whether an expression keeps its value where two names in it grow by the same."""
     dag = Dag()
     symbols = {name: dag.symbol("name", i) for i, name in enumerate(field.names)}
     try:

@@ -42,7 +42,7 @@ def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
 
 
 def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
-    """Tell whether an expression is continuous wherever a part of it jumps.
+    """Return whether an expression is continuous wherever a part of it jumps.
 
     The part jumps where its argument is zero. There both values of the whole are compared, for all
     values of the parameters; see :func:`cotree.dag.continuity.meets`.

@@ -72,7 +72,7 @@ def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDesc
 
 
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
-    """Give the values of the modes that stand for jumps, as expressions without such modes."""
+    """Return the values of the modes that stand for jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
     # A mode comes after those of jumps within its own.
     for name, mode in with_jumps(scene, has_sensitivities=False).modes.items():

@@ -140,7 +140,7 @@ class RunRecord(Deferring):
         return self.status == 0
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether there is a state, position, output or input of a name, or "t"."""
+        """Return whether there is a state, position, output or input of a name, or "t"."""
         return name == "t" or name in (*self._known, *self.inputs)
 
     @property

@@ -260,7 +260,7 @@ class Terminals:
         return name in self.swaps and self.swaps[name].quantity == quantity
 
     def _controlling(self, swap: Swap, rate: str) -> Rule:
-        """Give the equation of what controls a source: what that gives, less its law."""
+        """Return the equation of what controls a source: what that gives, less its law."""
         port, gives = swap.source, GIVES[swap.source.kind]
         law = getattr(port.terminal, gives)
         law = self._rate_of_law(port, law) if rate else law
