@@ -30,8 +30,9 @@ pytestmark = pytest.mark.compiler
 ALL = int(os.environ.get("COTREE_CASES", "2000"))
 QUICK, SLOW, BLOCK = 3, 60, 20
 #: A jump whose condition holds a table: it was met beside a corner of that, and lost its slope. A
-#: size that is written by its sign: steps went over its corner, and lost 246 tolerances.
-FOUND = (557, 991)
+#: size that is written by its sign: steps went over its corner, and lost 246 tolerances. Held
+#: pieces of a table that Python evaluates, in an FMU, failed on single numbers.
+FOUND = (557, 991, 1650)
 
 RTOL, ATOL = 1e-8, 1e-10
 #: A hundred tolerances of the largest state, and of methods of variable order a few more for each

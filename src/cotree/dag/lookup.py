@@ -137,7 +137,7 @@ class HeldTable(Table):
         n, place = len(x), np.real(at)
         inside = np.clip(np.searchsorted(x, place, side="right"), 1, n - 1)
         own = np.where(place <= x[0], 0, np.where(place >= x[-1], n, inside))
-        k = np.where(np.real(values[1]) == 0.0, own, np.real(values[1]).astype(int) - 1)
+        k = _held(values[1], own)
         low, high = np.clip(k - 1, 0, n - 1), np.clip(k, 0, n - 1)
         width = np.where(high > low, x[high] - x[low], 1.0)
         slope = (y[high] - y[low]) / width
@@ -177,7 +177,7 @@ class HeldPlane(PlaneTable):
         for axis, at, held in zip(map(np.array, self.axes), values[:2], values[2:], strict=True):
             n, place = len(axis), np.real(at)
             own = _piece(axis, at)
-            k = np.where(np.real(held) == 0.0, own, np.real(held).astype(int) - 1)
+            k = _held(held, own)
             given.append((axis, k, at - axis[k]))
             further += [
                 np.where(k == 0, place - 1.0, axis[k]),
@@ -204,6 +204,12 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
         by_y + s * twist,
         twist,
     ]
+
+
+def _held(number: Any, own: Any) -> Any:
+    """Return the piece that is held by its number, from one, and where that is zero the own one."""
+    held = np.asarray(np.real(number))  # a single number, too
+    return np.where(held == 0.0, own, held.astype(int) - 1)
 
 
 def _piece(x: Any, at: Any) -> Any:
