@@ -89,7 +89,7 @@ def digest(text: ModelText, at_rest: Program | None) -> str:
     if at_rest is not None:
         # Its nodes, too, are told apart by the text that would be printed for them.
         from cotree.codegen.context import model_context
-        from cotree.codegen.render import render_model
+        from cotree.codegen.model_files import render_model
 
         parts += [repr(at_rest.layout), *_files(render_model(model_context(at_rest)))]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()

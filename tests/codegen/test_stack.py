@@ -13,7 +13,7 @@ from rod_chain import rod_chain
 
 from cotree import load
 from cotree.codegen.context import model_context
-from cotree.codegen.render import render_model
+from cotree.codegen.model_files import render_model
 from cotree.pipeline import formulate, generate
 
 pytestmark = [

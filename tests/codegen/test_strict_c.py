@@ -16,7 +16,7 @@ from cotree.codegen import kernel_text
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.codegen.integrators import STEPPERS, engine_files
-from cotree.codegen.render import render_model
+from cotree.codegen.model_files import render_model
 from cotree.dag.multi_output import SolveShape
 from cotree.equations import Guard
 from cotree.export.c_project import write_c_project

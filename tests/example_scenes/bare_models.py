@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
-from cotree.codegen.render import cdef, render_model
+from cotree.codegen.model_files import cdef, render_model
 from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
 from cotree.model.kernels import CKernels, PythonKernels

@@ -10,7 +10,7 @@ import pytest
 from component_files import examples_text, stub_text
 
 from cotree.codegen.context import model_context
-from cotree.codegen.render import render_model
+from cotree.codegen.model_files import render_model
 from cotree.components import OWN
 from cotree.scene.usage import examples
 

@@ -14,7 +14,7 @@ import cotree
 from cotree import compilation, pipeline
 from cotree.build import cache_directory
 from cotree.codegen.context import model_context
-from cotree.codegen.render import render_model
+from cotree.codegen.model_files import render_model
 from cotree.dag.nodes import Dag
 from cotree.scene.toml_file import shipped_scenes
 

@@ -193,15 +193,11 @@ def test_bands_against_another_factorisation():
     import cffi
 
     from cotree.build import BuildOptions, build_library, find_toolchain
-    from cotree.codegen.integrators import run_files
-    from cotree.codegen.render import abi_header
+    from cotree.codegen.runtime import with_runtime
 
     export = "__declspec(dllexport)" if sys.platform == "win32" else ""
-    wanted = ("cotree_lu.h", "cotree_lu.c")
-    files = {name: text for name, text in run_files().items() if name in wanted}
-    files["cotree_abi.h"] = abi_header()
     built = build_library(
-        {**files, "band.c": _BAND_TEST % export},
+        with_runtime({"band.c": _BAND_TEST % export}),
         abi_version=0,
         n_operations=1,
         options=BuildOptions("-O1"),

@@ -10,7 +10,7 @@ import sympy
 from rod_chain import rod_chain
 
 from cotree.codegen.context import model_context
-from cotree.codegen.render import render_model
+from cotree.codegen.model_files import render_model
 from cotree.pipeline import formulate, generate
 from cotree.program import columns
 

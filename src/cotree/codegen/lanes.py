@@ -9,11 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.integrators import INTEGRATORS, batch_files
+from cotree.codegen.integrators import INTEGRATORS
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
+from cotree.codegen.model_files import declarations
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import wrapped
-from cotree.codegen.render import declared, render
+from cotree.codegen.render import render
+from cotree.codegen.runtime import header_text, with_runtime
 from cotree.codegen.stiff_lanes import form_stiff
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.operations import OPERATIONS
@@ -22,7 +24,6 @@ from cotree.naming import c_identifier
 from cotree.passes.rewriting import rewrite
 from cotree.quiet import without_collection
 from cotree.tolerances import LIMITS
-from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -238,24 +239,15 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
-    headers = {name: text for name, text in batch_files().items() if name.endswith(".h")}
-    return {
-        **headers,
-        "cotree_lanes.h": lanes_header(),
-        f"{model.prefix}_lanes.c": render(
-            "c/lanes/lanes.c.jinja", model=model, method=INTEGRATORS[method], limits=LIMITS
-        ),
-    }
-
-
-def lanes_header() -> str:
-    """Write the header that is the same for every model."""
-    return render("c/lanes/cotree_lanes.h.jinja", generator=VERSION)
+    text = render("c/lanes/lanes.c.jinja", model=model, method=INTEGRATORS[method], limits=LIMITS)
+    return with_runtime({f"{model.prefix}_lanes.c": text}, has_sources=False)
 
 
 def lanes_declarations(model: LanesContext) -> str:
-    """Give the declarations that cffi reads."""
-    return f"{declared(lanes_header())}const cotree_lanes *{model.prefix}_lanes(void);\n"
+    """Return the declarations that cffi reads."""
+    header = header_text("cotree_lanes.h")
+    declared = declarations({"cotree_lanes.h": header}, ["cotree_lanes.h"])
+    return f"{declared}const cotree_lanes *{model.prefix}_lanes(void);\n"
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:

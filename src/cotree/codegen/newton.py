@@ -15,7 +15,8 @@ from cotree.codegen.elimination_tables import elimination_tables
 from cotree.codegen.expressions import apply, element, named, number, temporary
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.printing import Body, print_body, wrapped
-from cotree.codegen.render import abi_header, render
+from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.codegen.statements import Argument, Assign
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.symbols import INPUT, TIME, kinds_in
@@ -23,7 +24,6 @@ from cotree.naming import c_identifier
 from cotree.passes.curvature import form_curvature
 from cotree.passes.time_slope import form_time_slope
 from cotree.quiet import without_collection
-from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,12 +88,11 @@ def render_newton(model: NewtonContext) -> Mapping[str, str]:
         Text by file name.
     """
     target = model.target
-    return {
-        "cotree_abi.h": abi_header(target),
-        "cotree_newton.h": render("c/newton/cotree_newton.h.jinja", target, generator=VERSION),
-        f"{model.prefix}_newton.h": render("c/newton/newton.h.jinja", target, model=model),
-        f"{model.prefix}_newton.c": render("c/newton/newton.c.jinja", target, model=model),
+    files = {
+        f"{model.prefix}_newton{end}": render(f"c/newton/newton{end}.jinja", target, model=model)
+        for end in (".h", ".c")
     }
+    return with_runtime(files, target, has_sources=False)
 
 
 def newton_declarations(model: NewtonContext) -> str:

@@ -8,16 +8,10 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
-from cotree.program.kernels import KERNELS
-from cotree.quiet import without_collection
-from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import jinja2
 
-    from cotree.codegen.context import ModelContext
     from cotree.codegen.targets import Target
 
 #: Bytes of C text beyond which no compiler is bothered.
@@ -107,61 +101,3 @@ def render(template: str, target: Target = DOUBLE, **context: object) -> str:
             f"the C text has {len(text)} characters: ask for fewer sensitivities or outputs"
         )
     return text
-
-
-def abi_header(target: Target = DOUBLE) -> str:
-    """Write the header that is the same for every model: its structure, and types of kernels."""
-    return render(
-        "c/cotree_abi.h.jinja",
-        target,
-        abi_version=ABI_VERSION,
-        generator=VERSION,
-        kernels=tuple(KERNELS.values()),
-    )
-
-
-@without_collection()
-def render_model(model: ModelContext) -> Mapping[str, str]:
-    """Write the C files of a model.
-
-    Parameters
-    ----------
-    model : ModelContext
-        From :func:`cotree.codegen.context.model_context`.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name: ``cotree_abi.h``, ``<model>.h``, ``<model>.c``; and
-        ``<model>_vectors.h`` where C does something with several numbers at a time.
-    """
-    vectors, target = {}, model.target
-    if model.uses_vectors:
-        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)
-    return {
-        "cotree_abi.h": abi_header(target),
-        f"{model.prefix}.h": render("c/model.h.jinja", target, model=model),
-        f"{model.prefix}.c": render("c/model.c.jinja", target, model=model),
-        **vectors,
-    }
-
-
-def cdef(header: str, prefix: str) -> str:
-    """Give the declarations that cffi reads, for one model.
-
-    Parameters
-    ----------
-    header : str
-        Text of ``cotree_abi.h``.
-    prefix : str
-        Prefix of the model's names.
-    """
-    return f"{declared(header)}const cotree_model *{prefix}_abi(void);\n"
-
-
-def declared(header: str) -> str:
-    """Give the declarations of a header that cffi reads."""
-    # cffi reads declarations, but no directives of the preprocessor, which stand outside these
-    # marks.
-    begin = header.index("*/", header.index("begin of the part that cffi reads")) + 2
-    return header[begin : header.index("/* cotree: end of the part that cffi reads")] + "\n"

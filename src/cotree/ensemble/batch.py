@@ -5,7 +5,7 @@ of a member depends on nothing but the plan and its row: not on the number of th
 order of rows, nor on who else is in the block.
 
 For those who run members in another way (in vectors, say): C gives all that a member needs by its
-number, in the ``cotree_batch`` of ``templates/c/engine/cotree_batch.h.jinja``. A function
+number, in the ``cotree_batch`` of ``templates/runtime/batch/cotree_batch.h``. A function
 ``lanes(worker)`` in it is called by each worker in place of the loop over single members. It takes
 members with ``cotree_batch_take``, begins each with ``prepare`` (which fills in prepared values and
 the start), writes its points to ``values`` at the member's number, fills in ``n_kept``,

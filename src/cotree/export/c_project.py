@@ -9,6 +9,7 @@ integrated.
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from dataclasses import dataclass, replace
@@ -16,9 +17,11 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
 from cotree.codegen.fixed import FIXED
-from cotree.codegen.integrators import driver_files, integrator_files, run_files, stiff_files
+from cotree.codegen.integrators import method_files, stepper_files
+from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
-from cotree.codegen.render import render, render_model
+from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import BY_REAL, DOUBLE
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import (
@@ -181,34 +184,32 @@ def write_c_project(
     model = model_context(program, target)
     evaluated = Evaluated(program)
     is_dependent = evaluated.is_dependent()
-    texts = {**render_model(model), **run_files(target)}
+    texts = dict(render_model(model))
     implicit = [name for name in methods if METHODS[name].is_implicit]
     # Stages of an implicit method would contradict constraints that are dependent.
     if implicit:
         check_loops(program, implicit[0], is_dependent)
-        texts |= {**render_newton(newton_context(program, target)), **stiff_files(target)}
+        texts |= render_newton(newton_context(program, target))
     for name in methods:
-        texts |= integrator_files(name, target)
+        texts |= method_files(name, target)
         # Steps of one length go to the end time without breakpoints, points or events: no job is
         # needed.
-        texts |= {} if name in FIXED else driver_files(name, target)
-    # The model's own file first, then those of every model.
-    sources = sorted(name for name in texts if name.endswith(".c"))
-    sources.sort(key=lambda name: name.startswith("cotree_"))
-    # Compilers differ in whether they fuse products and sums by default. Without, they agree.
-    flags = "-std=c99 -O2 -ffp-contract=off"
-    command = f"cc {flags} -o {model.prefix} {' '.join(sources)} main.c -lm"
+        texts |= {} if name in FIXED else stepper_files(name, target)
     # All is refused or found before the first file is written.
     found = evaluated.found_start() if start is None else start
     check_start(evaluated, found)
     numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
     sizes = [] if found is None else evaluated.sizes(found)
-    main = main_context(
-        program, model, methods, command, numbers, found, sizes, is_strict=is_dependent
-    )
-    texts["main.c"] = render("c/main.c.jinja", target, main=main)
+    main = main_context(program, model, methods, numbers, found, sizes, is_strict=is_dependent)
+    texts = with_runtime({**texts, "main.c": render("c/main.c.jinja", target, main=main)}, target)
+    # The model's own file first, then those of every model.
+    sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
+    sources.sort(key=lambda name: name.startswith("cotree_"))
     headers = sorted(name for name in texts if name.endswith(".h"))
     texts |= kit_files(program, model, sources, headers, has_wrapper=kit.has_wrapper)
+    # Compilers differ in whether they fuse products and sums by default. Without, they agree.
+    flags = "-std=c99 -O2 -ffp-contract=off"
+    command = f"cc {flags} -o {model.prefix} {' '.join(sources)} main.c -lm"
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
 
@@ -231,6 +232,9 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
             for name, text in texts.items():
                 with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:
                     file.write(text)
+            for name in texts:
+                if (directory / name).is_dir():
+                    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
             for name in texts:
                 os.replace(os.path.join(folder, name), directory / name)
     except OSError as error:

@@ -84,8 +84,6 @@ class MainContext:
         Those among them that take a Jacobian.
     is_implicit, has_explicit : bool
         Whether there are such methods, and others.
-    command : str
-        Command that builds the executable.
     t_end, rtol, atol : str
         C literals.
     guards : list of str
@@ -137,7 +135,6 @@ class MainContext:
     implicit: list[str]
     is_implicit: bool
     has_explicit: bool
-    command: str
     t_end: str
     rtol: str
     atol: str
@@ -165,7 +162,6 @@ def main_context(
     program: Program,
     model: ModelContext,
     methods: Sequence[str],
-    command: str,
     numbers: Numbers,
     start: Start | None,
     sizes: Sequence[float],
@@ -182,8 +178,6 @@ def main_context(
         Of the program.
     methods : sequence of str
         The methods that are compiled in, the one that runs by default first.
-    command : str
-        Command that builds the executable.
     numbers : Numbers
         Of a run that says nothing else.
     start : Start or None
@@ -208,7 +202,6 @@ def main_context(
         implicit=implicit,
         is_implicit=bool(implicit),
         has_explicit=has_explicit,
-        command=command,
         t_end=target.literal(numbers.t_end),
         rtol=target.literal(numbers.rtol),
         atol=target.literal(numbers.atol),

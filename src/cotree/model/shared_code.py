@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, find_toolchain, loop_flags, obtain_library
-from cotree.codegen.integrators import SHARED_FILES
+from cotree.codegen.integrators import shared_files
 from cotree.errors import BuildError
 from cotree.version import ABI_VERSION
 
@@ -36,7 +36,7 @@ def build_engine(files: Mapping[str, str], declarations: str) -> LoadedLibrary |
             options=BuildOptions("-O1"),
             toolchain=toolchain,
             levels={"engine.c": loop_flags(toolchain)},
-            shared=SHARED_FILES & files.keys(),
+            shared=shared_files(files),
         )
     except BuildError:
         return None

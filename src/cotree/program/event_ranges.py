@@ -5,7 +5,7 @@ the error test resolves. Anything else may pass through zero and return, as the 
 angle does, however small the error is. For each such value the kernel ``event_ranges`` gives a
 range of it and of its rate, from ranges of the quantities that it is made of: the largest linear
 parts, and what nothing more is known of. The engine divides a step until each range, or that of
-each rate, leaves out zero (``templates/c/run/ranges.c.jinja``).
+each rate, leaves out zero (``templates/runtime/events/cotree_scan.c``).
 """
 
 from __future__ import annotations

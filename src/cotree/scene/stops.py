@@ -4,7 +4,7 @@ In: a scene with rigid stops. Out: the same scene, in which each of them has a m
 that tells which limit holds it; the impulse of its last impact, ``EDGE.impulse``; and events: where
 a gap closes, where an impact ends in rest, and where the force of a limit would pull. What the
 modes become then is chosen in C, for all edges at once, together with those of dry friction; see
-``templates/c/run/stops.c.jinja``.
+``templates/runtime/events/cotree_stops.c``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Events of a compiled model as Python sees them: the values that they look at, and a start on one.
 
-Events are found, and happen, in C: see ``templates/c/run/cotree_events.h.jinja``.
+Events are found, and happen, in C: see ``templates/runtime/events/cotree_events.h``.
 """
 
 from __future__ import annotations

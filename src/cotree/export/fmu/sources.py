@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.integrators import (
-    INTEGRATORS,
-    driver_files,
-    integrator_files,
-    run_files,
-    stiff_files,
-)
+from cotree.codegen.integrators import INTEGRATORS, method_files, stepper_files
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
+from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
-from cotree.codegen.render import render, render_model
+from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_identifier, c_string
 from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
@@ -28,17 +24,6 @@ if TYPE_CHECKING:
 
     from cotree.export.fmu.kernels import FmuKernels, Partials
     from cotree.program import Program
-
-#: Sources that are the same for every model.
-_SHARED = (
-    "fmu.h",
-    "fmu_model.c",
-    "fmu_start.c",
-    "fmu_slopes.c",
-    "fmu_times.c",
-    "fmu_exchange.c",
-    "fmu_steps.c",
-)
 
 
 @dataclass(frozen=True)
@@ -158,16 +143,19 @@ def source_files(
     """
     # Without Co-Simulation no integrator is called, but the job is compiled all the same.
     integrator = facts.integrator
-    files = {**render_model(model_context(program)), **run_files()}
-    files |= driver_files(integrator or "dopri5")
-    files |= integrator_files(integrator or "dopri5")
+    method = integrator or "dopri5"
+    files = {
+        **render_model(model_context(program)),
+        **method_files(method),
+        **stepper_files(method),
+    }
     if integrator and INTEGRATORS[integrator].is_implicit:
-        files |= {**render_newton(newton_context(program)), **stiff_files()}
-    for name in (*_SHARED, f"cotree_fmi{version}.h", f"fmi{version}.c"):
+        files |= render_newton(newton_context(program))
+    for name in ("fmu_times.c", f"fmi{version}.c"):
         files[name] = render(f"fmi/{name}.jinja", generator=VERSION)
     tables = _tables_context(program, kernels, facts)
     files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
-    return files
+    return with_runtime(files)
 
 
 def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> TablesContext:

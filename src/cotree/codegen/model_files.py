@@ -1,0 +1,75 @@
+"""The C files of a model, and what cffi reads of headers.
+
+In: the context of a model. Out: text by file name.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
+from cotree.quiet import without_collection
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from cotree.codegen.context import ModelContext
+
+
+@without_collection()
+def render_model(model: ModelContext) -> Mapping[str, str]:
+    """Write the C files of a model.
+
+    Parameters
+    ----------
+    model : ModelContext
+        From :func:`cotree.codegen.context.model_context`.
+
+    Returns
+    -------
+    mapping of str to str
+        Text by file name: ``<model>.h``, ``<model>.c``, the headers that these include; and
+        ``<model>_vectors.h`` where C does something with several numbers at a time.
+    """
+    vectors, target = {}, model.target
+    if model.uses_vectors:
+        vectors[f"{model.prefix}_vectors.h"] = render("c/vectors.h.jinja", target, model=model)
+    files = {
+        f"{model.prefix}.h": render("c/model.h.jinja", target, model=model),
+        f"{model.prefix}.c": render("c/model.c.jinja", target, model=model),
+        **vectors,
+    }
+    return with_runtime(files, target, has_sources=False)
+
+
+def cdef(header: str, prefix: str) -> str:
+    """Return the declarations that cffi reads, for one model.
+
+    Parameters
+    ----------
+    header : str
+        Text of ``cotree_abi.h``.
+    prefix : str
+        Prefix of the model's names.
+    """
+    declared = declarations({"cotree_abi.h": header}, ["cotree_abi.h"])
+    return f"{declared}const cotree_model *{prefix}_abi(void);\n"
+
+
+def declarations(files: Mapping[str, str], headers: Iterable[str]) -> str:
+    """Return the declarations of headers that cffi reads; numbers are doubles.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        Text by file name.
+    headers : iterable of str
+        Names of headers, in an order in which each follows those that it includes.
+    """
+    # cffi reads declarations, but no directives of the preprocessor, which stand outside the marks.
+    texts = []
+    for text in map(files.__getitem__, headers):
+        begin = text.index("*/", text.index("begin of the part that cffi reads")) + 2
+        texts.append(text[begin : text.index("/* cotree: end of the part that cffi reads")])
+    return "\n".join(["typedef double cotree_real;", *texts]) + "\n"

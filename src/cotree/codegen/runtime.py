@@ -1,0 +1,185 @@
+"""The runtime: ordinary C that is the same for every model, below ``templates/runtime``.
+
+In: the names of headers, or C text that includes them. Out: their text and that of their sources. A
+folder of the runtime holds modules. A module is a public header, an internal one where its sources
+share declarations, and the sources whose first include is either of them.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from cotree.codegen.render import render, template_folder
+from cotree.codegen.targets import DOUBLE
+from cotree.errors import CodegenError
+from cotree.program.kernels import KERNELS
+from cotree.version import ABI_VERSION, VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from cotree.codegen.targets import Target
+
+_INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
+_CONDITION = re.compile(r"#if (!?)(COTREE_\w+)$")
+_INTERNAL = "_internal.h"
+#: A source, or several, in one file: functions that only the module calls are its own.
+_PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
+
+
+def with_runtime(
+    files: Mapping[str, str], target: Target = DOUBLE, *, has_sources: bool = True
+) -> dict[str, str]:
+    """Add the modules that texts include, and those that these include.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        C text by file name.
+    target : Target
+        The type of numbers.
+    has_sources : bool
+        Whether sources are added, too, or headers alone.
+
+    Returns
+    -------
+    dict of str to str
+        Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
+    """
+    found = dict(files)
+    waiting = [name for text in files.values() for name in _INCLUDE.findall(text)]
+    seen = set()
+    while waiting:
+        header = waiting.pop(0)
+        if header in seen or (header != "cotree_abi.h" and header not in _paths()):
+            continue  # read before, or a file of the model
+        seen.add(header)
+        added = {header: header_text(header, target)}
+        if has_sources:
+            added |= source_texts(header, target)
+        found |= added
+        waiting += [name for text in added.values() for name in _INCLUDE.findall(text)]
+    return found
+
+
+def abi_header(target: Target = DOUBLE) -> str:
+    """Write the header that is the same for every model: its structure, and types of kernels."""
+    return render(
+        "c/cotree_abi.h.jinja",
+        target,
+        abi_version=ABI_VERSION,
+        generator=VERSION,
+        kernels=tuple(KERNELS.values()),
+    )
+
+
+def header_text(name: str, target: Target = DOUBLE) -> str:
+    """Return the text of a public header, ``cotree_abi.h`` among them.
+
+    Raises
+    ------
+    CodegenError
+        If the runtime has no such header.
+    """
+    if name == "cotree_abi.h":
+        return abi_header(target)
+    return _resolved(_read(name), target)
+
+
+def source_texts(header: str, target: Target = DOUBLE) -> dict[str, str]:
+    """Return the sources of a module by name.
+
+    Those that share an internal header become one file, whose private functions are static.
+    """
+    names = _sources(header)
+    internal = header.replace(".h", _INTERNAL)
+    if internal not in _paths():
+        return {name: _resolved(_read(name), target) for name in names}
+    shared = f'#include "{internal}"\n'
+    first, *others = map(_read, names)
+    head, _, body = first.partition(shared)
+    body = "\n".join([body, *(text.replace(shared, "") for text in others)])
+    text = f"{head}{_PRIVATE}{_bare(_read(internal))}\n{body.lstrip()}"
+    return {names[0]: _resolved(text, target)}
+
+
+def _bare(header: str) -> str:
+    """Return a header without its guard and its first comment."""
+    begin = header.index("\n", header.index("#define ")) + 1
+    return header[begin : header.rindex("#endif")].strip() + "\n"
+
+
+@cache
+def _paths() -> dict[str, Path]:
+    """Return all files of the runtime by name."""
+    return {path.name: path for path in sorted(template_folder().glob("runtime/*/*.[ch]"))}
+
+
+@cache
+def _read(name: str) -> str:
+    try:
+        return _paths()[name].read_text("ascii")
+    except KeyError:
+        raise CodegenError(f"the runtime has no file {name}: install cotree again") from None
+
+
+@cache
+def _sources(header: str) -> list[str]:
+    """List the sources of a header; the one of its own name comes first."""
+    own = header.removesuffix(".h")
+    found = []
+    for name in _paths():
+        if name.endswith(".c"):
+            first = _INCLUDE.search(_read(name))
+            if first is not None and first[1] in (header, own + _INTERNAL):
+                found.append(name)
+    return sorted(found, key=lambda name: (name != f"{own}.c", name))
+
+
+def _resolved(text: str, target: Target) -> str:
+    """Leave out what a type of numbers has no use for."""
+    known = {"COTREE_SINGLE": target.digits != DOUBLE.digits}
+    return resolve(text, known) if known["COTREE_SINGLE"] else text
+
+
+def resolve(text: str, known: Mapping[str, bool]) -> str:
+    """Decide conditions of the preprocessor on known macros, and drop what is not compiled.
+
+    Parameters
+    ----------
+    text : str
+        C text. Conditions are written ``#if NAME`` or ``#if !NAME``; a default between ``#ifndef
+        NAME`` and ``#endif`` is dropped.
+    known : mapping of str to bool
+        Values of macros; other conditions stay.
+    """
+    lines: list[str] = []
+    # Of each open condition: whether it is decided here, and whether its lines are kept.
+    open_: list[tuple[bool, bool]] = []
+    for line in text.splitlines():
+        condition = _CONDITION.match(line)
+        default = re.match(r"#ifndef (\w+)$", line)
+        if condition and condition[2] in known:
+            open_.append((True, known[condition[2]] != bool(condition[1])))
+        elif default and default[1] in known:
+            open_.append((True, False))
+        elif line.startswith("#if"):
+            open_.append((False, True))
+            _keep(lines, line, open_)
+        elif line == "#else" and open_[-1][0]:
+            open_[-1] = (True, not open_[-1][1])
+        elif line.startswith("#endif"):
+            if not open_[-1][0]:
+                _keep(lines, line, open_)
+            open_.pop()
+        else:
+            _keep(lines, line, open_)
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines) + "\n")
+
+
+def _keep(lines: list[str], line: str, open_: Iterable[tuple[bool, bool]]) -> None:
+    if all(is_kept for _, is_kept in open_):
+        lines.append(line)

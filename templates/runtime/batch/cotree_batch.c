@@ -1,0 +1,330 @@
+/* cotree_batch.c: runs the members of a batch, one after another in each thread.
+ * Part of the runtime of cotree, the same for every model and method.
+ */
+#if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
+#define _POSIX_C_SOURCE 199309L /* clock_gettime */
+#endif
+
+#include "cotree_batch.h"
+#include "cotree_events.h"
+#include "cotree_sweep.h"
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#include <windows.h>
+#else
+#include <time.h>
+#endif
+
+/* Stages of a member in work. */
+enum { TAKEN, BEGUN, DONE, CLOSED };
+
+#define NOT_A_NUMBER ((double)NAN)
+
+/* Gives the time since some moment, [s]. */
+static double now(void)
+{
+#if defined(_WIN32)
+    LARGE_INTEGER ticks, per_second;
+    QueryPerformanceCounter(&ticks);
+    QueryPerformanceFrequency(&per_second);
+    return (double)ticks.QuadPart / (double)per_second.QuadPart;
+#else
+    struct timespec at;
+    clock_gettime(CLOCK_MONOTONIC, &at);
+    return (double)at.tv_sec + 1e-9 * (double)at.tv_nsec;
+#endif
+}
+
+double cotree_batch_now(void) { return now(); }
+
+int cotree_batch_most_threads(void)
+{
+#if defined(__GNUC__) || defined(__clang__)
+    return INT_MAX;
+#else
+    return 1;
+#endif
+}
+
+/* The start. */
+
+/* Writes the model's own initial values, and those that are set in their place. */
+static int write_start(const cotree_batch *batch, int member, const double *k, double *z)
+{
+    const cotree_job *const pattern = batch->pattern;
+    const cotree_model *const model = pattern->model;
+    const int n = model->n_states;
+    const int m = pattern->has_sensitivities ? model->n_sensitivities : 0;
+    const double *const p = batch->p + (size_t)member * (size_t)model->n_parameters;
+    const double *const values = batch->set_values + (size_t)member * (size_t)batch->n_set;
+    int i, j, status = model->initial(p, k, z);
+    if (status == 0 && m > 0) status = model->initial_sensitivity(p, k, z + n);
+    for (i = 0; i < batch->n_set && status == 0; ++i) {
+        const int state = batch->set[i];
+        z[state] = values[i];
+        /* Such a value depends on no parameter, only on itself. */
+        for (j = 0; j < m; ++j) z[n + j * n + state] = j == batch->set_by[i] ? 1.0 : 0.0;
+    }
+    return status;
+}
+
+int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, double *z)
+{
+    const cotree_model *const model = batch->pattern->model;
+    const double *const p = batch->p + (size_t)member * (size_t)model->n_parameters;
+    int i;
+    if (model->prepare(p, k) != 0 || write_start(batch, member, k, z) != 0) {
+        return COTREE_MEMBER_REFUSED;
+    }
+    for (i = 0; i < batch->n_full; ++i) {
+        if (!(fabs(z[i]) <= DBL_MAX)) return COTREE_MEMBER_REFUSED;
+    }
+    return 0;
+}
+
+/* Fills in what a member has of its own; the rest of its job is as in the pattern. */
+static int fill_in(cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    const cotree_model *const model = batch->pattern->model;
+    const size_t i = (size_t)w->member;
+    cotree_job *const job = &w->job;
+    job->p = batch->p + i * (size_t)model->n_parameters;
+    job->k = w->k;
+    job->u = w->u;
+    job->z = w->z;
+    if (batch->atols != NULL) job->atols = batch->atols + i * (size_t)job->n;
+    if (batch->turn_tolerances != NULL) {
+        job->turn_tolerances = batch->turn_tolerances + i * (size_t)model->n_sensitivities;
+    }
+    return cotree_batch_prepare(batch, w->member, w->k, w->z);
+}
+
+/* Makes the job of the member in work. */
+static int begin(cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    const size_t i = (size_t)w->member;
+    cotree_job *const job = &w->job;
+    *job = batch->are_asked_for ? *w->asked : *batch->pattern;
+    job->times = w->times;
+    job->values = batch->values + i * (size_t)job->n_wanted * (size_t)batch->n_full;
+    job->records = w->records;
+    job->most_records = w->most_records;
+    job->memory = w->memory;
+    memset(w->memory, 0, batch->memory); /* nothing of the member before is left */
+    return batch->are_asked_for ? 0 : fill_in(w);
+}
+
+/* The end. */
+
+/* Evaluates the inputs at the points of a member, as outputs see them. */
+static int find_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
+{
+    const cotree_batch *const batch = w->batch;
+    const cotree_model *const model = batch->pattern->model;
+    int i, j, status = 0;
+    for (i = 0; i < n_points && status == 0; ++i) {
+        double *const u = w->inputs + (size_t)i * (size_t)model->n_inputs;
+        const double *const given = batch->given_values + (size_t)i * (size_t)batch->n_given;
+        status = model->inputs_of_time(batch->pattern->wanted[i], p, k, u);
+        for (j = 0; j < batch->n_given; ++j) u[batch->given[j]] = given[j];
+    }
+    return status;
+}
+
+/* Copies what is to be kept of rows. */
+static void choose(const cotree_batch *batch, int n_rows, const double *all, double *kept)
+{
+    const size_t n_all = (size_t)batch->pattern->model->n_outputs, n = (size_t)batch->n_outputs;
+    size_t i, j;
+    for (i = 0; i < (size_t)n_rows; ++i) {
+        for (j = 0; j < n; ++j) kept[i * n + j] = all[i * n_all + (size_t)batch->outputs[j]];
+    }
+}
+
+static void leave_blank(double *first, int n_before, int n_rows, size_t width)
+{
+    size_t i;
+    for (i = (size_t)n_before * width; i < (size_t)n_rows * width; ++i) first[i] = NOT_A_NUMBER;
+}
+
+int cotree_batch_finish(cotree_worker *w, int member, const double *k)
+{
+    const cotree_batch *const batch = w->batch;
+    const cotree_job *const pattern = batch->pattern;
+    const cotree_model *const model = pattern->model;
+    const int n_wanted = pattern->n_wanted, n_kept = batch->n_kept[member];
+    const int m = pattern->has_sensitivities ? model->n_sensitivities : 0;
+    const size_t i = (size_t)member, first = i * (size_t)n_wanted, n = (size_t)batch->n_outputs;
+    const double *const p = batch->p + i * (size_t)model->n_parameters;
+    double *const z = batch->values + first * (size_t)batch->n_full;
+    double *const y = batch->output_values + first * n;
+    double *const dy = batch->output_slopes + first * n * (size_t)m;
+    int status = 0;
+    leave_blank(z, n_kept, n_wanted, (size_t)batch->n_full);
+    if (batch->n_outputs == 0) return 0;
+    if (batch->n_given > 0) status = find_inputs(w, n_kept, p, k);
+    if (status == 0) {
+        status = cotree_sweep(model, p, k, n_kept, pattern->wanted, z, batch->n_full,
+                              batch->n_given > 0, w->inputs, w->outputs, m > 0 ? w->slopes : NULL);
+    }
+    if (status != 0) return COTREE_MEMBER_UNSWEPT;
+    choose(batch, n_kept, w->outputs, y);
+    leave_blank(y, n_kept, n_wanted, n);
+    if (m == 0) return 0;
+    choose(batch, n_kept * m, w->slopes, dy);
+    leave_blank(dy, n_kept, n_wanted, n * (size_t)m);
+    return 0;
+}
+
+/* Writes down when what happened. */
+static void note_events(cotree_worker *w)
+{
+    const cotree_job *const job = &w->job;
+    const int n_states = job->model->n_states;
+    const int m = job->has_sensitivities ? job->model->n_sensitivities : 0;
+    const size_t width = COTREE_EVENTS_RECORD((size_t)n_states, (size_t)m);
+    int i, j;
+    for (i = 0; i < job->n_records; ++i, ++w->n_happened) {
+        /* The job may still point to what was there before its worker got more room. */
+        const double *const record = w->records + (size_t)i * width;
+        double *const row = w->happened + (size_t)w->n_happened * (size_t)(3 + m);
+        row[0] = (double)w->member;
+        row[1] = record[1];
+        row[2] = record[0];
+        for (j = 0; j < m; ++j) row[3 + j] = record[2 + j];
+    }
+}
+
+/* Writes down what the job has come to. */
+static void note(cotree_worker *w, int ended)
+{
+    const cotree_batch *const batch = w->batch;
+    const cotree_job *const job = &w->job;
+    batch->n_kept[w->member] = job->n_kept;
+    batch->n_steps[w->member] = job->n_steps;
+    batch->corrections[w->member] = job->correction;
+    batch->seconds[w->member] = now() - w->begun;
+    batch->ended[w->member] = ended;
+}
+
+void cotree_batch_close(cotree_worker *w)
+{
+    if (w->stage == BEGUN || w->stage == DONE) w->batch->end(&w->job);
+    w->stage = CLOSED;
+}
+
+/* Ends a member that has reached its end, if there is room for what happened. */
+static int conclude(cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    int status;
+    if (w->n_happened + w->job.n_records > w->most_happened) return COTREE_BATCH_ROOM;
+    status = cotree_batch_finish(w, w->member, w->job.k);
+    batch->seconds[w->member] = now() - w->begun;
+    if (status != 0) {
+        batch->ended[w->member] = status;
+        return COTREE_BATCH_ASK;
+    }
+    note_events(w);
+    w->member = -1;
+    return COTREE_BATCH_GLANCE;
+}
+
+/* The way. */
+
+static int is_without_room(const cotree_job *job)
+{
+    if (job->records == NULL) return 0;
+    return job->n_records + COTREE_EVENTS_AT_ONCE(COTREE_EVENTS_OF(job->model->hybrid)) >
+           job->most_records;
+}
+
+/* Tells which budget is spent, in the order in which a run by itself looks at them; 0: none. */
+static int spent(const cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    const cotree_job *const job = &w->job;
+    if (job->most_events > 0 && job->n_records >= job->most_events) return COTREE_MEMBER_EVENTS;
+    if (batch->max_steps > 0 && job->n_steps >= batch->max_steps) return COTREE_MEMBER_STEPS;
+    if (batch->time_limit > 0.0 && now() - w->begun > batch->time_limit) return COTREE_MEMBER_TIME;
+    return 0;
+}
+
+/* Ends the member in work in another way than by its end. */
+static int ask(cotree_worker *w, int ended)
+{
+    note(w, ended);
+    return COTREE_BATCH_ASK;
+}
+
+/* Takes some steps of the member in work. */
+static int take_steps(cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    cotree_job *const job = &w->job;
+    long most = COTREE_BATCH_STEPS;
+    int result, over;
+    job->records = w->records; /* they may have got more room */
+    job->most_records = w->most_records;
+    if (is_without_room(job)) return COTREE_BATCH_ROOM;
+    if (batch->max_steps > 0 && batch->max_steps - job->n_steps < most) {
+        most = batch->max_steps - job->n_steps;
+    }
+    w->stage = BEGUN;
+    job->is_waiting = batch->is_watched && job->n_steps >= w->watched_from;
+    result = batch->run(job, most);
+    if (result == COTREE_JOB_FAILED) return ask(w, COTREE_MEMBER_FAILED);
+    if (result == COTREE_JOB_STIFF) return ask(w, COTREE_MEMBER_STIFF);
+    if (result == COTREE_JOB_MORE) {
+        over = spent(w);
+        return over != 0 ? ask(w, over) : COTREE_BATCH_GLANCE;
+    }
+    w->stage = DONE;
+    note(w, result == COTREE_JOB_STOPPED ? COTREE_MEMBER_STOPPED : COTREE_MEMBER_DONE);
+    return conclude(w);
+}
+
+/* Takes another member. */
+static int take(cotree_worker *w)
+{
+    cotree_batch_close(w);
+    w->member = cotree_batch_take(w->batch);
+    if (w->member < 0) return COTREE_BATCH_EMPTY;
+    w->stage = TAKEN;
+    w->watched_from = 0;
+    w->begun = now();
+    return w->batch->are_asked_for ? COTREE_BATCH_GIVE : COTREE_BATCH_GLANCE;
+}
+
+/* Does what is to be done next; COTREE_BATCH_GLANCE where there is more. */
+static int go_on(cotree_worker *w)
+{
+    int ended;
+    if (w->member < 0) return take(w);
+    if (w->stage == DONE) return conclude(w);
+    if (w->stage == BEGUN) return take_steps(w);
+    ended = begin(w);
+    return ended != 0 ? ask(w, ended) : take_steps(w);
+}
+
+int cotree_batch_work(cotree_worker *w)
+{
+    const cotree_batch *const batch = w->batch;
+    const double called = now();
+    int result = COTREE_BATCH_GLANCE;
+    if (w->member < 0 && batch->lanes != NULL) return batch->lanes(w);
+    while (result == COTREE_BATCH_GLANCE) {
+        if (cotree_batch_is_stopped(batch)) return COTREE_BATCH_STOPPED;
+        result = go_on(w);
+        if (batch->glance > 0.0 && now() - called > batch->glance) break;
+    }
+    return result;
+}

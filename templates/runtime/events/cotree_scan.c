@@ -1,0 +1,272 @@
+/* cotree_scan.c: bounds of event functions over an interval, and the search for sign changes.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_events_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+/* Ranges of what events look at where that is not linear: of its values and of its rates over an
+ * interval, from where the quantities that it is made of lie. */
+
+int cotree_is_ranged(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
+
+/* The quantities at the point where values were taken last. */
+const cotree_real *cotree_quantities_of(const cotree_events *e)
+{
+    return e->jumps.values + e->n_events + e->n_pieces;
+}
+
+/* Takes quantities to lie among these over an interval, and within a bend of that: twice as far as
+ * a parabola would leave its chord. */
+void cotree_enclose(cotree_events *e, int k, cotree_real low, cotree_real high, cotree_real bend)
+{
+    e->box[k] = low - COTREE_F(0.25) * bend;
+    e->box[e->n_quantities + k] = high + COTREE_F(0.25) * bend;
+}
+
+void cotree_enclose_rate(cotree_events *e, int k, cotree_real slow, cotree_real fast,
+                         cotree_real bend)
+{
+    e->box[2 * e->n_quantities + k] = slow - bend;
+    e->box[3 * e->n_quantities + k] = fast + bend;
+}
+
+/* The same between two points, which differ from a line by second differences of this size. */
+static void enclose_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
+                            const cotree_real *bends, cotree_real width)
+{
+    int k;
+    for (k = 0; k < e->n_quantities; ++k) {
+        const cotree_real slope = (b[k] - a[k]) / width;
+        cotree_enclose(e, k, COTREE_FMIN(a[k], b[k]), COTREE_FMAX(a[k], b[k]), bends[k]);
+        cotree_enclose_rate(e, k, slope, slope, bends[k] / width);
+    }
+}
+
+/* Writes the ranges of values over an interval; what is constant in it is that of the last point.
+ */
+int cotree_find_ranges(cotree_events *e, cotree_real t)
+{
+    const int status = e->complaint = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
+    return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
+}
+
+/* How far a value that is on one side of zero has to come to be of interest; with sensitivities one
+ * that all but touches zero is, too. */
+static cotree_real least_reach(const cotree_events *e, int i)
+{
+    const int has_grazing = e->run->n_blocks > 1 && !cotree_is_corner(e, i);
+    return has_grazing ? GRAZING * cotree_tolerance(e, i) : -cotree_least_of(e, i);
+}
+
+/* Says what ranges tell of a value over an interval of this width, from its values at both ends.
+ * Written so that nan tells nothing. */
+int cotree_judge(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
+                 cotree_real at_b, cotree_real width)
+{
+    const cotree_real *const r = e->ranges + N_ENDS * e->rows[i].range;
+    const cotree_real least = least_reach(e, i), a = side * at_a, b = side * at_b;
+    const cotree_real slow = side > COTREE_F(0.0) ? r[2] : -r[3],
+                      fast = side > COTREE_F(0.0) ? r[3] : -r[2];
+    if ((side > COTREE_F(0.0) ? r[0] : -r[1]) > least) return AWAY;
+    if (slow >= COTREE_F(0.0) || fast <= COTREE_F(0.0)) return ONE_WAY;
+    /* Where the steepest lines through both ends meet. */
+    if (b > least && a + slow * ((a - b + fast * width) / (fast - slow)) > least) return AWAY;
+    return UNKNOWN;
+}
+
+/* Crossings of what is not linear: intervals of a step are divided until each value is away from
+ * zero in all of one, or moves one way there, so that its signs at the ends tell. */
+
+/* So many intervals of a step are halved; where these do not do, it is taken anew from as far as it
+ * was looked at. */
+#define MOST_DIVISIONS 500
+
+/* An interval that has been halved so often is short enough for a value that differs in sign at its
+ * ends to be located there. */
+#define SHORT 16
+
+/* A share of a step below which taking it anew gets nowhere. */
+#define PROGRESS COTREE_F(1e-3)
+
+/* The end of an interval: values, quantities, and second differences of these. */
+#define MARK(e, depth) ((e)->marks + (depth) * (1 + (e)->n_events + 2 * (e)->n_quantities))
+#define N_MARK(e) (1 + (e)->n_events + 2 * (e)->n_quantities)
+#define VALUES_OF(mark) ((mark) + 1)
+#define QUANTITIES_OF(e, mark) ((mark) + 1 + (e)->n_events)
+#define BENDS_OF(e, mark) ((mark) + 1 + (e)->n_events + (e)->n_quantities)
+
+static void set_mark(const cotree_events *e, cotree_real *mark, cotree_real t, const cotree_real *g,
+                     const cotree_real *quantities)
+{
+    mark[0] = t;
+    cotree_copy(e->n_events, g, VALUES_OF(mark));
+    cotree_copy(e->n_quantities, quantities, QUANTITIES_OF(e, mark));
+}
+
+/* Marks a sample; its bends are the largest at both ends of the interval before it. */
+static void mark_sample(const cotree_events *e, cotree_real *mark, int k)
+{
+    const cotree_real *const q = e->sampled;
+    const int n = e->n_quantities;
+    int i, m;
+    set_mark(e, mark, cotree_time_of(e, k), e->looked + k * e->n_events, q + k * n);
+    for (i = 0; i < n; ++i) {
+        cotree_real bend = COTREE_F(0.0);
+        for (m = k - 1; m <= k; ++m) {
+            if (m < 1 || m > SAMPLES - 2) continue;
+            bend = COTREE_FMAX(bend, COTREE_FABS(q[(m - 1) * n + i] - COTREE_F(2.0) * q[m * n + i] +
+                                                 q[(m + 1) * n + i]));
+        }
+        BENDS_OF(e, mark)[i] = bend;
+    }
+}
+
+/* Marks the middle of an interval. Second differences of its halves are a quarter of its own; those
+ * that are less are not believed at once. */
+static int mark_middle(cotree_events *e, const cotree_real *left, cotree_real *right,
+                       cotree_real *middle)
+{
+    const cotree_real t = COTREE_F(0.5) * (left[0] + right[0]);
+    const cotree_real *const a = QUANTITIES_OF(e, left), *const b = QUANTITIES_OF(e, right);
+    int k, status = cotree_read(e, t, e->point);
+    if (status == 0) status = cotree_values(e, t, e->point);
+    set_mark(e, middle, t, e->jumps.values, cotree_quantities_of(e));
+    for (k = 0; k < e->n_quantities; ++k) {
+        const cotree_real bend =
+            COTREE_FABS(a[k] - COTREE_F(2.0) * QUANTITIES_OF(e, middle)[k] + b[k]);
+        BENDS_OF(e, middle)[k] = COTREE_FMAX(bend, COTREE_F(0.0625) * BENDS_OF(e, right)[k]);
+        BENDS_OF(e, right)[k] = BENDS_OF(e, middle)[k];
+    }
+    return status;
+}
+
+/* Lists the values that may come to zero in a step, from where quantities lie in all of it. */
+static int list_open(cotree_events *e)
+{
+    const cotree_real *const q = e->sampled, *const last = e->looked + (SAMPLES - 1) * e->n_events;
+    const cotree_real width = (e->t_after - e->t_before) / (cotree_real)(SAMPLES - 1);
+    const int n = e->n_quantities;
+    int i, k, n_open = 0;
+    for (i = 0; i < n; ++i) {
+        cotree_real low = q[i], high = q[i], slow = COTREE_INFINITY, fast = -COTREE_INFINITY,
+                    bend = COTREE_F(0.0);
+        for (k = 1; k < SAMPLES; ++k) {
+            const cotree_real own = q[k * n + i], step = own - q[(k - 1) * n + i];
+            low = COTREE_FMIN(low, own);
+            high = COTREE_FMAX(high, own);
+            slow = COTREE_FMIN(slow, step);
+            fast = COTREE_FMAX(fast, step);
+            if (k > 1)
+                bend =
+                    COTREE_FMAX(bend, COTREE_FABS(step - q[(k - 1) * n + i] + q[(k - 2) * n + i]));
+        }
+        cotree_enclose(e, i, low, high, bend);
+        cotree_enclose_rate(e, i, slow / width, fast / width, bend / width);
+    }
+    if (cotree_find_ranges(e, e->t_after) != 0) return 0;
+    for (i = 0; i < e->n_events; ++i) {
+        const cotree_real side = e->side[i];
+        e->is_open[i] = cotree_is_ranged(e, i) && !cotree_is_resting(e, i);
+        if (!e->is_open[i]) continue;
+        e->is_found[i] = 0;
+        e->from[i] = side;
+        e->since[i] = e->t_before;
+        if (side == COTREE_F(0.0))
+            ++n_open;
+        else if (cotree_judge(e, i, side, e->g[i], last[i], e->t_after - e->t_before) != AWAY)
+            ++n_open;
+        else
+            e->is_clear[i] = 1;
+    }
+    return n_open;
+}
+
+/* Whether an interval has to be divided for any value. */
+static int is_divided(cotree_events *e, const cotree_real *left, const cotree_real *right,
+                      int depth)
+{
+    const cotree_real width = right[0] - left[0];
+    int i, is_any = 0;
+    enclose_between(e, QUANTITIES_OF(e, left), QUANTITIES_OF(e, right), BENDS_OF(e, right), width);
+    if (cotree_find_ranges(e, right[0]) != 0) return 0;
+    for (i = 0; i < e->n_events; ++i) {
+        const cotree_real at_end = e->from[i] * VALUES_OF(right)[i];
+        e->is_near[i] = 0;
+        if (!e->is_open[i] || e->is_clear[i] || e->from[i] == COTREE_F(0.0)) continue;
+        if (depth >= SHORT && at_end < -cotree_least_of(e, i)) continue;
+        e->is_near[i] = cotree_judge(e, i, e->from[i], VALUES_OF(left)[i], VALUES_OF(right)[i],
+                                     width) == UNKNOWN;
+        is_any = is_any || e->is_near[i];
+    }
+    return is_any;
+}
+
+/* Finds what passes zero in an interval that needs no division, or has had too many. */
+static int cross(cotree_events *e, const cotree_real *left, const cotree_real *right)
+{
+    int i, found = COTREE_EVENTS_NONE;
+    for (i = 0; i < e->n_events; ++i) {
+        int own;
+        if (!e->is_open[i] || e->is_clear[i]) continue;
+        own = cotree_cross_between(e, i, left[0], right[0], VALUES_OF(left)[i], VALUES_OF(right)[i],
+                                   e->is_near[i], e->at_root + i, e->from + i);
+        if (own > COTREE_EVENTS_FOUND) return own;
+        e->is_found[i] = own == COTREE_EVENTS_FOUND;
+        if (e->is_found[i]) found = COTREE_EVENTS_FOUND;
+    }
+    return found;
+}
+
+/* Whether all values are clearly on the side that they come from, so that a step may begin there.
+ */
+static int is_before(const cotree_events *e, const cotree_real *mark)
+{
+    int i;
+    for (i = 0; i < e->n_events; ++i) {
+        if (!e->is_open[i] || e->from[i] == COTREE_F(0.0)) continue;
+        if (!(e->from[i] * VALUES_OF(mark)[i] > cotree_tolerance(e, i))) return 0;
+    }
+    return 1;
+}
+
+/* Looks for the first crossings within a step of what is not linear, as search does of the rest;
+ * AGAIN: there is none up to a time, and beyond it is not known. */
+int cotree_scan(cotree_events *e, cotree_real *until)
+{
+    cotree_real *const left = MARK(e, DEEPEST + 1);
+    int k, n_divisions = 0, found = COTREE_EVENTS_NONE;
+    for (k = 0; k < e->n_events; ++k) e->is_clear[k] = e->is_open[k] = 0;
+    if (list_open(e) == 0) return e->trouble;
+    if (e->is_rough) return CLOSER;
+    mark_sample(e, left, 0);
+    for (k = 1; k < SAMPLES && found == COTREE_EVENTS_NONE; ++k) {
+        int depth = 0;
+        mark_sample(e, MARK(e, 0), k);
+        while (depth >= 0 && found == COTREE_EVENTS_NONE) {
+            cotree_real *const right = MARK(e, depth);
+            const int is_too_short =
+                right[0] - left[0] <= COTREE_F(16.0) * cotree_spacing(right[0]);
+            const int is_unknown = is_divided(e, left, right, depth);
+            if (e->trouble != 0) return e->trouble;
+            if (is_unknown && depth < DEEPEST && !is_too_short) {
+                if (n_divisions++ < MOST_DIVISIONS) {
+                    if (mark_middle(e, left, right, MARK(e, ++depth)) != 0) return e->trouble;
+                    continue;
+                }
+                *until = left[0];
+                if (*until - e->t_before > PROGRESS * (e->t_after - e->t_before) &&
+                    is_before(e, left)) {
+                    return AGAIN;
+                }
+            }
+            *until = COTREE_INFINITY;
+            found = cross(e, left, right);
+            cotree_copy(N_MARK(e), right, left);
+            --depth;
+        }
+    }
+    return found;
+}

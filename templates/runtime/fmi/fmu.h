@@ -1,0 +1,242 @@
+/* fmu.h: an instance of a model as a functional mock-up unit, whatever the version of the
+ * interface. Part of the runtime of cotree, the same for every model.
+ *
+ * The functions of FMI 2 and FMI 3 are thin: they check their arguments and call these. Functions
+ * return 0 on success, and 1 after they have logged what is wrong.
+ */
+#ifndef COTREE_FMU_H
+#define COTREE_FMU_H
+
+#include "cotree_events.h"
+#include "cotree_job.h"
+
+#include <stddef.h>
+
+/* States of an instance, as bits of a mask. */
+#define FMU_INSTANTIATED 1
+#define FMU_INITIALIZATION 2
+#define FMU_EVENT 4
+#define FMU_CONTINUOUS 8
+#define FMU_STEP 16
+#define FMU_TERMINATED 32
+#define FMU_FAILED 64 /* a step of Co-Simulation ended early, in FMI 2 */
+#define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
+
+/* Blocks of variables; each has consecutive value references. */
+enum fmu_block {
+    FMU_TIME,
+    FMU_STATES,
+    FMU_RATES,
+    FMU_PARAMETERS,
+    FMU_INPUTS,  /* set from outside */
+    FMU_SIGNALS, /* inputs of the scene that are functions of time and parameters */
+    FMU_OUTPUTS,
+    FMU_INDICATORS,
+    FMU_OUTPUT_SLOPES, /* sensitivities of outputs, parameter by parameter */
+    FMU_STATE_SLOPES,  /* sensitivities of states, parameter by parameter */
+    FMU_N_BLOCKS
+};
+
+/* A sparse matrix, compressed by columns. */
+typedef struct fmu_pattern {
+    int n_rows, n_columns;
+    const int *starts;
+    const int *rows;
+} fmu_pattern;
+
+/* What there is of a model besides its kernels. */
+typedef struct fmu_tables {
+    const char *token;
+    const cotree_model *(*model)(void);
+    const cotree_stepper *(*stepper)(void);
+    const void *(*aid)(void); /* what the stepper needs besides; NULL: nothing */
+    int has_sensitivities;
+    int is_exchangeable; /* offers Model Exchange */
+    int is_implicit, is_strict, is_extended;
+    int n_inputs;            /* set from outside */
+    const int *inputs;       /* which of the model's these are */
+    const double *values;    /* their values until they are set */
+    const int *signals;      /* the other inputs */
+    const double *start;     /* states at the start, at the default parameters */
+    const int *given;        /* whether the scene gives the initial value of each state */
+    int is_found;            /* whether states that are not given begin with those of start */
+    int is_at_rest;          /* whether the start is an operating point, found at the defaults */
+    const double *sizes;     /* factors of absolute tolerances; NULL: 1 */
+    const int *seeds;        /* of sensitivities: a parameter, or -1 less a state */
+    double rtol, atol, span; /* defaults */
+    long most_steps;         /* budgets of one step of Co-Simulation */
+    long most_events;
+    int n_stops;
+    const int *stop_starts;     /* 1: none before the first time */
+    int n_conditions;           /* results of the kernel start that are to be zero */
+    int n_start;                /* all of them */
+    int n_limits;               /* upper bounds of steps */
+    const cotree_hybrid *shape; /* of the constraints, for the start; NULL: there are none */
+    /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs from
+     * outside, parameters and time. */
+    fmu_pattern partials;
+    cotree_state_kernel find_partials;
+    fmu_pattern initial; /* of the initial states, by parameters */
+    cotree_parameter_kernel find_initial;
+    fmu_pattern constraints; /* of the constraints, by the columns of partials */
+    cotree_state_kernel find_constraints;
+    /* Upper bounds of steps; then first time and period of each stop, with derivatives of both by
+     * each parameter of sensitivity. */
+    cotree_parameter_kernel find_stops;
+} fmu_tables;
+
+/* What a message is about: an event, a value that cannot be computed, or an error. */
+enum fmu_severity { FMU_NOTE, FMU_DISCARD, FMU_ERROR };
+
+typedef void (*fmu_logger)(void *environment, enum fmu_severity severity, const char *message);
+
+/* Numbers that make up the state of an instance, besides its arrays. */
+enum fmu_number {
+    FMU_MODE,
+    FMU_NOW,
+    FMU_BEGIN, /* start time */
+    FMU_END,   /* stop time, or infinity */
+    FMU_TOLERANCE,
+    FMU_LOW, /* the times between which nothing has a kink */
+    FMU_HIGH,
+    FMU_NEXT,       /* the next time where something has a kink, or infinity */
+    FMU_IS_STARTED, /* whether the states are those of the start, as far as parameters are known */
+    FMU_IS_CHOSEN,  /* whether the start is the least of several moves */
+    FMU_IS_BEGUN,   /* whether events are watched */
+    FMU_IS_CHANGED, /* whether inputs or parameters changed since the last step */
+    FMU_IS_SOLVED, /* whether algebraic unknowns were found, at the next time and with old states */
+    FMU_SOLVED_AT,
+    FMU_IS_SET_UP, /* whether the experiment's times and tolerance were given */
+    FMU_HAS_ENDED, /* whether an event ended the simulation */
+    FMU_N_NUMBERS
+};
+
+typedef struct fmu {
+    const fmu_tables *tables;
+    cotree_model own;          /* the model, with what the start needs */
+    const cotree_model *model; /* that of its file */
+    int is_exchanged;          /* Model Exchange; else Co-Simulation */
+    int returns_early;
+    int mode; /* a copy of the number */
+    /* Whether the present call may report a value that cannot be computed as discarded, so that the
+     * importer tries a smaller step, and whether it did. */
+    int may_discard, is_discarded;
+    fmu_logger logger;
+    void *environment;
+    int offsets[FMU_N_BLOCKS + 1]; /* the first value reference of each block */
+    /* The state: numbers, then arrays, one after another. */
+    size_t n_kept;
+    double *kept;
+    double *numbers;
+    double *z; /* states, then sensitivities */
+    double *p;
+    double *outside;    /* inputs */
+    double *own_values; /* initial values that were set */
+    double *is_own;
+    double *old;     /* states for which algebraic unknowns were found last */
+    double *watched; /* what events know */
+    /* What follows from it. */
+    int fresh;
+    int is_prepared;
+    double *k, *u, *dx, *y, *g, *dy, *stops, *partials, *initial, *moved;
+    double *seed, *rows, *solved, *dense, *room, *atols;
+    double *before;
+    double *spare; /* for the state before a step */
+    int *pivots, *known;
+    double *corners, *slopes, *spreads, *turns;
+    size_t n_corners; /* for which there is room */
+    cotree_run run;
+    cotree_jumps jumps; /* of constrained models: for the start */
+    cotree_run start_run;
+    cotree_events events;
+    void *job_memory;
+    size_t n_job_memory;
+    double *records;
+    void *memory;
+} fmu;
+
+/* Memory. */
+fmu *fmu_new(const fmu_tables *tables, int is_exchanged, int returns_early, fmu_logger logger,
+             void *environment);
+void fmu_free(fmu *m);
+void fmu_reset(fmu *m);
+
+/* Messages. fmu_refuse logs an error; fmu_discard does so, too, unless the present call may leave
+ * out values that cannot be computed. Both return 1. */
+void fmu_log(const fmu *m, enum fmu_severity severity, const char *format, ...);
+int fmu_refuse(const fmu *m, const char *format, ...);
+int fmu_discard(fmu *m, const char *format, ...);
+
+/* Begins a call: refuses it where it is not allowed in the state of the instance. */
+int fmu_check(fmu *m, const char *function, int modes);
+const char *fmu_mode_name(const fmu *m);
+void fmu_enter(fmu *m, int mode);
+
+/* Variables. */
+int fmu_get(fmu *m, const unsigned *references, size_t n, double *values);
+int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values);
+int fmu_find(const fmu *m, unsigned reference, int *index); /* its block, or -1 */
+
+/* Bits of what is known at the present state. */
+#define FMU_POINT 1
+#define FMU_HAS_RATES 2
+#define FMU_HAS_OUTPUTS 4
+#define FMU_HAS_INDICATORS 8
+#define FMU_HAS_PARTIALS 16
+#define FMU_HAS_SLOPES 32
+
+int fmu_prepare(fmu *m);
+int fmu_refresh(fmu *m, int what);
+cotree_events *fmu_events(fmu *m); /* at the present settings, without what they know */
+double fmu_span(const fmu *m);     /* from start to stop time, or by default */
+void fmu_forget(fmu *m);           /* what follows from the state */
+
+/* Initialization. */
+int fmu_set_up(fmu *m, double t, double end, double tolerance);
+int fmu_begin(fmu *m);
+int fmu_start(fmu *m);
+int fmu_leave_initialization(fmu *m);
+int fmu_move_start(fmu *m, const int *is_known, double *seed);
+
+/* Derivatives. */
+int fmu_directional(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsigned *knowns,
+                    size_t n_knowns, const double *seed, double *sensitivity);
+int fmu_adjoint(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsigned *knowns,
+                size_t n_knowns, const double *seed, double *sensitivity);
+
+/* Model Exchange. */
+typedef struct fmu_news {
+    int terminates, are_states_changed, has_next;
+    double next;
+} fmu_news;
+int fmu_set_time(fmu *m, double t);
+int fmu_set_states(fmu *m, const double *x, size_t n);
+int fmu_get_states(fmu *m, double *x, size_t n);
+int fmu_get_rates(fmu *m, double *dx, size_t n);
+int fmu_get_indicators(fmu *m, double *g, size_t n);
+int fmu_get_nominals(fmu *m, double *sizes, size_t n);
+int fmu_complete_step(fmu *m, int *enters_event_mode);
+int fmu_update(fmu *m, fmu_news *news);
+int fmu_go_on(fmu *m);
+
+/* Times at which something has a kink. */
+int fmu_find_stops(fmu *m);
+double fmu_next_stop(const fmu *m, double t, double end);
+int fmu_is_stop(const fmu *m, double t);
+void fmu_stop_slopes(const fmu *m, double t, int is_start, double *slopes, double *spreads);
+double fmu_largest_stop(const fmu *m, double end);
+
+/* Co-Simulation. fmu_enter_steps processes the events at the start. Where a step cannot be
+ * finished, *reached is the time up to which it was computed. */
+int fmu_enter_steps(fmu *m);
+int fmu_step(fmu *m, double t, double step, int *is_early, double *reached);
+
+/* State. */
+size_t fmu_state_size(const fmu *m);
+void fmu_keep_state(const fmu *m, double *to);
+int fmu_recall_state(fmu *m, const double *from, size_t n);
+
+/* The tables of the model. */
+const fmu_tables *fmu_tables_of_model(void);
+
+#endif

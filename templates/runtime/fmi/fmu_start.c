@@ -1,0 +1,334 @@
+/* fmu_start.c: initialization: a consistent start, and its derivatives.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "fmu.h"
+
+#include <float.h>
+#include <math.h>
+
+#define N_STATES (m->model->n_states)
+#define N_RATES (m->model->n_states - m->model->n_algebraic)
+
+/* Gradients that others reach but for this share are redundant, and a derivative of the constraints
+ * counts as made up for when no more than a share of FOLLOWED is left. */
+#define RANK 1e-10
+#define FOLLOWED 1e-8
+
+/* What moves by less than this is rounding. */
+#define MOVED 1e-11
+
+/* How often modes of jumps are looked at. */
+#define ROUNDS 100
+
+int fmu_set_up(fmu *m, double t, double end, double tolerance)
+{
+    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the start time is no finite number");
+    if (!(end > t))
+        return fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
+    if (!(tolerance > 0.0 && tolerance < 1.0)) {
+        return fmu_refuse(m, "the tolerance %g is not between 0 and 1", tolerance);
+    }
+    m->numbers[FMU_NOW] = m->numbers[FMU_BEGIN] = t;
+    m->numbers[FMU_END] = end;
+    m->numbers[FMU_TOLERANCE] = tolerance;
+    m->numbers[FMU_IS_SET_UP] = 1.0;
+    return 0;
+}
+
+int fmu_begin(fmu *m)
+{
+    m->numbers[FMU_IS_STARTED] = 0.0;
+    fmu_forget(m);
+    fmu_enter(m, FMU_INITIALIZATION);
+    return 0;
+}
+
+/* Whether a state keeps the value that it is given. */
+static int is_kept(const fmu *m, int i) { return m->is_own[i] != 0.0 || m->tables->given[i]; }
+
+/* Writes the initial values as they are given, and guesses of the others. */
+static int put_values(fmu *m)
+{
+    const fmu_tables *const tables = m->tables;
+    int i;
+    if (tables->is_at_rest) {
+        for (i = 0; i < m->model->n_parameters; ++i) {
+            if (m->p[i] == m->model->parameter_values[i]) continue;
+            return fmu_refuse(m,
+                              "the simulation starts at an operating point that was found for the "
+                              "default parameters: '%s' can be set after the initialization only",
+                              m->model->parameters[i].name);
+        }
+    }
+    if (m->model->initial(m->p, m->k, m->z) != 0)
+        return fmu_refuse(m, "the initial states have no values");
+    for (i = 0; i < N_STATES; ++i) {
+        const int is_found = tables->is_at_rest || (tables->is_found && !tables->given[i]);
+        if (i >= N_RATES || is_found) m->z[i] = tables->start[i];
+        if (m->is_own[i] != 0.0) m->z[i] = m->own_values[i];
+    }
+    return 0;
+}
+
+/* Moves what is not given onto the constraints. */
+static int settle(fmu *m)
+{
+    cotree_run *const run = &m->start_run;
+    const double t = m->numbers[FMU_NOW];
+    int i;
+    m->numbers[FMU_IS_CHOSEN] = 0.0;
+    if (m->tables->shape == NULL) return 0;
+    run->input_function = m->run.input_function;
+    run->input_context = m->run.input_context;
+    run->is_held = 1;
+    if (cotree_run_inputs(run, t) != 0) return fmu_refuse(m, "the inputs have no values");
+    for (i = 0; i < N_STATES; ++i) {
+        m->jumps.is_kept[i] = is_kept(m, i);
+        m->room[i] = m->z[i];
+    }
+    if (cotree_jumps_settle(&m->jumps, t, m->z) != 0) {
+        return fmu_refuse(m,
+                          "the initial values violate the constraints, and what is given leaves no "
+                          "way to mend that: change initial values or parameters");
+    }
+    m->numbers[FMU_IS_CHOSEN] = (double)cotree_jumps_is_chosen(&m->jumps, t, m->room, m->z);
+    if (m->model->start != NULL) {
+        /* Conditions on what is no state; they hold at the defaults. */
+        double *const found = m->dense;
+        if (m->model->start(t, m->z, m->u, m->p, m->k, found) != 0)
+            return fmu_refuse(m, "the start has no values");
+        for (i = 0; i < m->tables->n_conditions; ++i) {
+            if (fabs(found[i]) <= 1e-9) continue;
+            return fmu_refuse(m, "an initial value of a joint that is no state cannot be kept with "
+                                 "these parameters: set them after the initialization");
+        }
+    }
+    return 0;
+}
+
+/* Chooses the modes of dry friction and of rigid stops, which may begin with an impact. */
+static int choose_modes(fmu *m)
+{
+    cotree_events *const e = fmu_events(m);
+    const double t = m->numbers[FMU_NOW];
+    int i, status;
+    cotree_run_narrow(&m->run, t, m->z, m->room);
+    cotree_events_recall(e, m->watched); /* what a run before this one knew has no bearing on it */
+    m->run.is_held = 1;
+    status = cotree_events_choose(e, t, m->room);
+    m->run.is_held = 0;
+    if (status != 0) {
+        return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
+                          e->rows[e->event].name, t, cotree_events_message(status));
+    }
+    for (i = 0; i < e->n_events; ++i) {
+        if (e->rows[i].is_jump > 1) m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
+    }
+    for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->room[i];
+    fmu_forget(m);
+    return fmu_refresh(m, FMU_POINT);
+}
+
+/* Puts the modes of jumps inside expressions on the sides where their values are. */
+static int settle_modes(fmu *m)
+{
+    const cotree_hybrid *const hybrid = m->model->hybrid;
+    const double t = m->numbers[FMU_NOW];
+    int round, i, is_changed = hybrid != NULL;
+    for (round = 0; is_changed && round < ROUNDS; ++round) {
+        is_changed = 0;
+        m->fresh = 0;
+        if (fmu_refresh(m, FMU_HAS_INDICATORS) != 0) return 1;
+        for (i = 0; i < hybrid->n_events; ++i) {
+            const cotree_event *const row = hybrid->events + i;
+            if (row->is_jump != 1 || !(m->g[i] * (double)row->direction > 0.0)) continue;
+            cotree_run_narrow(&m->run, t, m->z, m->room);
+            if (cotree_jumps_news(&m->events.jumps, t, m->room) != 0) {
+                return fmu_refuse(m, "event '%s' has no values at the start", row->name);
+            }
+            if (!cotree_jumps_is_due(&m->events.jumps, i)) continue;
+            m->z[row->targets[0]] = cotree_jumps_new_value(&m->events.jumps, i);
+            is_changed = 1;
+            break;
+        }
+    }
+    if (is_changed) return fmu_refuse(m, "jumps make each other happen at the start");
+    return hybrid == NULL ? 0 : choose_modes(m);
+}
+
+int fmu_start(fmu *m)
+{
+    const int m_s = m->tables->has_sensitivities ? m->model->n_sensitivities : 0;
+    int i, j;
+    if (fmu_prepare(m) != 0) return 1;
+    m->run.low = m->numbers[FMU_LOW] = -HUGE_VAL;
+    m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
+    fmu_forget(m);
+    m->numbers[FMU_IS_STARTED] = 1.0; /* what is called here asks for no start */
+    if (put_values(m) != 0 || settle(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
+        settle_modes(m) != 0) {
+        m->numbers[FMU_IS_STARTED] = 0.0;
+        return 1;
+    }
+    for (j = 0; j < m_s; ++j) {
+        const int seed = m->tables->seeds[j];
+        double *const s = m->z + N_STATES * (1 + j);
+        for (i = 0; i < m->tables->partials.n_columns; ++i) m->seed[i] = 0.0;
+        m->seed[seed < 0 ? -1 - seed : N_STATES + m->tables->n_inputs + seed] = 1.0;
+        if (fmu_move_start(m, NULL, m->seed) != 0) {
+            m->numbers[FMU_IS_STARTED] = 0.0;
+            return 1;
+        }
+        for (i = 0; i < N_STATES; ++i) s[i] = i < N_RATES ? m->seed[i] : 0.0;
+    }
+    fmu_forget(m);
+    return 0;
+}
+
+int fmu_leave_initialization(fmu *m)
+{
+    if (m->numbers[FMU_IS_STARTED] == 0.0 && fmu_start(m) != 0) return 1;
+    if (fmu_refresh(m, FMU_POINT | FMU_HAS_RATES | FMU_HAS_OUTPUTS) != 0) return 1;
+    m->numbers[FMU_IS_CHANGED] = 0.0;
+    m->numbers[FMU_IS_BEGUN] = 0.0;
+    if (!m->is_exchanged && m->model->hybrid != NULL && fmu_enter_steps(m) != 0) return 1;
+    fmu_enter(m, m->is_exchanged ? FMU_EVENT : FMU_STEP);
+    return 0;
+}
+
+/* Derivatives of the start. */
+
+/* Writes the least step x with A x = -r, for n rows of n_columns entries each, by orthogonal rows;
+ * returns the rank, or -1 where no x does so. */
+static int find_least_step(const fmu *m, int n, int n_columns, double *a, double *r, double *x)
+{
+    double largest = 0.0, missed = 0.0, size = 0.0;
+    int i, k, rank = 0, row;
+    for (i = 0; i < n_columns; ++i) x[i] = 0.0;
+    for (i = 0; i < n; ++i) size = fmax(size, fabs(r[i]));
+    (void)m;
+    for (rank = 0; rank < n; ++rank) {
+        double longest = 0.0, scale;
+        int place = rank;
+        for (row = rank; row < n; ++row) {
+            double length = 0.0;
+            for (i = 0; i < n_columns; ++i)
+                length += a[row * n_columns + i] * a[row * n_columns + i];
+            if (length > longest) {
+                longest = length;
+                place = row;
+            }
+        }
+        scale = sqrt(longest);
+        if (rank == 0) largest = scale;
+        if (!(scale > 0.0 && scale > RANK * largest)) break;
+        for (i = 0; i < n_columns; ++i) {
+            const double entry = a[place * n_columns + i];
+            a[place * n_columns + i] = a[rank * n_columns + i];
+            a[rank * n_columns + i] = entry / scale;
+        }
+        {
+            const double entry = r[place];
+            r[place] = r[rank];
+            r[rank] = entry / scale;
+        }
+        /* Twice, so that what is left is orthogonal to rounding. */
+        for (row = rank + 1; row < n; ++row) {
+            for (k = 0; k < 2; ++k) {
+                double along = 0.0;
+                for (i = 0; i < n_columns; ++i)
+                    along += a[row * n_columns + i] * a[rank * n_columns + i];
+                for (i = 0; i < n_columns; ++i)
+                    a[row * n_columns + i] -= along * a[rank * n_columns + i];
+                r[row] -= along * r[rank];
+            }
+        }
+        for (i = 0; i < n_columns; ++i) x[i] -= r[rank] * a[rank * n_columns + i];
+    }
+    for (row = rank; row < n; ++row) missed = fmax(missed, fabs(r[row]));
+    return missed > FOLLOWED * (size + DBL_MIN) && missed > FOLLOWED * DBL_EPSILON ? -1 : rank;
+}
+
+/* Lets what is not given of one level follow from the constraints. */
+static int follow(fmu *m, const int *is_known, double *seed, int level)
+{
+    const cotree_hybrid *const shape = m->tables->shape;
+    const fmu_pattern *const c = &m->tables->constraints;
+    const int n_norms = m->model->n_constraints - shape->n_values - shape->n_rows;
+    const int first = level == 0 ? 0 : shape->n_coordinates;
+    const int n_own = level == 0 ? shape->n_coordinates : shape->n_speeds;
+    const int n = level == 0 ? shape->n_values + n_norms : shape->n_rows;
+    double *const a = m->dense, *const r = m->solved, *const x = r + m->model->n_constraints + 1;
+    int i, j, n_free = 0;
+    for (i = 0; i < n; ++i) r[i] = 0.0;
+    for (i = first; i < first + n_own; ++i) {
+        m->pivots[i] = is_kept(m, i) || (is_known != NULL && is_known[i]) ? -1 : n_free++;
+    }
+    for (i = 0; i < n * n_free; ++i) a[i] = 0.0;
+    for (j = 0; j < c->n_columns; ++j) {
+        for (i = c->starts[j]; i < c->starts[j + 1]; ++i) {
+            int row = c->rows[i];
+            /* Values, then rates, then norms, which belong to the values. */
+            if (level == 1) {
+                row -= shape->n_values;
+            } else if (row >= shape->n_values + shape->n_rows) {
+                row -= shape->n_rows;
+            } else if (row >= shape->n_values) {
+                continue;
+            }
+            if (row < 0 || row >= n) continue;
+            r[row] += m->moved[i] * seed[j];
+            if (j >= first && j < first + n_own && m->pivots[j] >= 0) {
+                a[row * n_free + m->pivots[j]] = m->moved[i];
+            }
+        }
+    }
+    if (find_least_step(m, n, n_free, a, r, x) < 0) {
+        return fmu_refuse(
+            m, "the start has no such derivative: no motion makes up for what it changes "
+               "of the constraints");
+    }
+    for (i = first; i < first + n_own; ++i) {
+        if (m->pivots[i] >= 0) seed[i] += x[m->pivots[i]];
+    }
+    return 0;
+}
+
+/* Adds to a direction of given states, inputs and parameters what the other states do. is_known:
+ * states whose own entry counts; NULL: none besides those that were set. */
+int fmu_move_start(fmu *m, const int *is_known, double *seed)
+{
+    const fmu_tables *const tables = m->tables;
+    const fmu_pattern *const initial = &tables->initial;
+    double *const of_p = seed + N_STATES + tables->n_inputs;
+    int i, j;
+    if (tables->is_at_rest) {
+        for (j = 0; j < m->model->n_parameters; ++j) {
+            if (of_p[j] != 0.0)
+                return fmu_refuse(m, "an operating point has no derivatives by parameters");
+        }
+    }
+    if (tables->find_initial != NULL && tables->find_initial(m->p, m->k, m->initial) != 0) {
+        return fmu_refuse(m, "the initial states have no derivatives");
+    }
+    for (j = 0; j < initial->n_columns; ++j) {
+        if (of_p[j] == 0.0) continue;
+        for (i = initial->starts[j]; i < initial->starts[j + 1]; ++i) {
+            const int row = initial->rows[i];
+            const int is_found = tables->is_found && !tables->given[row];
+            const int is_fixed = m->is_own[row] != 0.0 || (is_known != NULL && is_known[row]);
+            if (row >= N_RATES || is_found || is_fixed) continue;
+            seed[row] += m->initial[i] * of_p[j];
+        }
+    }
+    if (tables->shape == NULL) return 0;
+    if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
+        return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
+                             "initial values that satisfy the constraints");
+    }
+    if (fmu_refresh(m, FMU_POINT) != 0) return 1;
+    if (tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
+        return fmu_refuse(m, "the constraints have no derivatives");
+    }
+    return follow(m, is_known, seed, 0) != 0 ? 1 : follow(m, is_known, seed, 1);
+}

@@ -1,0 +1,291 @@
+/* cotree_run.c: inputs, constraints and algebraic unknowns of a model on the way.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_run_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+void *cotree_take(cotree_room *room, size_t size, void *spare)
+{
+    void *const place = room->base == NULL ? spare : room->base + room->used;
+    /* What follows may be pointers. */
+    const size_t unit = sizeof(void *) > sizeof(cotree_real) ? sizeof(void *) : sizeof(cotree_real);
+    room->used += (size + unit - 1) / unit * unit;
+    return place;
+}
+
+cotree_real *cotree_take_doubles(cotree_room *room, int n)
+{
+    return (cotree_real *)cotree_take(room, (size_t)n * sizeof(cotree_real), NULL);
+}
+
+int *cotree_take_ints(cotree_room *room, int n)
+{
+    return (int *)cotree_take(room, (size_t)n * sizeof(int), NULL);
+}
+
+void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_real *p,
+                     const cotree_real *k, cotree_real *u, int has_sensitivities, cotree_room *room)
+{
+    const int m = model->n_algebraic, n_reached = model->sensitivity_starts[model->n_sensitivities];
+    int i;
+    run->model = model;
+    run->p = p;
+    run->k = k;
+    run->u = u;
+    run->n_replaced = 0;
+    run->replaced = NULL;
+    run->input_function = NULL;
+    run->input_context = NULL;
+    run->helper = NULL;
+    run->elimination.linearise = NULL;
+    run->elimination.solve = NULL;
+    run->is_held = 1;
+    run->is_strict = 1;
+    run->n_failed = 0;
+    run->n_strict = 0;
+    run->rtol = COTREE_F(0.0);
+    run->atol = COTREE_F(1e-10);
+    run->low = -COTREE_INFINITY;
+    run->high = COTREE_INFINITY;
+    run->correction = COTREE_F(0.0);
+    run->n_blocks = has_sensitivities ? 1 + model->n_sensitivities : 1;
+    run->n_rates = model->n_states - m;
+    run->n_lead = run->n_rates;
+    run->is_extended = 0;
+    run->is_solving = 1;
+    run->n_far = 0;
+    run->doubt = COTREE_F(0.0);
+    run->bend = COTREE_F(0.0);
+    run->n = run->n_rates;
+    for (i = 0; has_sensitivities && i < n_reached; ++i) {
+        run->n += model->sensitivity_rows[i] < run->n_rates;
+    }
+    run->n_packed = model->n_states + (has_sensitivities ? n_reached : 0);
+    run->n_full = model->n_states * run->n_blocks;
+    run->full = cotree_take_doubles(room, run->n_full);
+    run->rates = cotree_take_doubles(room, run->n_full + m + 2);
+    run->held = cotree_take_doubles(room, run->n_full);
+    run->step = cotree_take_doubles(room, run->n_full);
+    run->residual = cotree_take_doubles(room, model->n_constraints);
+    run->nonzeros = cotree_take_doubles(room, model->n_nonzeros);
+    run->matrix =
+        cotree_lu_of(m, m, m, cotree_take_doubles(room, m * m), cotree_take_ints(room, m));
+    run->newton = cotree_take_doubles(room, 3 * m);
+    run->found = cotree_take_doubles(room, m * COTREE_RUN_REMEMBERED);
+    run->times = cotree_take_doubles(room, COTREE_RUN_REMEMBERED);
+    run->n_found = 0;
+}
+
+void cotree_run_extend(cotree_run *run)
+{
+    run->is_extended = 1;
+    run->is_solving = 0;
+    run->n += N_STATES - run->n_lead;
+    run->n_lead = N_STATES;
+}
+
+static cotree_real read_table(const cotree_table_input *table, cotree_real t)
+{
+    const cotree_real *const at = table->t;
+    int low = 0, high = table->length - 1;
+    if (!(t > at[0])) return table->u[0];
+    if (t >= at[high]) return table->u[high];
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (t >= at[middle]) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return table->u[low] +
+           (table->u[high] - table->u[low]) * ((t - at[low]) / (at[high] - at[low]));
+}
+
+int cotree_run_inputs(cotree_run *run, cotree_real t)
+{
+    int i, status = 0;
+    if (run->model->n_inputs == 0) return 0;
+    status = run->model->inputs_of_time(t, run->p, run->k, run->u);
+    for (i = 0; i < run->n_replaced; ++i) {
+        run->u[run->replaced[i].input] = read_table(run->replaced + i, t);
+    }
+    if (run->input_function == NULL || status != 0) return status;
+    return run->input_function(t, run->u, run->input_context);
+}
+
+/* Writes the sensitivities of the first n states that do not vanish one after another. */
+void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
+{
+    const int *const starts = run->model->sensitivity_starts;
+    const int *const rows = run->model->sensitivity_rows;
+    int i, j;
+    for (j = 0; j < run->n_blocks - 1; ++j, s += N_STATES) {
+        for (i = starts[j]; i < starts[j + 1]; ++i) {
+            if (rows[i] < n) *packed++ = s[rows[i]];
+        }
+    }
+}
+
+/* The other way: what vanishes, and what there is of further states, becomes zero. */
+static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotree_real *s)
+{
+    const int *const starts = run->model->sensitivity_starts;
+    const int *const rows = run->model->sensitivity_rows;
+    int i, j;
+    for (j = 0; j < run->n_blocks - 1; ++j, s += N_STATES) {
+        for (i = 0; i < N_STATES; ++i) s[i] = COTREE_F(0.0);
+        for (i = starts[j]; i < starts[j + 1]; ++i) {
+            if (rows[i] < n) s[rows[i]] = *packed++;
+        }
+    }
+}
+
+void cotree_run_pack(const cotree_run *run, const cotree_real *z, cotree_real *packed)
+{
+    int i;
+    for (i = 0; i < N_STATES; ++i) packed[i] = z[i];
+    cotree_pack(run, N_STATES, z + N_STATES, packed + N_STATES);
+}
+
+void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_real *z)
+{
+    int i;
+    for (i = 0; i < N_STATES; ++i) z[i] = packed[i];
+    unpack(run, N_STATES, packed + N_STATES, z + N_STATES);
+}
+
+void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_real *w)
+{
+    int i;
+    for (i = 0; i < run->n_lead; ++i) w[i] = z[i];
+    cotree_pack(run, N_RATES, z + N_STATES, w + run->n_lead);
+}
+
+/* Puts w into run->full, with the last algebraic unknowns where it has none. */
+static void widen(cotree_run *run, const cotree_real *w)
+{
+    const int n = N_RATES, m = N_ALGEBRAIC, lead = run->n_lead;
+    cotree_real *const z = run->full;
+    int i;
+    for (i = 0; i < lead; ++i) z[i] = w[i];
+    if (lead == n && m > 0) {
+        const cotree_real *const last = run->found + cotree_guess_place(run, COTREE_F(0.0), 0) * m;
+        for (i = 0; i < m; ++i) z[n + i] = last[i];
+    }
+    unpack(run, n, w + lead, z + N_STATES);
+}
+
+void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w)
+{
+    if (N_ALGEBRAIC > 0) cotree_remember(run, t, z);
+    cotree_run_leave_out(run, z, w);
+}
+
+/* Puts a point into run->full, on the constraints, and finds its inputs. */
+int cotree_begin_point(cotree_run *run, cotree_real t, const cotree_real *w)
+{
+    int i;
+    widen(run, w);
+    if (cotree_run_is_constrained(run)) {
+        const cotree_real *const point = cotree_run_held(run, t, run->full);
+        for (i = 0; i < run->n_full; ++i) run->full[i] = point[i];
+    }
+    return cotree_run_inputs(run, t);
+}
+
+int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
+{
+    int is_wide, status;
+    if (N_ALGEBRAIC == 0) {
+        widen(run, w);
+        return 0;
+    }
+    status = cotree_begin_point(run, t, w);
+    if (status == 0)
+        status = cotree_solve_unknowns(run, t, !run->is_solving, ROUNDING, run->atol, &is_wide);
+    if (status != 0 || run->n_blocks == 1) return status;
+    return cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+}
+
+int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
+{
+    const cotree_helper *const helper = run->helper;
+    int status = cotree_run_complete(run, t, w);
+    if (status <= 0 || N_ALGEBRAIC == 0 || helper == NULL) return status;
+    status = cotree_begin_point(run, t, w);
+    if (status == 0) status = helper->find_unknowns(t, run->full, helper->context);
+    if (status != 0) return status;
+    cotree_remember(run, t, run->full);
+    return run->n_blocks == 1 ? 0 : cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+}
+
+int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
+{
+    const int n_blocks = run->n_blocks, n_full = run->n_full;
+    int status;
+    run->n_blocks = 1;
+    run->n_full = N_STATES;
+    status = cotree_run_find(run, t, w);
+    run->n_blocks = n_blocks;
+    run->n_full = n_full;
+    return status;
+}
+
+cotree_real cotree_run_inside(const cotree_run *run, cotree_real t)
+{
+    return t < run->low ? run->low : t > run->high ? run->high : t;
+}
+
+int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, const cotree_real *g,
+                      cotree_real *rates)
+{
+    int status = cotree_run_inputs(run, t);
+    if (status == 0) status = cotree_linearise(run, t, x);
+    return status != 0 ? status : cotree_substitute(run, g, rates);
+}
+
+/* Inline: it does little besides the call, again and again. */
+static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
+{
+    const cotree_model *const model = run->model;
+    const int status = cotree_run_inputs(run, t);
+    if (status != 0) return status;
+    if (run->n_blocks == 1) return model->rhs(t, z, run->u, run->p, run->k, dz);
+    return model->augmented_rhs(t, z, z + N_STATES, run->u, run->p, run->k, dz);
+}
+
+int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
+{
+    return packed_rate(run, t, z, dz);
+}
+
+int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context)
+{
+    cotree_run *const run = (cotree_run *)context;
+    t = cotree_run_inside(run, t);
+    if (!run->is_solving) return cotree_extended_rate(run, t, w, dw);
+    if (N_ALGEBRAIC > 0) return cotree_reduced_rate(run, t, w, dw);
+    if (cotree_are_rates_held(run)) {
+        widen(run, w);
+        cotree_run_leave_out(run, cotree_run_held(run, t, run->full), run->step);
+        w = run->step;
+    }
+    return packed_rate(run, t, w, dw);
+}
+
+int cotree_run_project(cotree_real t, cotree_real *w, void *context)
+{
+    cotree_run *const run = (cotree_run *)context;
+    int status;
+    if (run->is_extended) return cotree_project_unknowns(run, cotree_run_inside(run, t), w);
+    run->n_failed = 0;
+    if (run->n_strict > 0) --run->n_strict;
+    widen(run, w);
+    status = cotree_run_project_all(run, t, run->full);
+    if (status == 0) cotree_run_leave_out(run, run->full, w);
+    return status;
+}

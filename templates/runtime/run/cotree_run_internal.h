@@ -1,0 +1,45 @@
+/* cotree_run_internal.h: declarations shared by the sources of cotree_run.h.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#ifndef COTREE_RUN_INTERNAL_H
+#define COTREE_RUN_INTERNAL_H
+
+#include "cotree_run.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+#define ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
+
+#define N_STATES (run->model->n_states)
+
+#define N_ALGEBRAIC (run->model->n_algebraic)
+
+#define N_RATES (run->n_rates)
+
+/* cotree_run.c */
+COTREE_PRIVATE void cotree_pack(const cotree_run *run, int n, const cotree_real *s,
+                                cotree_real *packed);
+COTREE_PRIVATE int cotree_begin_point(cotree_run *run, cotree_real t, const cotree_real *w);
+
+/* cotree_projection.c */
+COTREE_PRIVATE int cotree_are_rates_held(const cotree_run *run);
+
+/* cotree_algebraic.c */
+COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int rank);
+COTREE_PRIVATE int cotree_substitute(const cotree_run *run, const cotree_real *g,
+                                     cotree_real *step);
+COTREE_PRIVATE int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x);
+COTREE_PRIVATE void cotree_remember(cotree_run *run, cotree_real t, const cotree_real *x);
+COTREE_PRIVATE int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near,
+                                         cotree_real goal, cotree_real near_zero, int *is_wide);
+COTREE_PRIVATE int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t,
+                                                      const cotree_real *s);
+COTREE_PRIVATE int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w,
+                                       cotree_real *dw);
+COTREE_PRIVATE int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w,
+                                        cotree_real *dw);
+COTREE_PRIVATE int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w);
+
+#endif

@@ -1,0 +1,346 @@
+/* cotree_stiff.c: the linear systems of implicit methods.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_stiff.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+/* Planned pivots do where they solve a system that differs from the true one by at most this share
+ * of each entry. */
+#define ACCEPTED COTREE_PLANNED_PIVOTS
+
+/* Estimated errors hold where algebraic equations are nearly linear over what a step leaves of
+ * them: up to this part of where functions bend. At 0.5 the bridge of diodes is off by twelve
+ * tolerances. */
+#define NEARLY_LINEAR COTREE_F(0.2)
+
+/* A shift that leaves states where they are. */
+#define FIRM COTREE_SELECT(1e150, 1.0e+19f)
+
+#define N_STATES (stiff->run->model->n_states)
+#define N_ALGEBRAIC (stiff->run->model->n_algebraic)
+#define N_RATES (stiff->run->n_rates)
+#define MODEL (stiff->run->model)
+
+/* Lists the places of algebraic unknowns and their sensitivities. */
+static void find_algebraic(cotree_stiff *stiff)
+{
+    const int *const rows = MODEL->sensitivity_rows;
+    int i, n = 0;
+    for (i = 0; i < stiff->run->n_packed && N_ALGEBRAIC > 0; ++i) {
+        if ((i < N_STATES ? i : rows[i - N_STATES]) >= N_RATES) stiff->algebraic[n++] = i;
+    }
+    stiff->n_algebraic = n;
+}
+
+static int rate(cotree_real t, const cotree_real *z, cotree_real *dz, void *context)
+{
+    cotree_run *const run = ((cotree_stiff *)context)->run;
+    return cotree_run_packed_rate(run, cotree_run_inside(run, t), z, dz);
+}
+
+/* How many sensitivities of a model do not vanish. */
+static int n_reached(const cotree_model *model)
+{
+    return model->sensitivity_starts[model->n_sensitivities];
+}
+
+/* The derivatives of the rates by time. */
+static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void *context)
+{
+    const cotree_stiff *const stiff = (const cotree_stiff *)context;
+    cotree_run *const run = stiff->run;
+    int i, status;
+    if (stiff->newton->time_slope == NULL) {
+        for (i = 0; i < run->n_packed; ++i) dz[i] = COTREE_F(0.0);
+        return 0;
+    }
+    t = cotree_run_inside(run, t);
+    status = cotree_run_inputs(run, t);
+    if (status != 0) return status;
+    if (stiff->alone == NULL) {
+        return stiff->newton->time_slope(t, z, z + N_STATES, run->u, run->p, run->k, dz);
+    }
+    /* The kernel has the sensitivities of the model, whoever asks. */
+    status = stiff->newton->time_slope(t, z, stiff->alone, run->u, run->p, run->k,
+                                       stiff->alone + n_reached(MODEL));
+    for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->alone[n_reached(MODEL) + i];
+    return status;
+}
+
+static int evaluate_jacobian(cotree_stiff *stiff, cotree_real t, const cotree_real *z,
+                             cotree_real *values)
+{
+    cotree_run *const run = stiff->run;
+    const int status = cotree_run_inputs(run, t);
+    if (status != 0) return status;
+    return MODEL->jacobian(t, z, run->u, run->p, run->k, values);
+}
+
+/* Keeps what linear systems at z are made of. */
+static int linearise(cotree_real t, const cotree_real *z, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    cotree_run *const run = stiff->run;
+    int status;
+    t = cotree_run_inside(run, t);
+    status = evaluate_jacobian(stiff, t, z, stiff->linear);
+    if (status != 0 || run->n_blocks == 1 || stiff->newton->curvature == NULL) return status;
+    return stiff->newton->curvature(t, z, z + N_STATES, run->u, run->p, run->k, stiff->carried);
+}
+
+/* Factors the matrix with row exchanges. */
+static int factorise_dense(cotree_stiff *stiff)
+{
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    const int n = N_STATES;
+    int i, j;
+    if (n > COTREE_STIFF_DENSE) return COTREE_SINGULAR;
+    ++stiff->n_exchanged;
+    stiff->is_dense = 1;
+    for (i = 0; i < n * n; ++i) stiff->dense.first[i] = COTREE_F(0.0);
+    for (j = 0; j < n; ++j) {
+        cotree_real *const column = stiff->dense.first + j * n;
+        if (j < N_RATES) column[j] = stiff->shift;
+        for (i = starts[j]; i < starts[j + 1]; ++i) column[rows[i]] -= stiff->values[i];
+    }
+    return cotree_lu_factorise(&stiff->dense) == 0 ? 0 : COTREE_SINGULAR;
+}
+
+static int factorise_values(cotree_stiff *stiff, const cotree_real *values, cotree_real shift)
+{
+    stiff->values = values;
+    stiff->shift = shift;
+    stiff->is_dense = 0;
+    stiff->is_looked_at = 0;
+    if (stiff->newton->factorise == NULL) return COTREE_SINGULAR;
+    stiff->newton->factorise(values, shift, stiff->factors);
+    return 0;
+}
+
+/* Factors the derivatives that were kept, whatever Newton's method factored since. */
+static int factorise(cotree_real shift, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    return factorise_values(stiff, stiff->linear, shift);
+}
+
+/* Tells whether x solves the system with the given right-hand side, but for changes of its entries
+ * that are small. */
+static int is_solution(const cotree_stiff *stiff, const cotree_real *x)
+{
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    cotree_real *const left = stiff->left, *const size = stiff->work;
+    int i, j;
+    for (i = 0; i < N_STATES; ++i) {
+        const cotree_real own = i < N_RATES ? stiff->shift * x[i] : COTREE_F(0.0);
+        left[i] = own - stiff->given[i];
+        size[i] = COTREE_FABS(own) + COTREE_FABS(stiff->given[i]);
+    }
+    for (j = 0; j < N_STATES; ++j) {
+        for (i = starts[j]; i < starts[j + 1]; ++i) {
+            const cotree_real part = stiff->values[i] * x[j];
+            left[rows[i]] -= part;
+            size[rows[i]] += COTREE_FABS(part);
+        }
+    }
+    for (i = 0; i < N_STATES; ++i) {
+        if (!(COTREE_FABS(left[i]) <= ACCEPTED * size[i] + COTREE_MIN)) return 0;
+    }
+    return 1;
+}
+
+/* Inline: it does little besides the call, again and again. */
+static inline void solve_blocks(const cotree_stiff *stiff, int n_blocks, cotree_real *x)
+{
+    if (!stiff->is_dense) {
+        stiff->newton->solve(stiff->factors, n_blocks, x, stiff->work);
+        return;
+    }
+    for (; n_blocks > 0; --n_blocks, x += N_STATES) cotree_lu_solve(&stiff->dense, x);
+}
+
+/* Solves for the states; what is first solved with new factors is looked at. */
+static int solve_states(cotree_stiff *stiff, cotree_real *x)
+{
+    const int is_known = stiff->is_dense || stiff->is_looked_at;
+    int i, status;
+    for (i = 0; i < N_STATES && !is_known; ++i) stiff->given[i] = x[i];
+    solve_blocks(stiff, 1, x);
+    if (is_known) return 0;
+    stiff->is_looked_at = 1;
+    if (is_solution(stiff, x)) return 0;
+    status = factorise_dense(stiff);
+    if (status != 0) return status;
+    for (i = 0; i < N_STATES; ++i) x[i] = stiff->given[i];
+    solve_blocks(stiff, 1, x);
+    return 0;
+}
+
+/* Gives how many sensitivities of a parameter do not vanish. */
+static int n_reached_by(const cotree_stiff *stiff, int parameter)
+{
+    const int *const starts = MODEL->sensitivity_starts;
+    return starts[parameter + 1] - starts[parameter];
+}
+
+/* Solves for the sensitivities to each parameter. Zeros that were left out stay zeros. */
+static void solve_sensitivities(const cotree_stiff *stiff, cotree_real *s)
+{
+    const int n_parameters = stiff->run->n_blocks - 1;
+    const int *rows = MODEL->sensitivity_rows;
+    cotree_real *const whole = stiff->left;
+    int i, j = 0;
+    while (j < n_parameters) {
+        const int n = n_reached_by(stiff, j);
+        int n_whole = 0; /* blocks without zeros that follow each other: solved for together */
+        while (j + n_whole < n_parameters && n_reached_by(stiff, j + n_whole) == N_STATES)
+            ++n_whole;
+        if (n_whole > 0) {
+            solve_blocks(stiff, n_whole, s);
+        } else if (n > 0) {
+            for (i = 0; i < N_STATES; ++i) whole[i] = COTREE_F(0.0);
+            for (i = 0; i < n; ++i) whole[rows[i]] = s[i];
+            solve_blocks(stiff, 1, whole);
+            for (i = 0; i < n; ++i) s[i] = whole[rows[i]];
+        }
+        s += n_whole > 0 ? n_whole * N_STATES : n;
+        rows += n_whole > 0 ? n_whole * N_STATES : n;
+        j += n_whole > 0 ? n_whole : 1;
+    }
+}
+
+/* Solves for all blocks: what the states' part adds to the sensitivities' rates comes first. */
+static int solve(cotree_real *u, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    const cotree_newton *const newton = stiff->newton;
+    cotree_real *const s = u + N_STATES;
+    int i, status = solve_states(stiff, u);
+    if (status != 0 || stiff->run->n_blocks == 1) return status;
+    if (newton->curvature_along != NULL) {
+        status = newton->curvature_along(u, stiff->carried, stiff->couplings);
+        if (status != 0) return status;
+        for (i = 0; i < newton->n_couplings; ++i) s[newton->places[i]] += stiff->couplings[i];
+    }
+    solve_sensitivities(stiff, s);
+    return 0;
+}
+
+/* Newton's method for algebraic unknowns has the planned pivots, too: a shift holds the states. */
+static int hold_states(cotree_real t, const cotree_real *x, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    cotree_real *const values = stiff->run->nonzeros;
+    const int status = evaluate_jacobian(stiff, t, x, values);
+    return status != 0 ? status : factorise_values(stiff, values, FIRM);
+}
+
+/* Gives what unknowns without rates change by where the others change by u: a shift holds these. */
+static int follow(cotree_real *u, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    const int n = stiff->run->n_packed;
+    int i, status = factorise(FIRM, stiff);
+    for (i = 0; i < n; ++i) u[i] *= FIRM;
+    for (i = 0; i < stiff->n_algebraic; ++i) u[stiff->algebraic[i]] = COTREE_F(0.0);
+    return status != 0 ? status : solve(u, stiff);
+}
+
+/* Tells whether the last solution was far from where its iteration began. */
+static int is_bent(void *context)
+{
+    return !(((cotree_stiff *)context)->run->bend <= NEARLY_LINEAR);
+}
+
+static int solve_algebraic(const cotree_real *g, cotree_real *step, void *context)
+{
+    cotree_stiff *const stiff = (cotree_stiff *)context;
+    cotree_real *const x = stiff->right;
+    int i, status;
+    for (i = 0; i < N_STATES; ++i) x[i] = i < N_RATES ? COTREE_F(0.0) : g[i - N_RATES];
+    status = solve_states(stiff, x);
+    for (i = 0; i < N_ALGEBRAIC; ++i) step[i] = x[N_RATES + i];
+    return status;
+}
+
+void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton *newton,
+                       cotree_room *room)
+{
+    const int n = run->model->n_states, n_dense = n <= COTREE_STIFF_DENSE ? n : 0;
+    stiff->run = run;
+    stiff->newton = newton;
+    stiff->n_exchanged = 0;
+    stiff->linear = cotree_take_doubles(room, run->model->n_nonzeros);
+    stiff->values = stiff->linear;
+    stiff->carried = cotree_take_doubles(room, newton->n_carried);
+    stiff->couplings = cotree_take_doubles(room, newton->n_couplings);
+    stiff->factors = cotree_take_doubles(room, newton->n_factors);
+    stiff->work = cotree_take_doubles(room, COTREE_NEWTON_BLOCKS * n);
+    stiff->given = cotree_take_doubles(room, n);
+    stiff->left = cotree_take_doubles(room, n);
+    stiff->right = cotree_take_doubles(room, n);
+    stiff->dense =
+        cotree_lu_of(n_dense, n_dense, n_dense, cotree_take_doubles(room, n_dense * n_dense),
+                     cotree_take_ints(room, n_dense));
+    stiff->alone = NULL;
+    if (run->n_blocks == 1 && n_reached(run->model) > 0) {
+        const int n_zeros = n_reached(run->model), n_all = 2 * n_zeros + n;
+        int i;
+        stiff->alone = cotree_take_doubles(room, n_all);
+        for (i = 0; room->base != NULL && i < n_zeros; ++i) stiff->alone[i] = COTREE_F(0.0);
+    }
+    stiff->algebraic = cotree_take_ints(room, run->model->n_algebraic * run->n_blocks);
+    if (stiff->algebraic != NULL) find_algebraic(stiff);
+    run->elimination.linearise = hold_states;
+    run->elimination.solve = solve_algebraic;
+    run->elimination.context = stiff;
+}
+
+cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
+{
+    const cotree_run *const run = stiff->run;
+    /* How inputs change with time that stand in place of the scene's own is not known. */
+    const int is_replaced = run->n_replaced > 0 || run->input_function != NULL;
+    cotree_implicit_equation equation;
+    equation.n = stiff->run->n_packed;
+    equation.n_algebraic = stiff->n_algebraic;
+    equation.algebraic = stiff->algebraic;
+    equation.is_autonomous = stiff->newton->is_autonomous;
+    equation.rate = rate;
+    equation.time_slope = is_replaced ? NULL : time_slope;
+    equation.linearise = linearise;
+    equation.factorise = factorise;
+    equation.solve = solve;
+    equation.follow = follow;
+    equation.is_bent = is_bent;
+    equation.context = stiff;
+    return equation;
+}
+
+int cotree_stiff_is_projected(const cotree_stiff *stiff)
+{
+    return stiff->n_algebraic > 0 || cotree_run_is_projected(stiff->run);
+}
+
+int cotree_stiff_project(cotree_real t, cotree_real *z, void *context)
+{
+    cotree_run *const run = ((cotree_stiff *)context)->run;
+    int status = 0;
+    t = cotree_run_inside(run, t);
+    if (cotree_run_is_constrained(run)) status = cotree_run_project_packed(run, t, z);
+    if (status != 0 || run->model->n_algebraic == 0) return status;
+    return cotree_run_solve_packed(run, t, z);
+}
+
+int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real *z)
+{
+    cotree_run *const run = stiff->run;
+    cotree_run_unpack(run, z, run->full);
+    if (N_ALGEBRAIC == 0) return 0;
+    /* Between steps they may be known roughly only: where those do not lead there, others may. */
+    cotree_run_narrow(run, t, run->full, run->step);
+    return cotree_run_find(run, t, run->step);
+}

@@ -1,0 +1,115 @@
+"""The C of the runtime: modules, conditions of the preprocessor, constants shared with Python."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from cotree.codegen.integrators import STEPPERS, integrator_files
+from cotree.codegen.render import template_folder
+from cotree.codegen.runtime import header_text, resolve, with_runtime
+from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
+from cotree.codegen.targets import DOUBLE, SINGLE
+from cotree.errors import CodegenError
+from cotree.tolerances import LIMITS
+
+RUNTIME = template_folder() / "runtime"
+#: Limits that are shares of the digits of a number.
+SHARES = ("small_correction", "largest_residual", "planned_pivots")
+
+
+def test_no_file_of_the_runtime_is_a_template():
+    for path in RUNTIME.rglob("*.[ch]"):
+        text = path.read_text("ascii")
+        assert "{{" not in text, path.name
+        assert "{%" not in text, path.name
+
+
+def test_limits_are_those_of_python():
+    found = dict(re.findall(r"^#define COTREE_(\w+) (.+)$", header_text("cotree_limits.h"), re.M))
+    for name, value in LIMITS._asdict().items():
+        text = found[name.upper()]
+        if name in SHARES:
+            double, single = re.fullmatch(r"COTREE_SELECT\((\S+), (\S+)f\)", text).groups()
+            assert float(double) == value
+            assert f"{single}f" == SINGLE.share(value)
+        else:
+            assert float(re.sub(r"COTREE_F\((.*)\)", r"\1", text)) == value
+
+
+@pytest.mark.parametrize(
+    ("header", "rows"),
+    [("cotree_integrator.h", STATUSES), ("cotree_events.h", EVENT_STATUSES)],
+    ids=["integrators", "events"],
+)
+def test_statuses_are_those_of_python(header, rows):
+    files = with_runtime({"main.c": f'#include "{header}"\n'})
+    numbers = dict(re.findall(r"\bCOTREE_(\w+) =\s*(-?\d+)", files[header]))
+    assert {row.name: row.number for row in rows}.items() <= {
+        name: int(number) for name, number in numbers.items()
+    }.items()
+    source = files[header.replace(".h", ".c")]
+    for row in rows:
+        # Long strings are cut.
+        text = re.sub(r'"\s*"', "", source)
+        assert f'"{row.sentence}"' in text, row.name
+
+
+def test_a_corner_that_a_parameter_moves_apart_has_the_status_of_python():
+    text = header_text("cotree_run.h")
+    assert int(re.search(r"#define COTREE_RUN_TURNED (\d+)", text)[1]) == TURNED
+
+
+def test_jobs_know_all_methods():
+    text = header_text("cotree_job.h")
+    assert {*re.findall(r"\bcotree_(\w+)_stepper\(void\)", text)} == {
+        name.replace("-", "_") for name in STEPPERS
+    }
+
+
+def test_conditions_are_decided():
+    text = "a\n#if COTREE_X\nb\n#if OTHER\nc\n#endif\n#else\nd\n#endif\n#if !COTREE_X\ne\n#endif\n"
+    assert resolve(text, {"COTREE_X": True}) == "a\nb\n#if OTHER\nc\n#endif\n"
+    assert resolve(text, {"COTREE_X": False}) == "a\nd\ne\n"
+    assert resolve(text, {}) == text
+    default = "#ifndef COTREE_X\n#define COTREE_X 0\n#endif\na\n"
+    assert resolve(default, {"COTREE_X": True}) == "a\n"
+
+
+def test_single_precision_is_decided():
+    text = header_text("cotree_real.h", SINGLE)
+    assert "typedef float cotree_real;" in text
+    assert not re.search(r"\bdouble\b", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL))
+    assert "typedef double cotree_real;" in header_text("cotree_real.h", DOUBLE)
+
+
+def test_modules_come_with_what_they_include():
+    files = integrator_files("dopri5")
+    assert {"cotree_dopri5.c", "cotree_integrator.c", "cotree_real.h", "cotree_limits.h"} <= {
+        *files
+    }
+    assert "cotree_events.c" not in files
+
+
+def test_a_header_that_is_missing_is_an_error():
+    with pytest.raises(CodegenError, match=r"no file cotree_missing\.h"):
+        header_text("cotree_missing.h")
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("path", sorted(RUNTIME.rglob("*.c")), ids=lambda path: path.name)
+def test_each_source_compiles_by_itself(path, tmp_path):
+    """As an editor or an analyser reads it: with the headers beside it, and nothing generated."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no compiler")
+    (tmp_path / "cotree_abi.h").write_text(header_text("cotree_abi.h"))
+    folders = [
+        f"-I{folder}" for folder in (tmp_path, *sorted({p.parent for p in RUNTIME.rglob("*.h")}))
+    ]
+    flags = ["-std=c99", "-O0", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
+    done = subprocess.run([compiler, *flags, *folders, str(path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
