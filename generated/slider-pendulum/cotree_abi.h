@@ -9,45 +9,14 @@
 #ifndef COTREE_ABI_H
 #define COTREE_ABI_H
 
+#include "cotree_real.h"
+
 #define COTREE_ABI_VERSION 9
 
 /* A linear system was singular: the results are not to be used. */
 #define COTREE_SINGULAR 1
 /* A function from outside failed. */
 #define COTREE_FAILED_CALL 2
-
-#if defined(__cplusplus)
-#define COTREE_RESTRICT
-#elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 199901L
-#define COTREE_RESTRICT restrict
-#else
-#define COTREE_RESTRICT
-#endif
-
-/* Blocks of long kernels stay apart: compilers take too long where they are joined. */
-#if defined(__GNUC__) || defined(__clang__)
-#define COTREE_APART __attribute__((noinline))
-#elif defined(_MSC_VER)
-#define COTREE_APART __declspec(noinline)
-#else
-#define COTREE_APART
-#endif
-
-/* Arrays that vectors are read from. */
-#if defined(__GNUC__) || defined(__clang__)
-#define COTREE_ALIGNED __attribute__((aligned(64)))
-#else
-#define COTREE_ALIGNED
-#endif
-
-/* The type of all numbers. */
-typedef double cotree_real;
-
-#if defined(_WIN32)
-#define COTREE_EXPORT __declspec(dllexport)
-#else
-#define COTREE_EXPORT
-#endif
 
 #ifdef __cplusplus
 extern "C" {

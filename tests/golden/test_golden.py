@@ -23,7 +23,7 @@ def test_generated_text(golden, program_of, name):
     context = model_context(program_of(name, SENSITIVITIES[name]))
     # A word in place of the version: a release changes no golden file.
     files = render_model(dataclasses.replace(context, generator="x.y.z"))
-    assert len(files) == 3
+    assert len(files) == 4
     for file, text in files.items():
         golden(f"{name}/{file}", text)
 

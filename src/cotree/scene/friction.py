@@ -3,7 +3,8 @@
 In: a scene with edges that stick and slide. Out: the same scene, in which each of them has a mode,
 ``EDGE.mode``, that tells which of its laws holds, and events where that may change: where its speed
 passes through zero, where its force passes a limit, and where it engages or lets go. What the modes
-become then is chosen in C, for all edges at once; see ``templates/runtime/events/cotree_friction.c``.
+become then is chosen in C, for all edges at once; see
+``templates/runtime/events/cotree_friction.c``.
 """
 
 from __future__ import annotations

@@ -1,0 +1,88 @@
+/* cotree_real.h: the type of all numbers, its literals, functions and limits; and qualifiers that
+ * compilers spell in different ways.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#ifndef COTREE_REAL_H
+#define COTREE_REAL_H
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+
+/* 1: single precision. */
+#ifndef COTREE_SINGLE
+#define COTREE_SINGLE 0
+#endif
+
+/* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
+ * tolerances are the same share of the digits of either. */
+#if COTREE_SINGLE
+typedef float cotree_real;
+#define COTREE_F(x) x##f
+#define COTREE_SELECT(in_double, in_single) in_single
+#define COTREE_EPSILON FLT_EPSILON
+#define COTREE_MIN FLT_MIN
+#define COTREE_MAX FLT_MAX
+#define COTREE_MANT_DIG FLT_MANT_DIG
+#define COTREE_INFINITY HUGE_VALF
+#define COTREE_FABS fabsf
+#define COTREE_FMAX fmaxf
+#define COTREE_FMIN fminf
+#define COTREE_FMOD fmodf
+#define COTREE_SQRT sqrtf
+#define COTREE_NEXTAFTER nextafterf
+#define COTREE_STRTOD strtof
+#else
+typedef double cotree_real;
+#define COTREE_F(x) x
+#define COTREE_SELECT(in_double, in_single) in_double
+#define COTREE_EPSILON DBL_EPSILON
+#define COTREE_MIN DBL_MIN
+#define COTREE_MAX DBL_MAX
+#define COTREE_MANT_DIG DBL_MANT_DIG
+#define COTREE_INFINITY HUGE_VAL
+#define COTREE_FABS fabs
+#define COTREE_FMAX fmax
+#define COTREE_FMIN fmin
+#define COTREE_FMOD fmod
+#define COTREE_SQRT sqrt
+#define COTREE_NEXTAFTER nextafter
+#define COTREE_STRTOD strtod
+#endif
+
+#if defined(__cplusplus)
+#define COTREE_RESTRICT
+#elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 199901L
+#define COTREE_RESTRICT restrict
+#else
+#define COTREE_RESTRICT
+#endif
+
+/* Blocks of long kernels stay apart: compilers take too long where they are joined. */
+#if defined(__GNUC__) || defined(__clang__)
+#define COTREE_APART __attribute__((noinline))
+#elif defined(_MSC_VER)
+#define COTREE_APART __declspec(noinline)
+#else
+#define COTREE_APART
+#endif
+
+/* Arrays that vectors are read from. */
+#if defined(__GNUC__) || defined(__clang__)
+#define COTREE_ALIGNED __attribute__((aligned(64)))
+#else
+#define COTREE_ALIGNED
+#endif
+
+#if defined(_WIN32)
+#define COTREE_EXPORT __declspec(dllexport)
+#else
+#define COTREE_EXPORT
+#endif
+
+/* Functions that only the runtime calls: static where it is one file with all that calls them. */
+#ifndef COTREE_PRIVATE
+#define COTREE_PRIVATE
+#endif
+
+#endif
