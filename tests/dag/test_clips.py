@@ -79,3 +79,24 @@ def test_nothing_is_chosen_where_nothing_is_singular(text):
     own = [item for item in reachable([node]) if item.op == "select"]
     # The derivative of a selection is the only new one.
     assert len([item for item in reachable([d]) if item.op == "select"]) <= 2 * len(own)
+
+
+@pytest.mark.parametrize(
+    ("text", "at_zero"),
+    [
+        ("where(x < 0, 0, x*sqrt(x))", 0.0),
+        ("where(x <= 0, 2*x, x*sqrt(x))", 2.0),
+        ("where(x > 0, h*x*sqrt(x), 3*x)", 3.0),
+        ("where(-h*x > 0, sqrt(-x)*x, x)", 1.0),
+    ],
+)
+def test_a_selection_has_the_slope_of_the_side_without_an_end(text, at_zero):
+    dag, symbols, node = _lowered(text)
+    forward = tangent(node, {symbols["x"]: dag.one})
+    (reverse,) = adjoints([node], [dag.one], [symbols["x"]])
+    for d in (forward, reverse):
+        assert evaluate([d], {symbols["x"]: 0.0, symbols["h"]: 1.0})[0] == at_zero
+        # A few roundings, on the side of the root.
+        x = -0.36 if text.startswith("where(-h") else 0.36
+        at = {symbols["x"]: x, symbols["h"]: 1.0}
+        assert evaluate([d], at)[0] == pytest.approx(1.5 * 0.6, rel=1e-14)

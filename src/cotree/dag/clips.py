@@ -1,8 +1,9 @@
-"""Derivatives of roots and powers of clipped values: the branch is chosen before differentiating.
+"""Derivatives of roots and powers that end at a corner: the branch is chosen first.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
 in one branch, where the chain rule multiplies an infinite slope by zero. The derivative is zero
-there, the end of the branch included.
+there, the end of the branch included. Where a condition is zero, a selection has the derivative of
+the side without a root that ends there, as ``where(x < 0, 0, x*sqrt(x))`` has.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import random
 from itertools import product
 from typing import TYPE_CHECKING
 
+from cotree.dag.continuity import ways_to_zero
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.traverse import reachable, symbols_in
+from cotree.dag.traverse import reachable, substitute, symbols_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -76,6 +78,7 @@ class Clips:
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
+        self._has_ends: dict[Node, bool] = {}
         self._random = random.Random(1)  # the same places in each run
 
     def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
@@ -99,9 +102,39 @@ class Clips:
             condition = -dag.function("abs", weight)
         return term if condition is None else dag.select(condition, dag.zero, term)
 
+    def select(self, node: Node, above: Node, below: Node) -> Node:
+        """Form what a selection passes on, of two values that belong to its sides.
+
+        Where its condition is zero, it passes on that of the side without an end there.
+        """
+        condition, *sides = node.args
+        ends = above is not below and self._ends_at(condition, sides[0])
+        if ends and not self._ends_at(condition, sides[1]):
+            return node.dag.select(-condition, below, above)
+        return node.dag.select(condition, above, below)
+
     def reaches(self, node: Node) -> bool:
-        """Return whether an operation is constant, in some branch, where it is singular."""
+        """Return whether the chain rule has no derivative where a branch of a value ends."""
+        if node.op == "select":
+            return self._ends_at(*node.args[:2])
         return node.op in SINGULAR and self._reached(node) is not None
+
+    def _ends_at(self, condition: Node, side: Node) -> bool:
+        """Return whether a root or the like within a side ends where a condition is zero."""
+        known = self._has_ends
+        for node in reachable([side], stop=known):
+            known.setdefault(node, node.op in SINGULAR or any(known[arg] for arg in node.args))
+        if not known[side]:
+            return False
+        roots = [node for node in reachable(self._of(side)) if node.op in SINGULAR]
+        ways = [way for own in self._of(condition) for way in ways_to_zero(own)]
+        for way, node in product(ways, roots):
+            try:
+                if is_singular(node.op, substitute(node.args, way)):
+                    return True
+            except (ArithmeticError, ValueError):  # it has no value there
+                continue
+        return False
 
     def _reached(self, node: Node) -> Node | None:
         """Form what is zero or more at the singular argument, if a branch is constant there."""

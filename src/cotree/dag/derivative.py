@@ -314,7 +314,7 @@ def _tangent(node: Node, d_args: Sequence[Node], clips: Clips) -> Node:
     if op == "div":  # one division where the two partials would need two
         return (d_args[0] - node * d_args[1]) / node.args[1]
     if op == "select":
-        return node.dag.select(node.args[0], d_args[1], d_args[2])
+        return clips.select(node, d_args[1], d_args[2])
     total = zero
     for partial, d_arg in zip(PARTIALS[op], d_args, strict=True):
         if partial is not None and d_arg is not zero:
@@ -371,10 +371,9 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
             several[target][node.data] = several[target][node.data] + own
             continue
         if node.op == "select":  # no product: what is not taken may have no value
-            condition, accepted, refused = node.args
-            select = node.dag.select
-            bar[accepted] = bar.get(accepted, zero) + select(condition, own, zero)
-            bar[refused] = bar.get(refused, zero) + select(condition, zero, own)
+            _, accepted, refused = node.args
+            bar[accepted] = bar.get(accepted, zero) + clips.select(node, own, zero)
+            bar[refused] = bar.get(refused, zero) + clips.select(node, zero, own)
             continue
         for arg, partial in zip(node.args, PARTIALS[node.op], strict=True):
             if partial is not None:
