@@ -95,7 +95,8 @@ def _operation(node: Node, values: Mapping[Node, Any]) -> str:
 def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
     """Name time, states, parameters and inputs that an operation depends on."""
     layout = program.layout
-    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols_in([wrong])]
+    symbols = [symbol for symbol in symbols_in([wrong]) if symbol in given]  # not held pieces
+    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
     texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
     if len(named) > _MOST_NAMES:
         texts.append("...")

@@ -8,14 +8,15 @@ from there on the next piece. States and their sensitivities are continuous at a
 nothing else happens there.
 
 A sign, or a selection whose two sides differ, is a corner where what reads it is continuous, as in
-``x*sign(x)``. Where a power of more than one ends, as ``max(x, 0)**1.5`` does, a piece has no value
-beyond its end: steps end there, too, but its argument decides at all times.
+``x*sign(x)``. A piece of a root, a power, a logarithm or a quotient may have no value beyond its
+end: steps end there, too, but the argument decides at all times. The other side of such a corner is
+held where it is constant, as that of ``sqrt(max(x, 0))`` is.
 
 Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
-those that are known functions of time, where integration stops anyway; corners within roots,
-logarithms, exponentials, divisors and constraints, and corners where a root or a power below one
-ends, since a piece has no value beyond its end there, or a huge one; and tables with very many
-points, whose corners are small.
+those that are known functions of time, where integration stops anyway; corners with an infinite
+slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with; corners
+within masses and constraints; tables within roots and the like; and tables with very many points,
+whose corners are small.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import TYPE_CHECKING
 from cotree.dag.clips import SINGULAR, is_singular
 from cotree.dag.continuity import meets, ways_to_zero
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
-from cotree.dag.multi_output import Table
+from cotree.dag.multi_output import SEVERAL, Table
 from cotree.dag.stops import stops_within
 from cotree.dag.symbols import INPUT, PIECE, STATE, TIME, UNKNOWN
 from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
@@ -40,18 +41,19 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that have a value beyond any corner, and no large one. Of a quotient it is the dividend
-#: alone that may have corners, and of a linear system the right-hand side.
+#: Functions that have a value beyond any corner. Of a quotient it is the dividend alone that may
+#: have corners, and of a linear system the right-hand side.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
-_TAME |= {"select", "sign", "table", "result", "sines"}
+_TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
 #: Tables with more points than this along an axis are left to the error test: a run would stop at
 #: each of them.
 _MOST_POINTS = 1000
 
-#: So many values are tried between one that jumps and those in which it no longer does.
-_MOST_READERS = 8
+#: So many values are tried between one that jumps and those in which it no longer does, and so many
+#: that a branch is read by.
+_MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Sums of more terms than this are compared as they stand.
 _MOST_TERMS = 64
@@ -60,7 +62,7 @@ _MOST_TERMS = 64
 def hold_pieces(equations: Equations) -> Equations:
     """Return the equations whose steps hold the pieces of what has corners."""
     found = _find(equations)
-    if not found:
+    if not found.conditions and not found.tables:
         return equations
     new, held = _held(equations, found)
 
@@ -104,47 +106,89 @@ def without_corners(program: Program) -> Program:
     return replace(program, layout=layout, kernels=kernels)
 
 
-def _find(equations: Equations) -> dict[Node, bool]:
-    """List the conditions and the tables that are followed, and whether steps hold their pieces."""
-    order = reachable([*equations.forcing, *equations.rates])
-    moving = dependent(order, _moving(order, equations))
-    wild = _wild(order, equations, _TAME)
-    steep = _wild(order, equations, _TAME | {"pow"}) if wild else wild
-    conditions: dict[_Key, int] = {}
+@dataclass
+class _Found:
+    """What is followed.
+
+    Attributes
+    ----------
+    conditions : dict of key to set of {-1, 1}
+        The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
+    tables : set of Node
+        The tables, whose pieces steps hold.
+    """
+
+    conditions: dict[_Key, frozenset[int]]
+    tables: set[Node]
+
+
+def _find(equations: Equations) -> _Found:
+    """List the conditions and the tables that are followed."""
+    roots = [*equations.forcing, *equations.rates]
+    order = reachable(roots)
+    symbols = _moving(order, equations)
+    moving = dependent(order, symbols)
+    held, wild = _heavy(equations), _wild(order)
+    conditions: dict[_Key, _Sides | None] = {}
     looked_at: dict[_Key, Node] = {}
-    tables: dict[Node, bool] = {}
-    keys, jumps = _Keys(), _Jumps(order, [*equations.forcing, *equations.rates])
+    keys, corners = _Keys(), _Corners(order, roots, symbols)
     reading = [node for node in order if not moving.isdisjoint(node.args)]
-    branching = [node for node in reading if node.op in _BRANCHING and node.args[0] in moving]
-    # One condition serves all that it decides: one of these may rule it out.
-    ruled_out = {keys.of(node.args[0])[0] for node in branching if node in steep}
     for node in reading:
-        if node.op in _BRANCHING:
-            if node.args[0] not in moving:
-                continue
-            key, _ = keys.of(node.args[0])
-            looked_at.setdefault(key, node.args[0])
-            kind = _JUMP if key in ruled_out else jumps.kind(node)
-            if kind == _JUMP:
-                ruled_out.add(key)
-            kind = min(kind, _SEEN if node in wild else _HELD)
-            conditions[key] = min(conditions.get(key, _HELD), kind)
-        elif _is_table(node) and node not in wild and _n_points(node) <= _MOST_POINTS:
-            tables[node] = True
+        if node.op not in _BRANCHING or node.args[0] not in moving:
+            continue
+        key, scale = keys.of(node.args[0])
+        looked_at.setdefault(key, node.args[0])
+        # One condition serves all that it decides: one of these may rule it out.
+        sides = None if node in held else corners.sides(node)
+        if node in wild:
+            sides = _in_common(sides, corners.sides_above(node))
+        sides = None if sides is None else sides.turned(scale)
+        conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
+    tables = {node for node in reading if _is_table(node) and node not in held | wild}
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
-    located = {looked_at[key]: kind == _HELD for key, kind in conditions.items() if kind != _JUMP}
-    kept = {node: is_held for node, is_held in located.items() if node not in timed}
-    return kept | {node: True for node in tables if not timed.issuperset(node.args)}
+    located = {k: v for k, v in conditions.items() if v is not None and v.steep != _BOTH}
+    return _Found(
+        {k: sides.held for k, sides in located.items() if looked_at[k] not in timed},
+        {node for node in tables if _n_points(node) <= _MOST_POINTS and not timed >= {*node.args}},
+    )
 
 
-#: What a condition decides: a jump; a corner beside which a power has no value or, of a slope that
-#: is infinite further on, a wrong one, so that steps end there but hold no piece; or a corner.
-_JUMP, _SEEN, _HELD = range(3)
+@dataclass(frozen=True)
+class _Sides:
+    """Sides of a corner: 1 where its condition is positive, -1 where it is negative.
+
+    Attributes
+    ----------
+    held : set of {-1, 1}
+        Those on which steps hold the piece; on others the argument decides.
+    steep : set of {-1, 1}
+        Those on which the slope is infinite at the corner.
+    """
+
+    held: frozenset[int]
+    steep: frozenset[int]
+
+    def turned(self, scale: float) -> _Sides:
+        """Return the sides of the condition divided by a factor."""
+        if scale > 0.0:
+            return self
+        held, steep = (frozenset(-side for side in sides) for sides in (self.held, self.steep))
+        return _Sides(held, steep)
 
 
-class _Jumps:
-    """Follow what jumps where a condition is zero, up to where the whole is continuous.
+_BOTH = frozenset({-1, 1})
+#: Of a corner whose pieces have values beyond it.
+_OPEN = _Sides(_BOTH, frozenset())
+
+
+def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
+    """Return the sides that two values allow to hold; None: one of them jumps."""
+    return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
+
+
+class _Corners:
+    """Follow what changes where a condition is zero, up to where the whole is continuous.
 
     Parameters
     ----------
@@ -152,58 +196,121 @@ class _Jumps:
         All values, arguments first.
     roots : sequence of Node
         Those that must not jump.
+    moving : sequence of Node
+        The symbols that change between events.
     """
 
-    def __init__(self, order: Sequence[Node], roots: Sequence[Node]) -> None:
-        self._order, self._roots = order, set(roots)
-        self._readers: dict[Node, list[Node]] = {}
+    def __init__(
+        self, order: Sequence[Node], roots: Sequence[Node], moving: Sequence[Node]
+    ) -> None:
+        self._order, self._roots, self._moving = order, set(roots), set(moving)
+        self._known: dict[Node, list[Node]] = {}
 
-    def kind(self, node: Node) -> int:
-        """Return what a selection, a sign or an absolute value decides."""
-        if node.op == "abs":
-            return _HELD
-        dag, (condition, *sides) = node.dag, node.args
-        above, below = sides or (dag.one, -dag.one)
-        kind = _kind(condition, above, below)
-        if kind != _JUMP:
-            return kind
-        kind = _HELD
-        for item in self._order if not self._readers else ():
+    def _readers(self, node: Node) -> Sequence[Node]:
+        for item in self._order if not self._known else ():
             for arg in dict.fromkeys(item.args):
-                self._readers.setdefault(arg, []).append(item)
-        jumping = [node]
+                self._known.setdefault(arg, []).append(item)
+        return self._known.get(node, ())
+
+    def sides(self, node: Node) -> _Sides | None:
+        """Return the sides of a selection, a sign or an absolute value; None: it jumps."""
+        if node.op == "abs":
+            return _OPEN
+        condition, *branches = _branches(node)
+        sides = _sides(condition, branches)
+        if sides is not None:
+            return sides
+        sides, jumping = _OPEN, [node]
         for _ in range(_MOST_READERS):
-            if not jumping:
-                return kind
+            if not jumping or sides is None:
+                return sides
             last = jumping.pop()
             if last in self._roots:
-                return _JUMP
-            for reader in self._readers.get(last, ()):
-                if reader.op not in _TAME:
-                    return _JUMP
-                own, other = (substitute([reader], {node: side})[0] for side in (above, below))
-                found = _kind(condition, own, other)
-                if found == _JUMP:
+                return None
+            for reader in self._readers(last):
+                own = [substitute([reader], {node: value})[0] for value in branches]
+                # Of several results each is compared.
+                found = None if reader.op in SEVERAL else _sides(condition, own)
+                if found is None:
                     jumping.append(reader)
                 else:
-                    kind = min(kind, found)
-        return _JUMP
+                    sides = _in_common(sides, found)
+        return None
+
+    def sides_above(self, node: Node) -> _Sides:
+        """Return the sides that what reads a value that branches allows, up to the roots."""
+        condition, *branches = _branches(node)
+        ways = ways_to_zero(condition)
+        found = [self._end_above(node, value, ways) for value in branches]
+        return _sides_of(found)
+
+    def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
+        """Return how a branch ends in what reads it."""
+        known, waiting, end = {node: value}, [node], _NOWHERE
+        for _ in range(_MOST_ABOVE):
+            if not waiting:
+                return end
+            for reader in self._readers(waiting.pop()):
+                if reader in known:
+                    continue
+                try:
+                    known[reader] = substitute([reader], known)[0]
+                except (ArithmeticError, ValueError):  # it has no value there
+                    return _STEEP
+                if self._moving.isdisjoint(symbols_in([known[reader]])):
+                    continue
+                is_dividend = reader.op == "div" and reader.args[1] not in known
+                if not _is_tame(reader) and not is_dividend:
+                    end = max(end, _ENDS, _end_within([known[reader]], ways))
+                waiting.append(reader)
+        return max(end, _ENDS)
 
 
-def _kind(condition: Node, above: Node, below: Node) -> int:
-    """Return what a condition decides that selects one of two values."""
-    roots = [node for node in reachable([above, below]) if node.op in SINGULAR]
-    kind = _HELD
+def _branches(node: Node) -> tuple[Node, Node, Node]:
+    """Return the condition of a value that branches, and what it is on both sides."""
+    dag, (condition, *sides) = node.dag, node.args
+    if node.op == "abs":
+        return condition, condition, -condition
+    above, below = sides or (dag.one, -dag.one)
+    return condition, above, below
+
+
+#: Where a value has no slope, or none beyond a corner.
+_NOWHERE, _ENDS, _STEEP = range(3)
+
+#: Substitutions, each of which says that a condition is zero.
+_Ways = list[dict["Node", "Node"]]
+
+
+def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
+    """Return the sides of a condition that selects one of two values; None: it jumps there."""
+    above, below = branches
+    if not meets(above, below, condition):
+        return None
+    ways = ways_to_zero(condition)
+    found = [_end_within(reachable([value]), ways) for value in branches]
+    return _sides_of(found)
+
+
+def _sides_of(ends: Sequence[int]) -> _Sides:
+    """Return the sides, from how the branch above a condition ends, and the one below it."""
+    pairs = list(zip((1, -1), ends, strict=True))
+    return _Sides(
+        frozenset(side for side, end in pairs if end == _NOWHERE),
+        frozenset(side for side, end in pairs if end == _STEEP),
+    )
+
+
+def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
+    """Return how roots and the like among some values end where a condition is zero."""
+    roots = [node for node in nodes if node.op in SINGULAR]
     try:
-        for way in ways_to_zero(condition) if roots else ():
-            for node in roots:
-                if _ends(node, way):
-                    if not _is_flat(node):
-                        return _JUMP
-                    kind = _SEEN
+        ending = [node for node in roots for way in ways if _ends(node, way)]
     except (ArithmeticError, ValueError):  # it has no value there
-        return _JUMP
-    return kind if meets(above, below, condition) else _JUMP
+        return _STEEP
+    if not ending:
+        return _NOWHERE
+    return _ENDS if all(map(_is_flat, ending)) else _STEEP
 
 
 def _is_flat(node: Node) -> bool:
@@ -249,15 +356,26 @@ def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
     return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 
-def _wild(order: list[Node], equations: Equations, tame: frozenset[str]) -> set[Node]:
-    """List the values that something reads which must not be given a piece beyond its end."""
+def _heavy(equations: Equations) -> set[Node]:
+    """List the values of masses and of constraints, whose corners are not followed."""
     held = equations.constraints
-    found = set(reachable(list(chain.from_iterable(equations.matrix))))
     values = [node for node in held.values if node is not None]
-    found |= set(reachable([*values, *held.rates]))
+    return set(reachable([*chain.from_iterable(equations.matrix), *values, *held.rates]))
+
+
+def _is_tame(node: Node) -> bool:
+    """Return whether an operation has a value beyond any corner of its arguments."""
+    if node.op == "pow":
+        base = node.args[0].value
+        return base is not None and base > 0.0
+    return node.op in _TAME or _is_table(node)
+
+
+def _wild(order: Sequence[Node]) -> set[Node]:
+    """List the values that something reads which must not be given a piece beyond its end."""
+    found: set[Node] = set()
     for node in reversed(order):
-        is_tame = (node.op in tame and (node.op != "pow" or _is_flat(node))) or _is_table(node)
-        if node in found or not is_tame:
+        if node in found or not _is_tame(node):
             found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
     return found
 
@@ -310,7 +428,7 @@ class _Held:
     pieces: list[Node]
 
 
-def _held(equations: Equations, found: Mapping[Node, bool]) -> tuple[dict[Node, Node], _Held]:
+def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]:
     """Form what takes the place of each value that has a corner, from the inside out."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
@@ -335,9 +453,16 @@ def _held(equations: Equations, found: Mapping[Node, bool]) -> tuple[dict[Node, 
             signs[key] = slot(), scale
             held.rows.append(CornerRow(of(condition), signs[key][0].data[1], 0))
         piece, first = signs[key]
-        # Minus its size is zero or more where it is zero itself.
         own = piece if scale * first > 0.0 else -piece
-        return dag.select(-dag.function("abs", piece), of(condition), own)
+        sides = found.conditions[key]
+        if sides == _BOTH:
+            # Minus its size is zero or more where it is zero itself.
+            return dag.select(-dag.function("abs", piece), of(condition), own)
+        # What decides where no piece is held, and beyond a side that is not.
+        decides = of(condition)
+        for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
+            decides = dag.select(side * own - 0.5, dag.constant(side), decides)
+        return decides
 
     def piece_of(axis: tuple[float, ...], at: Node) -> Node:
         if (axis, at) not in slots:
@@ -365,18 +490,17 @@ def _held(equations: Equations, found: Mapping[Node, bool]) -> tuple[dict[Node, 
         return made
 
     results: dict[Node, tuple[Node, ...]] = {}
-    followed = {keys.of(node)[0]: is_held for node, is_held in found.items() if not _is_table(node)}
     for node in order:
-        if node in found and _is_table(node):
+        if node in found.tables:
             results[node] = table(node)
             continue
         if node.op == "result" and node.args[0] in results:
             new[node] = results[node.args[0]][node.data]
             continue
         key, scale = keys.of(node.args[0]) if node.op in _BRANCHING else ((), 0.0)
-        if key and key in followed:
+        if key and key in found.conditions:
             own = sign(node.args[0], key, scale)
-            if not followed[key]:
+            if not found.conditions[key]:
                 # The step ends there, but its values decide by themselves.
                 made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
             elif node.op == "select":
@@ -390,4 +514,6 @@ def _held(equations: Equations, found: Mapping[Node, bool]) -> tuple[dict[Node, 
             made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
         if made is not node:
             new[node] = made
+            if node in dag.origins:
+                dag.note_origin(made, dag.origins[node])
     return new, held
