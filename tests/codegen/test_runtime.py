@@ -99,9 +99,23 @@ def test_a_header_that_is_missing_is_an_error():
         header_text("cotree_missing.h")
 
 
+#: Sources by what is defined before them.
+VARIANTS = [(path, ()) for path in sorted(RUNTIME.rglob("*.c"))] + [
+    (path, definitions)
+    for path in sorted((RUNTIME / "sundials").glob("*.c"))
+    for definitions in (
+        ("COTREE_IDA=1",),
+        ("COTREE_SENSITIVITIES=1",),
+        ("COTREE_IDA=1", "COTREE_SENSITIVITIES=1"),
+    )
+]
+
+
 @pytest.mark.compiler
-@pytest.mark.parametrize("path", sorted(RUNTIME.rglob("*.c")), ids=lambda path: path.name)
-def test_each_source_compiles_by_itself(path, tmp_path):
+@pytest.mark.parametrize(
+    ("path", "definitions"), VARIANTS, ids=[f"{p.stem}-{'-'.join(d)}" for p, d in VARIANTS]
+)
+def test_each_source_compiles_by_itself(path, definitions, tmp_path):
     """As an editor or an analyser reads it: with the headers beside it, and nothing generated."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
@@ -111,5 +125,7 @@ def test_each_source_compiles_by_itself(path, tmp_path):
         f"-I{folder}" for folder in (tmp_path, *sorted({p.parent for p in RUNTIME.rglob("*.h")}))
     ]
     flags = ["-std=c99", "-O0", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
-    done = subprocess.run([compiler, *flags, *folders, str(path)], capture_output=True, text=True)
+    defined = [f"-D{definition}" for definition in definitions]
+    command = [compiler, *flags, *defined, *folders, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

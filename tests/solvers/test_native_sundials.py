@@ -16,7 +16,7 @@ from reference_scenes import read_reference
 from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_oscillator
 
 from cotree import Scene, load
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
+from cotree.codegen.sundials import sundials_functions
 from cotree.pipeline import formulate
 from cotree.solvers import engine, methods, sundials_aid, sundials_library
 from cotree.solvers.engine import load_engine
@@ -323,8 +323,7 @@ def test_memory_is_freed_after_an_interruption(slider, method, monkeypatch):
 @pytest.mark.parametrize("missing", ["symbols", "version", "compiler"])
 def test_what_is_missing_is_said(slider, monkeypatch, missing, method):
     if missing == "symbols":
-        more = {**SUNDIALS_FUNCTIONS[method], "CVodeFlyAway": ("int", "void")}
-        monkeypatch.setitem(SUNDIALS_FUNCTIONS, method, more)
+        monkeypatch.setitem(sundials_functions(method), "CVodeFlyAway", ("int", "void"))
     elif missing == "version":
         monkeypatch.setattr(sundials_library, "SUNDIALS_VERSION", (6, 0))
     else:

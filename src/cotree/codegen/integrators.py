@@ -10,11 +10,10 @@ from cotree.codegen.render import render
 from cotree.codegen.rosenbrock import ROSENBROCK, RosenbrockTableau
 from cotree.codegen.runtime import source_texts, with_runtime
 from cotree.codegen.sundials import (
-    SUNDIALS_FLAGS,
-    SUNDIALS_FUNCTIONS,
-    SUNDIALS_VERSION,
+    SUNDIALS,
     VERSION_FUNCTION,
-    WITH_SENSITIVITIES,
+    sundials_files,
+    sundials_functions,
 )
 from cotree.codegen.tableaus import TABLEAUS, Tableau
 from cotree.codegen.targets import DOUBLE
@@ -32,7 +31,7 @@ _FOLDER = "c/integrators"
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
 #: Every method that C takes the steps of, by name: cotree's own, and the libraries of SUNDIALS.
-STEPPERS = (*INTEGRATORS, *SUNDIALS_FUNCTIONS)
+STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
 #: Modules that are the same in all engines and include none but each other: compiled once for all.
 SHARED_MODULES = ("events", "job", "jumps", "run")
@@ -138,31 +137,16 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     if name in INTEGRATORS:
         text = render("c/engine/own_stepper.c.jinja", target, method=INTEGRATORS[name], **_COMMON)
         return {f"cotree_{name}_stepper.c": text}
-    # Functions have the names and flags of the library without sensitivities.
-    method = WITH_SENSITIVITIES.get(name, name)
-    about: dict[str, Any] = {
-        "library": name,
-        "method": method,
-        "has_correctors": name in WITH_SENSITIVITIES,
-        "has_together": name == "cvodes",
-        "functions": SUNDIALS_FUNCTIONS[name],
-        "flags": SUNDIALS_FLAGS[method],
-        "version": ".".join(map(str, SUNDIALS_VERSION)),
-        **_COMMON,
-    }
-    return {
-        "cotree_sundials.h": render("c/engine/cotree_sundials.h.jinja", **about),
-        f"cotree_{name}_stepper.c": render("c/engine/sundials_stepper.c.jinja", **about),
-    }
+    return sundials_files(name)
 
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
     """Return the declarations of an engine and of the library functions that it calls, for cffi."""
     headers = ["cotree_abi.h", "cotree_run.h", "cotree_job.h"]
     functions: Mapping[str, tuple[str, str]] = {}
-    if name in SUNDIALS_FUNCTIONS:
+    if name in SUNDIALS:
         headers.append("cotree_sundials.h")
-        functions = {**SUNDIALS_FUNCTIONS[name], **VERSION_FUNCTION}
+        functions = {**sundials_functions(name), **VERSION_FUNCTION}
     return (
         declarations(files, headers)
         + f"const cotree_stepper *cotree_{name}_stepper(void);\n"

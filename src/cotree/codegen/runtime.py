@@ -56,6 +56,8 @@ def with_runtime(
         header = waiting.pop(0)
         if header in seen or (header != "cotree_abi.h" and header not in _paths()):
             continue  # read before, or a file of the model
+        if header in files:
+            continue  # a module whose conditions are decided
         seen.add(header)
         added = {header: header_text(header, target)}
         if has_sources:

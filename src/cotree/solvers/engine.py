@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.build import abandon
 from cotree.codegen.integrators import engine_declarations, engine_files
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS
+from cotree.codegen.sundials import SUNDIALS
 from cotree.errors import Error
 from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once
@@ -105,7 +105,7 @@ def load_engine(stepper: str) -> Engine | str:
     Engine or str
         A reason is a sentence without a capital and an end.
     """
-    if stepper not in SUNDIALS_FUNCTIONS:
+    if stepper not in SUNDIALS:
         return _opened(stepper, "")
     found = library_path(stepper)
     # The path is part of the key, since the environment may name another library the next time.

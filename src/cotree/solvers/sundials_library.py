@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cotree.codegen.sundials import SUNDIALS_FUNCTIONS, SUNDIALS_VERSION, WITH_SENSITIVITIES
+from cotree.codegen.sundials import SUNDIALS_VERSION, WITH_SENSITIVITIES, sundials_functions
 from cotree.errors import SolveError
 
 #: Names the file of a library that has the functions of all that is asked of it.
@@ -91,7 +91,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     ffi : object
         That of the engine, with the declarations of these functions.
     library : str
-        A name in ``SUNDIALS_FUNCTIONS``.
+        A name in ``SUNDIALS``.
     path : str
         The file.
 
@@ -110,7 +110,7 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
             here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
             return f"SUNDIALS is of version {here}, not {known}"
         functions = ffi.new("cotree_sundials *")
-        for function in SUNDIALS_FUNCTIONS[library]:
+        for function in sundials_functions(library):
             setattr(functions, function, ffi.addressof(opened, function))
     except (OSError, AttributeError) as error:
         return f"SUNDIALS' functions cannot be found ({error})"

@@ -1,19 +1,23 @@
-{% set is_cvodes = method == "cvode" %}
-{% set name = "CVode" if is_cvodes else "IDA" %}
-/* Sensitivities as SUNDIALS' {{ library | upper }} has them: a vector for each parameter, behind which stand
- * parts of arrays that hold all.
-{% if has_together %}
+/* cotree_sundials_sensitivities.c: sensitivities that have vectors of their own.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_sundials_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+#if COTREE_SENSITIVITIES
+
+/* Sensitivities as CVODES and IDAS have them: a vector for each parameter, behind which stand parts
+ * of arrays that hold all.
  *
  * Staggered: the solver finds the states, and once their errors are tested a follower the
- * sensitivities. Simultaneous: the solver finds all.
-{% else %}
- *
- * The solver finds the states, and once their errors are tested a follower the sensitivities. IDAS'
- * other way, to find all at once, tests no errors of sensitivities.
-{% endif %}
+ * sensitivities. Simultaneous, with CVODES: the solver finds all. IDAS tests no errors of
+ * sensitivities then, so it is always staggered here.
  */
 
-/* Vectors, and several in one, as SUNDIALS {{ version }} has them. */
+/* Vectors, and several in one, as SUNDIALS has them. */
 typedef struct cotree_vector {
     void *content;
     void *operations;
@@ -38,8 +42,8 @@ static void **vectors_of(void *several)
     return content->vectors;
 }
 
-/* Copies vectors into an array, beginning with a block of it. Sensitivities that vanish, which vectors
- * have, are left out. */
+/* Copies vectors into an array, beginning with a block of it. Sensitivities that vanish, which
+ * vectors have, are left out. */
 static void gather(const cotree_job *job, void *const *vectors, int first, double *to)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -75,20 +79,20 @@ static void copy_block(const cotree_job *job, const double *from, double *to)
 }
 
 /* Puts into a system what a step knows of the sensitivities. */
-static int gather_system(const cotree_job *job, void *integrator)
+COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integrator)
 {
     const cotree_sundials *const s = bdf_of(job)->sundials;
     void **predicted, **now, **slopes, *data;
     double t, coefficient;
-{% if is_cvodes %}
+#if !COTREE_IDA
     double gamma;
     const int flag = s->CVodeGetNonlinearSystemDataSens(integrator, &t, &predicted, &now, &gamma,
                                                         &coefficient, &slopes, &data);
-{% else %}
+#else
     void **slopes_now;
     const int flag = s->IDAGetNonlinearSystemDataSens(integrator, &t, &predicted, &slopes, &now,
                                                       &slopes_now, &coefficient, &data);
-{% endif %}
+#endif
     if (flag != 0) return flag;
     gather(job, predicted, 1, vector_of(job, GIVEN));
     gather(job, slopes, 1, vector_of(job, PAST));
@@ -97,10 +101,10 @@ static int gather_system(const cotree_job *job, void *integrator)
 
 /* Solves for the states alone, as where there is nothing else, and keeps what the sensitivities'
  * equations are evaluated with. */
-static int solve_states(cotree_job *job, const cotree_system *s, const double *weights,
-                        double tolerance, double *e)
+COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system *s,
+                                           const double *weights, double tolerance, double *e)
 {
-    const int status = solve_system(job, s, weights, tolerance, e);
+    const int status = cotree_bdf_solve_system(job, s, weights, tolerance, e);
     if (status != 0 || !job->has_sensitivities) return status;
     copy_block(job, s->start, vector_of(job, GIVEN));
     copy_block(job, s->slopes, vector_of(job, PAST));
@@ -110,10 +114,10 @@ static int solve_states(cotree_job *job, const cotree_system *s, const double *w
     return 0;
 }
 
-{% if has_together %}
+#if COTREE_SIMULTANEOUS
 /* Solves for states and sensitivities in one iteration. */
-static int solve_together(cotree_job *job, cotree_system *s, void *weights, double tolerance,
-                          void *correction)
+COTREE_PRIVATE int cotree_bdf_solve_together(cotree_job *job, cotree_system *s, void *weights,
+                                             double tolerance, void *correction)
 {
     double *const e = vector_of(job, FOUND);
     int status;
@@ -122,13 +126,13 @@ static int solve_together(cotree_job *job, cotree_system *s, void *weights, doub
     s->start = vector_of(job, GIVEN);
     s->slopes = vector_of(job, PAST);
     gather(job, vectors_of(weights), 0, vector_of(job, WEIGHTS));
-    set_zero(e, job->n);
-    status = solve_system(job, s, vector_of(job, WEIGHTS), tolerance, e);
+    cotree_bdf_set_zero(e, job->n);
+    status = cotree_bdf_solve_system(job, s, vector_of(job, WEIGHTS), tolerance, e);
     if (status == 0) scatter(job, e, 0, vectors_of(correction));
     return status;
 }
 
-{% endif %}
+#endif
 /* Solves for the sensitivities at the states that were found. */
 static int follower_solve(void *solver, void *start, void *correction, void *weights,
                           double tolerance, int is_matrix_old, void *integrator)
@@ -139,28 +143,29 @@ static int follower_solve(void *solver, void *start, void *correction, void *wei
     cotree_system system;
     int status, is_fresh = 0;
     (void)is_matrix_old, (void)start;
-    if (read_system(job, integrator, &system) != 0) return RATES_FAIL;
-    if (gather_system(job, integrator) != 0) return RATES_FAIL;
+    if (cotree_bdf_read_system(job, integrator, &system) != 0) return RATES_FAIL;
+    if (cotree_bdf_gather_system(job, integrator) != 0) return RATES_FAIL;
     system.start = vector_of(job, GIVEN);
     system.slopes = vector_of(job, PAST);
     gather(job, vectors_of(weights), 1, vector_of(job, WEIGHTS));
-    set_zero(e + n, job->n - n);
-    status = correct_sensitivities(job, &system, vector_of(job, WEIGHTS), tolerance, e);
+    cotree_bdf_set_zero(e + n, job->n - n);
+    status = cotree_bdf_correct_sensitivities(job, &system, vector_of(job, WEIGHTS), tolerance, e);
     if (status > 0 && !bdf_of(job)->is_fresh) {
         bdf_of(job)->has_failed = 1;
-        set_zero(e + n, job->n - n);
-        status = prepare_matrix(job, &system, 1, &is_fresh);
+        cotree_bdf_set_zero(e + n, job->n - n);
+        status = cotree_bdf_prepare_matrix(job, &system, 1, &is_fresh);
         if (status == 0) {
-            status = correct_sensitivities(job, &system, vector_of(job, WEIGHTS), tolerance, e);
+            status = cotree_bdf_correct_sensitivities(job, &system, vector_of(job, WEIGHTS),
+                                                      tolerance, e);
         }
         bdf_of(job)->has_failed = status != 0;
     }
-    if (status == 0) status = hold(job, all_of(job), &system, NULL, e);
+    if (status == 0) status = cotree_bdf_hold(job, all_of(job), &system, NULL, e);
     if (status == 0) scatter(job, e, 1, vectors_of(correction));
     return status;
 }
 
-{% if is_cvodes %}
+#if !COTREE_IDA
 /* The rates of all sensitivities; those of the states come with them. */
 static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, void **ds, void *data,
                             void *room, void *more)
@@ -171,11 +176,11 @@ static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, vo
     (void)n, (void)dy, (void)room, (void)more;
     copy_block(job, bdf_of(job)->sundials->N_VGetArrayPointer(y), z);
     gather(job, s, 1, z);
-    status = evaluate(job, all_of(job), clock_at(job, since), z, vector_of(job, RATES));
+    status = cotree_bdf_evaluate(job, all_of(job), clock_at(job, since), z, vector_of(job, RATES));
     if (status == 0) scatter(job, vector_of(job, RATES), 1, ds);
     return status;
 }
-{% else %}
+#else
 /* IDAS asks for none: the solver evaluates what it needs. */
 static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, void **s, void **ds,
                                 void **lefts, void *data, void *room, void *more, void *most)
@@ -184,10 +189,10 @@ static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, 
     (void)room, (void)more, (void)most;
     return RATES_FAIL;
 }
-{% endif %}
+#endif
 
 /* Makes the vectors of sensitivities, and what solves for them. */
-static int make_sensitivities(cotree_job *job)
+COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
@@ -204,15 +209,15 @@ static int make_sensitivities(cotree_job *job)
             if (s->N_VEnableFusedOps_Serial(vectors[i], 1) != 0) return COTREE_NO_MEMORY;
         }
     }
-{% if has_together %}
+#if COTREE_SIMULTANEOUS
     if (is_together(job)) return 0;
-{% endif %}
-    c->follower = make_solver(job, follower_solve);
+#endif
+    c->follower = cotree_bdf_make_solver(job, follower_solve);
     return c->follower == NULL ? COTREE_NO_MEMORY : 0;
 }
 
 /* Frees them; harmless where there are none. */
-static void free_sensitivities(cotree_job *job)
+COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
@@ -230,72 +235,80 @@ static void free_sensitivities(cotree_job *job)
 static void scatter_start(const cotree_job *job)
 {
     scatter(job, vector_of(job, Y), 1, sensitivities_of(job, OWN_VALUES));
-{% if not is_cvodes %}
+#if COTREE_IDA
     scatter(job, vector_of(job, SLOPES), 1, sensitivities_of(job, OWN_SLOPES));
-{% endif %}
+#endif
 }
 
 /* Has them integrated, too. */
-static int start_sensitivities(cotree_job *job)
+COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
     void **const values = sensitivities_of(job, OWN_VALUES);
     const int n = job->model->n_sensitivities;
     int flag;
-    if (!job->has_sensitivities) return s->{{ name }}SetNonlinearSolver(c->integrator, c->solver);
+    if (!job->has_sensitivities) return s->OF(SetNonlinearSolver)(c->integrator, c->solver);
     scatter_start(job);
     scatter_among(job, job->atols, 1, 1.0, sensitivities_of(job, OWN_TOLERANCES));
-{% if is_cvodes %}
+#if !COTREE_IDA
     flag = s->CVodeSensInit(c->integrator, n, c->aid->corrector, sensitivity_rate, values);
-{% else %}
+#else
     flag = s->IDASensInit(c->integrator, n, c->aid->corrector, sensitivity_residual, values,
                           sensitivities_of(job, OWN_SLOPES));
-{% endif %}
+#endif
     if (flag == 0) {
-        flag = s->{{ name }}SensSVtolerances(c->integrator, job->rtol, sensitivities_of(job, OWN_TOLERANCES));
+        flag = s->OF(SensSVtolerances)(c->integrator, job->rtol,
+                                       sensitivities_of(job, OWN_TOLERANCES));
     }
-    if (flag == 0) flag = s->{{ name }}SetSensErrCon(c->integrator, !c->aid->are_followed);
+    if (flag == 0) flag = s->OF(SetSensErrCon)(c->integrator, !c->aid->are_followed);
     if (flag != 0) return flag;
-{% if has_together %}
+#if COTREE_SIMULTANEOUS
     if (is_together(job)) return s->CVodeSetNonlinearSolverSensSim(c->integrator, c->solver);
-{% endif %}
-    flag = s->{{ name }}SetNonlinearSolver(c->integrator, c->solver);
-    if (flag == 0) flag = s->{{ name }}SetNonlinearSolverSensStg(c->integrator, c->follower);
+#endif
+    flag = s->OF(SetNonlinearSolver)(c->integrator, c->solver);
+    if (flag == 0) flag = s->OF(SetNonlinearSolverSensStg)(c->integrator, c->follower);
     return flag;
 }
 
 /* Begins anew with them. */
-static int restart_sensitivities(const cotree_job *job)
+COTREE_PRIVATE int cotree_bdf_restart_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
     void **const values = sensitivities_of(job, OWN_VALUES);
     if (!job->has_sensitivities) return 0;
     scatter_start(job);
-    return c->sundials->{{ name }}SensReInit(c->integrator, c->aid->corrector, values{{ "" if is_cvodes else ",\n                                   sensitivities_of(job, OWN_SLOPES)" }});
+#if COTREE_IDA
+    return c->sundials->IDASensReInit(c->integrator, c->aid->corrector, values,
+                                      sensitivities_of(job, OWN_SLOPES));
+#else
+    return c->sundials->CVodeSensReInit(c->integrator, c->aid->corrector, values);
+#endif
 }
 
 /* Reads them at the end of the last step. */
-static int read_sensitivities(const cotree_job *job)
+COTREE_PRIVATE int cotree_bdf_read_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
     void **const values = sensitivities_of(job, OWN_VALUES);
     double t;
     int flag;
     if (!job->has_sensitivities) return 0;
-    flag = c->sundials->{{ name }}GetSens(c->integrator, &t, values);
+    flag = c->sundials->OF(GetSens)(c->integrator, &t, values);
     gather(job, values, 1, vector_of(job, Y));
     return flag;
 }
 
 /* The same within it. */
-static int read_sensitivities_between(const cotree_job *job, double since)
+COTREE_PRIVATE int cotree_bdf_read_sensitivities_between(const cotree_job *job, double since)
 {
     const cotree_bdf *const c = bdf_of(job);
     void **const values = sensitivities_of(job, OWN_BETWEEN);
     int flag;
     if (!job->has_sensitivities) return 0;
-    flag = c->sundials->{{ name }}GetSensDky(c->integrator, since, 0, values);
+    flag = c->sundials->OF(GetSensDky)(c->integrator, since, 0, values);
     gather(job, values, 1, vector_of(job, BETWEEN));
     return flag;
 }
+
+#endif

@@ -1,29 +1,33 @@
-/* Newton's method for M (slopes + share_of_own e) = share_of_rates rates(t, start + e), where M leaves
- * algebraic unknowns out.
+/* cotree_sundials_newton.c: the nonlinear solver that SUNDIALS calls.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_sundials_internal.h"
+
+#include "cotree_limits.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+/* Newton's method for M (slopes + share_of_own e) = share_of_rates rates(t, start + e), where M
+ * leaves algebraic unknowns out.
  *
  * The states are solved for first, without sensitivities. These follow from linear equations at the
  * states that were found, with the same matrix: M times one share less J times the other, of one
  * block, factorised once for all. So the blocks below the diagonal, second derivatives, are needed
- * nowhere. Matrices are kept as CVODE does; or each step has a fresh one for the states, and another
- * one for the sensitivities where the states that were found are far from the prediction: these then
- * need a single correction. */
-typedef struct cotree_system {
-    double t;
-    const double *start;
-    const double *slopes;
-    double factor; /* of the slopes */
-    cotree_shares shares;
-} cotree_system;
+ * nowhere. Matrices are kept as CVODE does; or each step has a fresh one for the states, and
+ * another one for the sensitivities where the states that were found are far from the prediction:
+ * these then need a single correction. */
 
 /* An iteration with fresh matrices is given up where a correction is not below this share of the
  * one before. */
 #define SLOW 0.9
 
 /* The cosine of corrections that go against what is left. */
-#define TURNED {{ limits.turned }}
+#define TURNED COTREE_TURNED
 
-/* Where corrections shrink to this share or less, the matrix of the prediction serves sensitivities,
- * too: their single correction is then off by this share of itself. */
+/* Where corrections shrink to this share or less, the matrix of the prediction serves
+ * sensitivities, too: their single correction is then off by this share of itself. */
 #define QUICK 0.01
 
 /* A correction's error in tolerances is then taken for at least this times its square. */
@@ -32,20 +36,15 @@ typedef struct cotree_system {
 /* The loosest relative tolerance that such iterations end with. */
 #define LOOSEST_RTOL 1e-6
 
-/* Up to this many multiplications of a factorisation, sensitivities are worth fresh matrices: they
- * save a quarter of the steps with HIRES and Robertson's reactions, and every third evaluation. */
-#define FEW_MULTIPLICATIONS 8000.0
-{% if method == "ida" %}
-
-/* Where there are algebraic unknowns, up to so many. */
-#define MANY_MULTIPLICATIONS 3e7
-{% endif %}
-
-/* How far below SUNDIALS' tolerance iterations with matrices that are kept end{{ " where there are
- * sensitivities: their equations have errors of the states in them" if method == "cvode" else "" }}. */
+/* How far below SUNDIALS' tolerance iterations with matrices that are kept end; of CVODE
+ * where there are sensitivities, whose equations have errors of the states in them. */
 #define SHARE 0.1
 
-#define MOST_CORRECTIONS {{ 3 if method == "cvode" else 4 }}
+#if COTREE_IDA
+#define MOST_CORRECTIONS 4
+#else
+#define MOST_CORRECTIONS 3
+#endif
 
 /* Corrections of sensitivities that nothing tests. With one, Jacobians that are out of date still
  * show in them. */
@@ -55,13 +54,14 @@ typedef struct cotree_system {
 #define OLD_JACOBIAN 50
 #define OLD_MATRIX 20
 
-/* How far shares may have moved from those of the matrix, and where no failure is put down to it. */
+/* How far shares may have moved from those of the matrix, and where no failure is put down to it.
+ */
 #define FAR_SHARES 0.3
 #define NEAR_SHARES 0.2
 
 /* Evaluates the Jacobian. A trial step may leave the domain of the equations: an older Jacobian
  * then only slows the iteration down. */
-static int evaluate_jacobian(cotree_job *job, double t, const double *z)
+COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const double *z)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_model *const model = job->model;
@@ -75,12 +75,13 @@ static int evaluate_jacobian(cotree_job *job, double t, const double *z)
     } else {
         status = cotree_run_inputs(run, at);
         z = cotree_run_held(run, at, z);
-        if (status == 0) status = model->jacobian(at, z, job->u, job->p, cotree_job_prepared(job), trial);
+        if (status == 0)
+            status = model->jacobian(at, z, job->u, job->p, cotree_job_prepared(job), trial);
     }
     ++job->n_jacobians;
     job->complaint = status;
     if (status != 0) return status > 0 ? RATES_AGAIN : RATES_FAIL;
-    place = first_not_finite(trial, size);
+    place = cotree_bdf_first_not_finite(trial, size);
     if (place >= 0) {
         if (n < model->n_states) {
             job->row = place / n;
@@ -98,9 +99,9 @@ static int evaluate_jacobian(cotree_job *job, double t, const double *z)
     return 0;
 }
 
-/* Writes J times minus its share. Rows of rates are left out where only algebraic equations are wanted. */
-static void write_jacobian(cotree_job *job, const cotree_lu *m, double share,
-                           int only_algebraic)
+/* Writes J times minus its share. Rows of rates are left out where only algebraic equations are
+ * wanted. */
+static void write_jacobian(cotree_job *job, const cotree_lu *m, double share, int only_algebraic)
 {
     const cotree_model *const model = job->model;
     const int *const places = bdf_of(job)->aid->places;
@@ -123,7 +124,7 @@ static void write_jacobian(cotree_job *job, const cotree_lu *m, double share,
     }
 }
 
-static int form_matrix(cotree_job *job, cotree_shares shares, int only_algebraic)
+COTREE_PRIVATE int cotree_bdf_form_matrix(cotree_job *job, cotree_shares shares, int only_algebraic)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_model *const model = job->model;
@@ -144,9 +145,10 @@ static int form_matrix(cotree_job *job, cotree_shares shares, int only_algebraic
     return cotree_lu_factorise(m) != 0 ? NOT_CONVERGED : 0;
 }
 
-/* Solves for one block of b; share makes up for shares that the matrix was not formed with. Zeros that
- * were left out stay zeros. */
-static void solve_block(const cotree_job *job, double share, int block, double *b)
+/* Solves for one block of b; share makes up for shares that the matrix was not formed with. Zeros
+ * that were left out stay zeros. */
+COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, int block,
+                                           double *b)
 {
     const cotree_bdf *const c = bdf_of(job);
     const cotree_lu *const m = &c->matrix;
@@ -172,8 +174,9 @@ static double moved_shares(const cotree_job *job, const cotree_system *s)
     return old->of_own / s->shares.of_own * (old->of_rates / s->shares.of_rates);
 }
 
-/* Gives the least weight of a correction with a fresh matrix. Beyond what a junction can carry Newton's method goes by
- * a thermal voltage at a time, which a loose tolerance of ten volts would take for next to nothing. */
+/* Gives the least weight of a correction with a fresh matrix. Beyond what a junction can carry
+ * Newton's method goes by a thermal voltage at a time, which a loose tolerance of ten volts would
+ * take for next to nothing. */
 static double least_weight(const cotree_job *job, int i, double value)
 {
     return 1.0 / (LOOSEST_RTOL * fabs(value) + job->atols[i]);
@@ -224,7 +227,7 @@ static double correct(cotree_job *job, const cotree_system *s, int first, int la
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
             step[i] = left_of(s, i, rows[i] < n_rates, rates, e);
         }
-        solve_block(job, share, block, step);
+        cotree_bdf_solve_block(job, share, block, step);
         if (block == 0) bdf_of(job)->is_turned = is_turned(job, s, rates, weights, e);
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
             const double least = is_fresh ? least_weight(job, i, s->start[i]) : weights[i];
@@ -262,7 +265,8 @@ static int has_squared(cotree_bdf *c, int n, double size, double tolerance)
 }
 
 /* Makes sure of a matrix that is good enough; is_again: for a step that was tried before. */
-static int prepare_matrix(cotree_job *job, const cotree_system *s, int is_again, int *is_fresh)
+COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_system *s, int is_again,
+                                             int *is_fresh)
 {
     cotree_bdf *const c = bdf_of(job);
     const double moved = c->has_matrix ? fabs(1.0 / moved_shares(job, s) - 1.0) : 0.0;
@@ -272,19 +276,19 @@ static int prepare_matrix(cotree_job *job, const cotree_system *s, int is_again,
     }
     if (c->has_failed || !c->has_jacobian || c->is_fresh ||
         job->n_steps > c->step_of_jacobian + OLD_JACOBIAN) {
-        const int status = evaluate_jacobian(job, s->t, s->start);
+        const int status = cotree_bdf_evaluate_jacobian(job, s->t, s->start);
         if (status != 0) return status;
         *is_fresh = 1;
     }
     c->rates[0] = c->rates[1] = 1.0;
-    return form_matrix(job, s->shares, 0);
+    return cotree_bdf_form_matrix(job, s->shares, 0);
 }
 
 /* Gives the size of the corrections of blocks by the test that they are subject to. */
 static double size_of_corrections(cotree_job *job, const cotree_system *s, int first, int last,
                                   const double *rates, const double *weights, double *e)
 {
-{% if has_correctors %}
+#if COTREE_SENSITIVITIES
     /* Blocks that are vectors of their own: the largest of their weighted means. */
     double largest = 0.0;
     int block;
@@ -294,12 +298,12 @@ static double size_of_corrections(cotree_job *job, const cotree_system *s, int f
         largest = fmax(largest, sum);
     }
     return sqrt(largest / BLOCK(job->model));
-{% else %}
+#else
     /* Where sensitivities are outside the test, its tolerances are those of the mean over all. */
     const int are_all = first > 0 || bdf_of(job)->aid->are_followed;
     const int count = are_all ? job->n : BLOCK(job->model);
     return sqrt(correct(job, s, first, last, rates, weights, e) / count);
-{% endif %}
+#endif
 }
 
 /* Iterates for the blocks of a run from the first one on: for the states alone, for the
@@ -318,7 +322,7 @@ static int iterate(cotree_job *job, cotree_run *run, const cotree_system *s, int
     for (n = 0; n < MOST_CORRECTIONS; ++n) {
         double size;
         for (i = 0; i < length; ++i) moved[i] = s->start[i] + e[i];
-        status = evaluate(job, run, s->t, moved, rates);
+        status = cotree_bdf_evaluate(job, run, s->t, moved, rates);
         if (status != 0) return status;
         size = size_of_corrections(job, s, first, n_tested, rates, weights, e);
         if (n_tested < n_blocks) correct(job, s, n_tested, n_blocks, rates, weights, e);
@@ -336,11 +340,16 @@ static int correct_states(cotree_job *job, const cotree_system *s, const double 
                           double tolerance, double *e)
 {
     bdf_of(job)->slowest = 0.0;
-    return iterate(job, {{ 'solved_of' if has_correctors else 'states_of' }}(job), s, 0, weights, tolerance, e);
+#if COTREE_SENSITIVITIES
+    return iterate(job, solved_of(job), s, 0, weights, tolerance, e);
+#else
+    return iterate(job, states_of(job), s, 0, weights, tolerance, e);
+#endif
 }
 
-static int correct_sensitivities(cotree_job *job, const cotree_system *s, const double *weights,
-                                 double tolerance, double *e)
+COTREE_PRIVATE int cotree_bdf_correct_sensitivities(cotree_job *job, const cotree_system *s,
+                                                    const double *weights, double tolerance,
+                                                    double *e)
 {
     cotree_bdf *const c = bdf_of(job);
     double *const moved = vector_of(job, MOVED);
@@ -348,16 +357,16 @@ static int correct_sensitivities(cotree_job *job, const cotree_system *s, const 
     if (c->is_fresh && c->slowest > QUICK) {
         int status;
         for (i = 0; i < BLOCK(job->model); ++i) moved[i] = s->start[i] + e[i];
-        status = evaluate_jacobian(job, s->t, moved);
-        if (status == 0) status = form_matrix(job, s->shares, 0);
+        status = cotree_bdf_evaluate_jacobian(job, s->t, moved);
+        if (status == 0) status = cotree_bdf_form_matrix(job, s->shares, 0);
         if (status != 0) return status;
     }
     return iterate(job, all_of(job), s, 1, weights, tolerance, e);
 }
 
 /* Moves what was found onto the constraints. */
-static int hold(cotree_job *job, cotree_run *run, const cotree_system *s, const double *weights,
-                double *e)
+COTREE_PRIVATE int cotree_bdf_hold(cotree_job *job, cotree_run *run, const cotree_system *s,
+                                   const double *weights, double *e)
 {
     double *const moved = vector_of(job, MOVED);
     const double known = run->correction;
@@ -366,11 +375,11 @@ static int hold(cotree_job *job, cotree_run *run, const cotree_system *s, const 
     int i;
     if (!is_constrained(job)) return 0;
     for (i = 0; i < n; ++i) moved[i] = s->start[i] + e[i];
-{% if method == "ida" %}
+#if COTREE_IDA
     if (cotree_run_project_packed(run, s->t, moved) != 0) return NOT_CONVERGED;
-{% else %}
+#else
     if (cotree_run_project(s->t, moved, run) != 0) return NOT_CONVERGED;
-{% endif %}
+#endif
     for (i = 0; i < n; ++i) {
         const double change = moved[i] - s->start[i] - e[i];
         const double share = weights == NULL ? 0.0 : change * weights[i];
@@ -386,24 +395,24 @@ static int hold(cotree_job *job, cotree_run *run, const cotree_system *s, const 
 static int correct_all(cotree_job *job, const cotree_system *s, const double *weights,
                        double tolerance, double *e)
 {
-{% if has_correctors %}
+#if COTREE_SENSITIVITIES
     const int status = correct_states(job, s, weights, tolerance, e);
-{% else %}
+#else
     int status = correct_states(job, s, weights, tolerance, e);
     if (status == 0 && job->has_sensitivities) {
-        status = correct_sensitivities(job, s, weights, tolerance, e);
+        status = cotree_bdf_correct_sensitivities(job, s, weights, tolerance, e);
     }
-{% endif %}
-    return status != 0 ? status : hold(job, solved_of(job), s, weights, e);
+#endif
+    return status != 0 ? status : cotree_bdf_hold(job, solved_of(job), s, weights, e);
 }
 
-static void set_zero(double *e, int n)
+COTREE_PRIVATE void cotree_bdf_set_zero(double *e, int n)
 {
     int i;
     for (i = 0; i < n; ++i) e[i] = 0.0;
 }
 
-{% if method == "ida" %}
+#if COTREE_IDA
 /* Begins with the algebraic unknowns that solve their equations at the predicted states: their own
  * prediction leads nowhere where junctions begin to conduct. */
 static int approach(cotree_job *job, const cotree_system *s, const double *weights,
@@ -416,38 +425,43 @@ static int approach(cotree_job *job, const cotree_system *s, const double *weigh
     cotree_run_narrow(run, job->t, cotree_engine_of(job)->w, w); /* its unknowns are guesses */
     for (i = 0; i < run->n_rates; ++i) w[i] = s->start[i];
     if (cotree_run_complete(run, s->t, w) != 0) return NOT_CONVERGED;
-    set_zero(e, n);
+    cotree_bdf_set_zero(e, n);
     for (i = 0; i < run->n_full; ++i) {
         moved[i] = run->full[i];
         e[i] = moved[i] - s->start[i];
     }
-    status = evaluate_jacobian(job, s->t, moved);
-    if (status == 0) status = form_matrix(job, s->shares, 0);
+    status = cotree_bdf_evaluate_jacobian(job, s->t, moved);
+    if (status == 0) status = cotree_bdf_form_matrix(job, s->shares, 0);
     return status != 0 ? status : correct_all(job, s, weights, tolerance, e);
 }
 
-{% endif %}
+#endif
 /* Solves a system; with an older matrix, and where that does not get there, with one of its own. */
-static int solve_system(cotree_job *job, const cotree_system *s, const double *weights,
-                        double tolerance, double *e)
+COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system *s,
+                                           const double *weights, double tolerance, double *e)
 {
     cotree_bdf *const c = bdf_of(job);
+#if COTREE_IDA
+    const int is_tightened = !c->is_fresh;
+#else
+    const int is_tightened = !c->is_fresh && job->has_sensitivities;
+#endif
     int is_fresh = 0;
-    int status = prepare_matrix(job, s, c->step_of_solution == job->n_steps, &is_fresh);
-    if ({{ 'job->has_sensitivities && ' if method == 'cvode' }}!c->is_fresh) tolerance *= SHARE;
+    int status = cotree_bdf_prepare_matrix(job, s, c->step_of_solution == job->n_steps, &is_fresh);
+    if (is_tightened) tolerance *= SHARE;
     c->step_of_solution = job->n_steps;
     if (status == 0) status = correct_all(job, s, weights, tolerance, e);
     if (status > 0 && !is_fresh) {
         c->has_failed = fabs(1.0 / moved_shares(job, s) - 1.0) < NEAR_SHARES;
-        set_zero(e, length_of(job, solved_of(job)));
-        status = prepare_matrix(job, s, 1, &is_fresh);
+        cotree_bdf_set_zero(e, length_of(job, solved_of(job)));
+        status = cotree_bdf_prepare_matrix(job, s, 1, &is_fresh);
         if (status == 0) status = correct_all(job, s, weights, tolerance, e);
     }
-{% if method == "ida" %}
+#if COTREE_IDA
     if (status > 0 && job->model->n_algebraic > 0) {
         status = approach(job, s, weights, tolerance, e);
     }
-{% endif %}
+#endif
     c->has_failed = status != 0;
     return status;
 }
@@ -465,7 +479,7 @@ static int solver_take_system(void *solver, void *system)
 }
 
 /* Makes a solver of SUNDIALS that solves so; NULL where there is no memory. */
-static void *make_solver(cotree_job *job, cotree_solve solve)
+COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
 {
     const cotree_bdf *const c = bdf_of(job);
     cotree_solver *const solver = (cotree_solver *)c->sundials->SUNNonlinSolNewEmpty(c->context);
@@ -477,28 +491,29 @@ static void *make_solver(cotree_job *job, cotree_solve solve)
     return solver;
 }
 
-/* Puts into a system what a step knows of the states{{ ", and where it has no vectors of its own, of the sensitivities" if not has_correctors }}. */
-static int read_system(const cotree_job *job, void *integrator, cotree_system *system)
+/* Puts into a system what a step knows of the states, and where they have no vectors of
+ * their own, of the sensitivities. */
+COTREE_PRIVATE int cotree_bdf_read_system(const cotree_job *job, void *integrator,
+                                          cotree_system *system)
 {
     const cotree_sundials *const s = bdf_of(job)->sundials;
     void *predicted, *slopes, *now, *data;
-{% if method == "cvode" %}
+#if !COTREE_IDA
     void *rates;
     double gamma;
-    const int flag =
-        s->CVodeGetNonlinearSystemData(integrator, &system->t, &predicted, &now, &rates, &gamma,
-                                       &system->factor, &slopes, &data);
+    const int flag = s->CVodeGetNonlinearSystemData(
+        integrator, &system->t, &predicted, &now, &rates, &gamma, &system->factor, &slopes, &data);
     if (flag != 0) return flag;
     system->shares.of_own = 1.0;
     system->shares.of_rates = gamma;
-{% else %}
+#else
     void *slopes_now, *left;
     const int flag =
         s->IDAGetNonlinearSystemData(integrator, &system->t, &predicted, &slopes, &now, &slopes_now,
                                      &left, &system->shares.of_own, &data);
     if (flag != 0) return flag;
     system->factor = system->shares.of_rates = 1.0;
-{% endif %}
+#endif
     system->t = clock_at(job, system->t);
     system->start = s->N_VGetArrayPointer(predicted);
     system->slopes = s->N_VGetArrayPointer(slopes);

@@ -1,3 +1,14 @@
+/* cotree_sundials_start.c: slopes and the first step that IDA begins with.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_sundials_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+
+#if COTREE_IDA
+
 /* The first step, in which the first formula's estimated error is this share of the tolerance. */
 #define FIRST_ERROR 0.01
 
@@ -23,7 +34,7 @@ static int look_ahead(cotree_job *job, double time)
     double *const moved = vector_of(job, MOVED);
     int i;
     for (i = 0; i < job->n; ++i) moved[i] = vector_of(job, Y)[i] + time * vector_of(job, SLOPES)[i];
-    return evaluate(job, all_of(job), job->t + time, moved, vector_of(job, RATES));
+    return cotree_bdf_evaluate(job, all_of(job), job->t + time, moved, vector_of(job, RATES));
 }
 
 /* Solves for the slopes of algebraic unknowns in some blocks: what changes of the residuals along
@@ -39,7 +50,7 @@ static void add_slopes(cotree_job *job, double time, int first, int last)
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
             step[i] = kinds[i] > 0.0 ? 0.0 : (rates[i] - before[i]) / time;
         }
-        solve_block(job, 1.0, block, step);
+        cotree_bdf_solve_block(job, 1.0, block, step);
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
             if (!(kinds[i] > 0.0) && fabs(step[i]) <= DBL_MAX) vector_of(job, SLOPES)[i] = step[i];
         }
@@ -49,7 +60,8 @@ static void add_slopes(cotree_job *job, double time, int first, int last)
 /* Tells how long a first step may be, from how the rates change. */
 static double first_step(const cotree_job *job, double time)
 {
-    const double *const y = vector_of(job, Y), *const before = vector_of(job, BETWEEN), *const after = vector_of(job, RATES);
+    const double *const y = vector_of(job, Y), *const before = vector_of(job, BETWEEN),
+                        *const after = vector_of(job, RATES);
     const double length = fabs(job->corners[job->corner + 1] - job->t);
     double sum = 0.0, slope = 0.0, steepest;
     int i;
@@ -65,14 +77,15 @@ static double first_step(const cotree_job *job, double time)
 }
 
 /* Finds the slopes of a start, those of algebraic unknowns, too, and a first step. */
-static int find_slopes(cotree_job *job, double *step)
+COTREE_PRIVATE int cotree_bdf_find_slopes(cotree_job *job, double *step)
 {
-    const int n_rates = job->model->n_states - job->model->n_algebraic, block = job->model->n_states;
+    const int n_rates = job->model->n_states - job->model->n_algebraic,
+              block = job->model->n_states;
     const int n_blocks = all_of(job)->n_blocks;
     const cotree_shares ones = {1.0, 1.0};
     double *const before = vector_of(job, BETWEEN);
     double time;
-    int i, status = evaluate(job, all_of(job), job->t, vector_of(job, Y), before);
+    int i, status = cotree_bdf_evaluate(job, all_of(job), job->t, vector_of(job, Y), before);
     if (status != 0) return COTREE_CANNOT_START;
     for (i = 0; i < job->n; ++i) {
         const int has_rate = bdf_of(job)->rows[i] < n_rates;
@@ -80,8 +93,8 @@ static int find_slopes(cotree_job *job, double *step)
         vector_of(job, SLOPES)[i] = has_rate ? before[i] : 0.0;
     }
     time = cotree_job_ahead(job) * small_time(job);
-    if (n_rates < block && evaluate_jacobian(job, job->t, vector_of(job, Y)) == 0 &&
-        form_matrix(job, ones, 1) == 0) {
+    if (n_rates < block && cotree_bdf_evaluate_jacobian(job, job->t, vector_of(job, Y)) == 0 &&
+        cotree_bdf_form_matrix(job, ones, 1) == 0) {
         if (look_ahead(job, time) == 0) add_slopes(job, time, 0, 1);
         time = cotree_job_ahead(job) * small_time(job);
         if (n_blocks > 1 && look_ahead(job, time) == 0) add_slopes(job, time, 1, n_blocks);
@@ -89,7 +102,10 @@ static int find_slopes(cotree_job *job, double *step)
     bdf_of(job)->has_matrix = 0;
     time = cotree_job_ahead(job) * small_time(job);
     *step = 0.0;
-    if (look_ahead(job, time) == 0) *step = cotree_job_ahead(job) * fmax(first_step(job, time), fabs(time));
+    if (look_ahead(job, time) == 0)
+        *step = cotree_job_ahead(job) * fmax(first_step(job, time), fabs(time));
     job->entry = -1;
     return 0;
 }
+
+#endif

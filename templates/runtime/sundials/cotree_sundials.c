@@ -1,0 +1,551 @@
+/* cotree_sundials.c: steps of a job that SUNDIALS takes by backward differentiation formulas:
+ * CVODE, with algebraic unknowns solved for at each evaluation; IDA, for states and algebraic
+ * unknowns together. These are outside IDA's error test, and solved for wherever a point is kept.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_sundials_internal.h"
+
+#include "cotree_limits.h"
+
+#include <float.h>
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+/* A rounding of t below this share of the relative tolerance of a step is not felt. */
+#define FINE 1e-2
+
+/* Notes which state each place of a vector belongs to, and where blocks begin. */
+static void find_blocks(const cotree_job *job)
+{
+    const cotree_model *const model = job->model;
+    const cotree_bdf *const c = bdf_of(job);
+    int i, j, n = BLOCK(model);
+    c->firsts[0] = 0;
+    c->firsts[1] = n;
+    for (i = 0; i < n; ++i) c->rows[i] = i;
+    for (j = 1; j < n_blocks_of(job); ++j) {
+        for (i = model->sensitivity_starts[j - 1]; i < model->sensitivity_starts[j]; ++i) {
+            if (model->sensitivity_rows[i] < BLOCK(model))
+                c->rows[n++] = model->sensitivity_rows[i];
+        }
+        c->firsts[j + 1] = n;
+    }
+}
+
+static double *take_many(cotree_room *room, size_t n)
+{
+    return (double *)cotree_take(room, n * sizeof(double), NULL);
+}
+
+static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
+{
+    const cotree_sundials_aid *const aid = (const cotree_sundials_aid *)job->aid;
+    const int n_states = BLOCK(job->model), has_sensitivities = job->has_sensitivities;
+    cotree_bdf spare, *const c = (cotree_bdf *)cotree_take(room, sizeof(spare), &spare);
+    int i;
+    memset(c, 0, sizeof(*c));
+    e->own = c;
+    e->run = e->of_states = e->watched =
+        cotree_job_begin_run(job, &e->runs[0], has_sensitivities, room);
+    if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, room);
+    /* What events set may be against the constraints: they need a run that is held to them. */
+    if (job->model->hybrid != NULL) {
+        e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, room);
+    }
+    c->aid = aid;
+    c->sundials = aid->sundials;
+    for (i = 0; i < N_VECTORS; ++i) c->vectors[i] = cotree_take_doubles(room, job->n);
+    c->ordered = cotree_take_doubles(room, n_states);
+    c->jacobian = take_many(room, entries_of_jacobian(job->model));
+    c->trial = take_many(room, entries_of_jacobian(job->model));
+    c->entries = take_many(room, cotree_lu_doubles(n_states, aid->lower, aid->upper));
+    c->matrix = cotree_lu_of(n_states, aid->lower, aid->upper, c->entries,
+                             cotree_take_ints(room, n_states));
+    c->rows = cotree_take_ints(room, job->n);
+    c->firsts = cotree_take_ints(room, n_blocks_of(job) + 1);
+#if COTREE_SENSITIVITIES
+    {
+        const size_t n = (size_t)(N_KINDS * job->model->n_sensitivities);
+        c->apart = take_many(room, n * (size_t)n_states);
+        c->pointers = (void **)cotree_take(room, n * sizeof(void *), NULL);
+        for (i = 0; (size_t)i < n && c->pointers != NULL; ++i) c->pointers[i] = NULL;
+    }
+#endif
+}
+
+COTREE_PRIVATE int cotree_bdf_first_not_finite(const double *values, int n)
+{
+    double sum = 0.0;
+    int i;
+    for (i = 0; i < n; ++i) sum += values[i] * 0.0;
+    if (sum == 0.0) return -1;
+    for (i = 0; i < n - 1; ++i) {
+        if (!(fabs(values[i]) <= DBL_MAX)) break;
+    }
+    return i;
+}
+
+#if COTREE_IDA
+/* Gives the rates of states, and in the places of algebraic unknowns residuals. */
+static int rates_at(cotree_run *run, double t, const double *z, double *dz)
+{
+    const double at = cotree_run_inside(run, t);
+    if (run->model->n_algebraic == 0) return cotree_run_rate(t, z, dz, run);
+    if (cotree_run_is_constrained(run)) {
+        cotree_run_unpack(run, z, run->full);
+        cotree_run_pack(run, cotree_run_held(run, at, run->full), run->step);
+        z = run->step;
+    }
+    return cotree_run_packed_rate(run, at, z, dz);
+}
+#else
+static int rates_at(cotree_run *run, double t, const double *z, double *dz)
+{
+    return cotree_run_rate(t, z, dz, run);
+}
+#endif
+
+/* Evaluates what a run is of. A step is shortened after a positive result. */
+COTREE_PRIVATE int cotree_bdf_evaluate(cotree_job *job, cotree_run *run, double t, const double *z,
+                                       double *dz)
+{
+    const int status = rates_at(run, t, z, dz), n = length_of(job, run);
+    int entry;
+    ++job->n_evaluations;
+    job->complaint = status;
+    if (status != 0) return status > 0 ? RATES_AGAIN : RATES_FAIL;
+    entry = cotree_bdf_first_not_finite(dz, n);
+    if (entry < 0) return 0;
+    job->entry = entry;
+    return RATES_AGAIN;
+}
+
+static int solver_solve(void *solver, void *start, void *correction, void *weights,
+                        double tolerance, int is_matrix_old, void *integrator)
+{
+    cotree_job *const job = (cotree_job *)((cotree_solver *)solver)->content;
+    const cotree_sundials *const s = bdf_of(job)->sundials;
+    cotree_system system;
+    (void)is_matrix_old, (void)start;
+    if (cotree_bdf_read_system(job, integrator, &system) != 0) return RATES_FAIL;
+#if COTREE_SIMULTANEOUS
+    if (is_together(job)) {
+        if (cotree_bdf_gather_system(job, integrator) != 0) return RATES_FAIL;
+        return cotree_bdf_solve_together(job, &system, weights, tolerance, correction);
+    }
+#endif
+#if COTREE_SENSITIVITIES
+    return cotree_bdf_solve_states(job, &system, s->N_VGetArrayPointer(weights), tolerance,
+                                   s->N_VGetArrayPointer(correction));
+#else
+    return cotree_bdf_solve_system(job, &system, s->N_VGetArrayPointer(weights), tolerance,
+                                   s->N_VGetArrayPointer(correction));
+#endif
+}
+
+#if !COTREE_IDA
+static int rate(double since, void *y, void *dy, void *data)
+{
+    cotree_job *const job = (cotree_job *)data;
+    const cotree_sundials *const s = bdf_of(job)->sundials;
+    const double t = clock_at(job, since);
+#if COTREE_SENSITIVITIES
+    /* CVODES asks for them in case the sensitivities' rates are evaluated with them. */
+    const int is_known = bdf_of(job)->has_rates_next && bdf_of(job)->time_of_rates == t;
+    bdf_of(job)->has_rates_next = 0;
+    if (is_known) return 0;
+#endif
+    return cotree_bdf_evaluate(job, own_run_of(job), t, s->N_VGetArrayPointer(y),
+                               s->N_VGetArrayPointer(dy));
+}
+
+#else
+/* The nonlinear solver evaluates the residuals. IDAS asks for them in case the sensitivities'
+ * residuals are evaluated with them, IDA does not ask. */
+static int residual(double since, void *y, void *dy, void *left, void *data)
+{
+#if COTREE_SENSITIVITIES
+    cotree_job *const job = (cotree_job *)data;
+    const int is_known =
+        bdf_of(job)->has_rates_next && bdf_of(job)->time_of_rates == clock_at(job, since);
+    (void)y, (void)dy, (void)left;
+    bdf_of(job)->has_rates_next = 0;
+    return is_known ? 0 : RATES_FAIL;
+#else
+    (void)since, (void)y, (void)dy, (void)left, (void)data;
+    return RATES_FAIL;
+#endif
+}
+
+#endif
+/* Names what a flag says. Those of our own are positive. */
+static int status_of(cotree_job *job, int flag)
+{
+    if (flag >= 0) return flag;
+    job->flag = flag;
+#if !COTREE_IDA
+    if (flag == NO_CONVERGENCE && (job->complaint > 0 || job->entry >= 0 || job->row >= 0)) {
+        return COTREE_RATE_FAILED; /* at each length of the step */
+    }
+#endif
+    switch (flag) {
+    case -2:
+        return COTREE_TOO_TIGHT;
+    case -3:
+        return COTREE_ERROR_TEST_FAILED;
+    case -4:
+        return COTREE_NOT_CONVERGED;
+    case -8:
+        return COTREE_RATE_STOPPED;
+#if COTREE_IDA
+    case -9:
+        return COTREE_RATE_FAILED;
+    case -12:
+        return COTREE_CANNOT_START;
+    case -42:
+        return COTREE_SENSITIVITIES_FAILED;
+#else
+    case -9:
+        return COTREE_CANNOT_START;
+    case -10:
+    case -11:
+        return COTREE_RATE_FAILED;
+    case -41:
+    case -42:
+    case -43:
+    case -44:
+        return COTREE_SENSITIVITIES_FAILED;
+#endif
+    default:
+        return COTREE_FLAGGED;
+    }
+}
+
+/* Makes the integrator of SUNDIALS. */
+static int make_integrator(cotree_job *job)
+{
+    cotree_bdf *const c = bdf_of(job);
+    const cotree_sundials *const s = c->sundials;
+    int flag;
+#if !COTREE_IDA
+    c->integrator = s->CVodeCreate(BDF, c->context);
+    if (c->integrator == NULL) return COTREE_NO_MEMORY;
+    flag = s->CVodeInit(c->integrator, rate, 0.0, c->y);
+#else
+    c->integrator = s->IDACreate(c->context);
+    if (c->integrator == NULL) return COTREE_NO_MEMORY;
+    flag = s->IDAInit(c->integrator, residual, 0.0, c->y, c->slopes);
+#endif
+    if (flag == 0) flag = c->sundials->OF(SetUserData)(c->integrator, job);
+    if (flag == 0) flag = c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->atols);
+#if COTREE_SENSITIVITIES
+    if (flag == 0) flag = cotree_bdf_start_sensitivities(job);
+#else
+    if (flag == 0) flag = c->sundials->OF(SetNonlinearSolver)(c->integrator, c->solver);
+#endif
+#if !COTREE_IDA
+    if (flag == 0) flag = s->CVodeSetMaxHnilWarns(c->integrator, -1);
+#else
+    if (flag == 0 && job->model->n_algebraic > 0) {
+        flag = s->IDASetId(c->integrator, c->kinds);
+        if (flag == 0) flag = s->IDASetSuppressAlg(c->integrator, 1);
+    }
+#endif
+    if (flag == 0 && job->max_step < DBL_MAX)
+        flag = c->sundials->OF(SetMaxStep)(c->integrator, job->max_step);
+    return flag;
+}
+
+/* Makes what it needs: vectors and the solver. */
+static int make_parts(cotree_job *job)
+{
+    cotree_bdf *const c = bdf_of(job);
+    const cotree_sundials *const s = c->sundials;
+    if (s->SUNContext_Create(0, &c->context) != 0) return COTREE_NO_MEMORY;
+    s->SUNContext_ClearErrHandlers(c->context); /* they print */
+    c->y = s->N_VMake_Serial(VECTOR(job), vector_of(job, Y), c->context);
+    c->slopes = s->N_VMake_Serial(VECTOR(job), vector_of(job, SLOPES), c->context);
+    c->between = s->N_VMake_Serial(VECTOR(job), vector_of(job, BETWEEN), c->context);
+    c->kinds = s->N_VMake_Serial(VECTOR(job), vector_of(job, KINDS), c->context);
+    c->atols = s->N_VMake_Serial(VECTOR(job), (double *)job->atols, c->context);
+    c->solver = cotree_bdf_make_solver(job, solver_solve);
+    if (c->y == NULL || c->slopes == NULL || c->between == NULL || c->kinds == NULL ||
+        c->atols == NULL || c->solver == NULL) {
+        return COTREE_NO_MEMORY;
+    }
+#if COTREE_SENSITIVITIES
+    if (job->has_sensitivities && cotree_bdf_make_sensitivities(job) != 0) return COTREE_NO_MEMORY;
+#endif
+    return COTREE_OK;
+}
+
+/* Frees what was made; harmless where nothing was. */
+static void close(cotree_job *job)
+{
+    cotree_bdf *const c = bdf_of(job);
+    size_t i;
+    if (c == NULL) return; /* it never began */
+    if (c->integrator != NULL) c->sundials->OF(Free)(&c->integrator);
+    if (c->solver != NULL) c->sundials->SUNNonlinSolFreeEmpty(c->solver);
+#if COTREE_SENSITIVITIES
+    cotree_bdf_free_sensitivities(job);
+#endif
+    {
+        void **const vectors[] = {&c->y, &c->slopes, &c->between, &c->kinds, &c->atols};
+        for (i = 0; i < sizeof(vectors) / sizeof(vectors[0]); ++i) {
+            if (*vectors[i] != NULL) c->sundials->N_VDestroy(*vectors[i]);
+            *vectors[i] = NULL;
+        }
+    }
+    if (c->context != NULL) c->sundials->SUNContext_Free(&c->context);
+    c->integrator = c->solver = c->context = NULL;
+}
+
+/* Begins at the values that are there, for the first time or anew. */
+static int start(cotree_job *job, double end)
+{
+    cotree_bdf *const c = bdf_of(job);
+    const cotree_sundials *const s = c->sundials;
+    const int is_first = c->context == NULL;
+    int flag = is_first ? make_parts(job) : 0;
+#if COTREE_IDA
+    double length = 0.0;
+    if (flag == 0) flag = cotree_bdf_find_slopes(job, &length);
+#endif
+    if (flag == 0 && is_first) flag = make_integrator(job);
+    if (flag == 0 && !is_first) {
+#if COTREE_IDA
+        flag = s->IDAReInit(c->integrator, 0.0, c->y, c->slopes);
+#else
+        flag = s->CVodeReInit(c->integrator, 0.0, c->y);
+#endif
+#if COTREE_SENSITIVITIES
+        if (flag == 0) flag = cotree_bdf_restart_sensitivities(job);
+#endif
+    }
+#if COTREE_IDA
+    if (flag == 0) flag = c->sundials->OF(SetInitStep)(c->integrator, length);
+#endif
+    return flag != 0
+               ? flag
+               : c->sundials->OF(SetStopTime)(c->integrator, end - cotree_engine_of(job)->origin);
+}
+
+static int take_step(const cotree_job *job, double end, double *t)
+{
+    const cotree_bdf *const c = bdf_of(job);
+#if !COTREE_IDA
+    const int flag = c->sundials->CVode(c->integrator, end, c->y, t, ONE_STEP);
+#else
+    const int flag = c->sundials->IDASolve(c->integrator, end, t, c->y, c->slopes, ONE_STEP);
+#endif
+#if COTREE_SENSITIVITIES
+    return flag < 0 ? flag : cotree_bdf_read_sensitivities(job);
+#else
+    return flag;
+#endif
+}
+
+static int read_between(const cotree_job *job, double t)
+{
+    const cotree_bdf *const c = bdf_of(job);
+    const double low = fmin(c->passed, c->reached), high = fmax(c->passed, c->reached);
+    const double since = fmin(fmax(t - cotree_engine_of(job)->origin, low), high);
+    const int flag = c->sundials->OF(GetDky)(c->integrator, since, 0, c->between);
+#if COTREE_SENSITIVITIES
+    return flag != 0 ? flag : cotree_bdf_read_sensitivities_between(job, since);
+#else
+    return flag;
+#endif
+}
+
+static int complete(cotree_job *job, double t, double *w, int is_exact)
+{
+    cotree_run *const run = all_of(job);
+    int i;
+#if COTREE_IDA
+    double *const z = w;
+    w = vector_of(job, STEP);
+    cotree_run_unpack(run, z, run->full);
+    cotree_run_narrow(run, t, run->full, w); /* with the unknowns there as a guess */
+#endif
+    /* A projection ends with a small correction, whose square times speeds is left: another one. */
+    for (i = is_exact ? 1 : 0; i < 2 && is_constrained(job); ++i) {
+        if (cotree_run_project(t, w, run) != 0) return COTREE_NOT_PROJECTED;
+    }
+#if COTREE_IDA
+    if (cotree_run_complete(run, t, w) == 0) return 0;
+    /* Polynomials of voltages go anywhere where junctions begin to conduct. */
+    cotree_run_unpack(run, cotree_engine_of(job)->w, run->full);
+    cotree_run_narrow(run, job->t, run->full, vector_of(job, MOVED));
+#endif
+    return cotree_run_find(run, t, w) != 0 ? COTREE_NOT_SOLVED : COTREE_OK;
+}
+
+/* Tells whether the end of the last step is too far from its time as rounded to stand for it. */
+static int is_felt(const cotree_job *job)
+{
+    const cotree_bdf *const c = bdf_of(job);
+    const double rounding = job->t - cotree_engine_of(job)->origin - c->reached;
+    return fabs(rounding) > FINE * job->rtol * fabs(c->reached - c->passed);
+}
+
+/* The polynomials that it steps with are as accurate as the steps. */
+static int between(cotree_job *job, double t, int is_careful, double **w, int *is_exact)
+{
+    (void)is_careful;
+    *is_exact = bdf_of(job)->is_idle || (t == job->t && !is_felt(job));
+    *w = *is_exact ? cotree_engine_of(job)->w : vector_of(job, BETWEEN);
+    return *is_exact ? COTREE_OK : status_of(job, read_between(job, t));
+}
+
+static double known(const cotree_job *job, int is_last)
+{
+    (void)is_last;
+    return job->t;
+}
+
+/* Up to this many multiplications of a factorisation, sensitivities are worth fresh matrices: they
+ * save a quarter of the steps with HIRES and Robertson's reactions, and every third evaluation. */
+#define FEW_MULTIPLICATIONS 8000.0
+
+#if COTREE_IDA
+/* The same where there are algebraic unknowns. */
+#define MANY_MULTIPLICATIONS 3e7
+#endif
+
+/* Tells whether each step should have matrices of its own: what is factorised quickly is worth its
+ * accuracy: with CVODE where sensitivities follow; with IDA where junctions, too, change by orders
+ * within a step. */
+static int wants_fresh_matrices(const cotree_job *job)
+{
+    const cotree_sundials_aid *const aid = bdf_of(job)->aid;
+    const double n = BLOCK(job->model), lower = aid->lower, upper = aid->upper;
+    const double multiplications = n * lower * (lower + upper);
+#if !COTREE_IDA
+    return job->has_sensitivities && multiplications <= FEW_MULTIPLICATIONS;
+#else
+    const int has_algebraic = job->model->n_algebraic > 0;
+    return multiplications <= (has_algebraic ? MANY_MULTIPLICATIONS : FEW_MULTIPLICATIONS);
+#endif
+}
+
+static void open(cotree_job *job)
+{
+    cotree_engine *const e = cotree_engine_of(job);
+    double *const w = vector_of(job, STEP);
+    find_blocks(job);
+    bdf_of(job)->is_fresh = wants_fresh_matrices(job);
+#if COTREE_SIMULTANEOUS
+    if (is_together(job)) bdf_of(job)->is_fresh = 0;
+#endif
+    /* Steps end on the constraints, which their rates need not, unless these depend on each other.
+     */
+    e->run->is_held = e->run->is_strict = job->is_held && job->is_strict;
+    e->of_states->is_held = e->of_states->is_strict = e->run->is_held;
+    if (e->watched != e->run) {
+        e->watched->is_strict = job->is_strict;
+        e->watched->rtol = job->rtol;
+        cotree_run_narrow(e->watched, job->t, job->z, w);
+    }
+    if (e->of_states != e->run) cotree_run_narrow(e->of_states, job->t, job->z, w);
+#if !COTREE_IDA
+    cotree_run_narrow(e->run, job->t, job->z, e->w);
+#else
+    cotree_run_narrow(e->run, job->t, job->z, w);
+    cotree_run_pack(e->run, job->z, e->w);
+#endif
+}
+
+/* A segment of rounding below this share of the span is not integrated. */
+#define NEGLIGIBLE 1e-9
+
+static int is_rounding(const cotree_job *job, double length, double t)
+{
+    const double distance = fabs(t - cotree_engine_of(job)->origin);
+    return fabs(length) <= COTREE_STALL_SPACINGS * DBL_EPSILON * distance;
+}
+
+static int is_negligible(const cotree_job *job, double length)
+{
+    const double span = job->corners[job->n_corners - 1] - job->corners[0];
+    return fabs(length) <= COTREE_STALL_SPACINGS * DBL_EPSILON * fabs(job->t) &&
+           fabs(length) <= NEGLIGIBLE * fabs(span);
+}
+
+/* Begins anew: inputs may have jumped, or an event have changed the states. */
+static int begin(cotree_job *job)
+{
+    cotree_engine *const e = cotree_engine_of(job);
+    cotree_bdf *const c = bdf_of(job);
+    double *const y = vector_of(job, Y);
+    const double end = job->corners[job->corner + 1];
+    int i, status;
+    c->has_jacobian = c->has_matrix = c->has_failed = 0;
+    c->step_of_solution = -1;
+    c->bend = 1.0;
+    if (e->watched != e->run && job->model->n_algebraic > 0) { /* guesses of the last event */
+        cotree_run_narrow(e->of_states, job->t, e->watched->full, vector_of(job, STEP));
+        cotree_run_narrow(e->run, job->t, e->watched->full, vector_of(job, STEP));
+    }
+    status = complete(job, e->is_helped ? cotree_run_inside(e->run, job->t) : job->t, e->w, 0);
+    if (status != COTREE_OK) return status;
+#if !COTREE_IDA
+    cotree_run_leave_out(e->run, e->run->full, y);
+#else
+    cotree_run_pack(e->run, e->run->full, y);
+#endif
+    for (i = 0; i < job->n; ++i) e->w[i] = y[i];
+    c->is_idle = is_negligible(job, end - job->t);
+    if (c->is_idle) return COTREE_OK;
+    e->origin = job->t;
+    c->passed = c->reached = 0.0;
+    return status_of(job, start(job, end));
+}
+
+/* Lets SUNDIALS take one step; one of rounding goes by without it. */
+static int step(cotree_job *job, double end)
+{
+    cotree_engine *const e = cotree_engine_of(job);
+    cotree_bdf *const c = bdf_of(job);
+    const double *const y = vector_of(job, Y);
+    const double whole = end - e->origin;
+    double since = c->reached, t = end;
+    int i;
+    if (!c->is_idle && !is_rounding(job, end - job->t, end)) {
+        const int flag = take_step(job, whole, &since);
+        c->passed = c->reached;
+        c->reached = since;
+        if (flag < 0) return status_of(job, flag);
+        if (since != whole) {
+            t = clock_at(job, since);
+            /* Rounding neither arrives nor goes beyond what is known. */
+            if (fabs(t - e->origin) > fabs(since) || t == end) t = nextafter(t, e->origin);
+        }
+    }
+    if (cotree_bdf_first_not_finite(y, job->n) >= 0) return COTREE_NOT_FINITE;
+    job->t = t;
+    for (i = 0; i < job->n; ++i) e->w[i] = y[i];
+    return COTREE_OK;
+}
+
+static const cotree_stepper stepper = {lay_out, open, begin,    step, known,
+                                       between, NULL, complete, NULL, close};
+
+#if COTREE_IDA
+#if COTREE_SENSITIVITIES
+const cotree_stepper *cotree_idas_stepper(void)
+#else
+const cotree_stepper *cotree_ida_stepper(void)
+#endif
+#else
+#if COTREE_SENSITIVITIES
+const cotree_stepper *cotree_cvodes_stepper(void)
+#else
+const cotree_stepper *cotree_cvode_stepper(void)
+#endif
+#endif
+{
+    return &stepper;
+}
