@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from cotree.program import Layout, Program
 
 
-#: What stands in the place of ``is_jump`` for a corner, see ``cotree_jumps.h``.
-_CORNER = 11
+#: What stands in the place of ``kind`` for a kink, see ``cotree_jumps.h``.
+_KINK = 11
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _hybrid_context(layout: Layout) -> HybridContext:
         for row, place in zip(layout.events, places, strict=False)
     ]
     events += [
-        EventContext(c_string(""), direction, False, _CORNER, False, 0, 0, [], piece, place)
+        EventContext(c_string(""), direction, False, _KINK, False, 0, 0, [], piece, place)
         for (piece, direction), place in zip(
             layout.corners, places[len(layout.events) :], strict=True
         )

@@ -69,9 +69,9 @@ def bind_events(
                 event.is_jump,
                 event.is_jump and any(target in event.when.names for target in event.set),
                 int(event.part),
-                event.part is ModePart.RESTS,
-                event.part is ModePart.LIFTS,
-                event.part is ModePart.STOPS and len(targets) > 2,
+                event.part is ModePart.REBOUND,
+                event.part is ModePart.FORCE,
+                event.part is ModePart.SLIP and len(targets) > 2,
             )
         )
         # The restitution takes one more place after the new values.

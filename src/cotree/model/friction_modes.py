@@ -45,7 +45,7 @@ def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
     ndarray, shape (n_states,)
     """
     settled = y.copy()
-    speeds, grips = _speeds(at, y), _values(at, y, ModePart.GRIP)
+    speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
     states = at.model.states
     for place, speed in speeds.items():
         if states[place] in fixed:
@@ -71,7 +71,7 @@ def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
     given : collection of str
         Modes that stay.
     """
-    if not any(row.part == ModePart.STOPS for row in at.model.layout.events):
+    if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
         return y
     y = settle_friction(at, y, given)
     try:
@@ -82,7 +82,7 @@ def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
 
 def without_sticking(at: Moment, y: Array) -> Array | None:
     """Return a point at which all that sticks slides forwards; None where nothing sticks."""
-    modes = [row.targets[0] for row in at.model.layout.events if row.part == ModePart.STOPS]
+    modes = [row.targets[0] for row in at.model.layout.events if row.part == ModePart.SLIP]
     stuck = [mode for mode in modes if y[mode] == _STUCK]
     if not stuck:
         return None
@@ -107,7 +107,7 @@ def check_friction(at: Moment, y: Array) -> None:
                 f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and "
                 "-1 where it slides, 2 where nothing presses it together"
             )
-        grip = _values(at, y, ModePart.GRIP).get(place, 1.0)
+        grip = _values(at, y, ModePart.ENGAGED).get(place, 1.0)
         if (grip > 0.0) == (mode == _FREE):
             raise _refused(edge, mode, f"its faces would rub with {grip:.6g}")
         if mode == _FREE:
@@ -118,7 +118,7 @@ def check_friction(at: Moment, y: Array) -> None:
             raise _refused(edge, mode, f"its speed is {speed:.6g}")
         ways = [
             _values(at, y, part).get(place, np.inf)
-            for part in (ModePart.FORWARD, ModePart.BACKWARD)
+            for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
         ]
         # The sum is the distance of both limits from each other.
         width = sum(abs(way) for way in ways if np.isfinite(way))
@@ -158,7 +158,7 @@ def _speeds(at: Moment, y: Array) -> dict[int, float]:
     """Evaluate the relative speed of each edge, by the place of its mode."""
     moving = y.copy()
     for row in at.model.layout.events:
-        if row.part == ModePart.STOPS:
+        if row.part == ModePart.SLIP:
             # Its event looks at the speed times the mode.
             moving[row.targets[0]] = 1.0
-    return _values(at, moving, ModePart.STOPS)
+    return _values(at, moving, ModePart.SLIP)

@@ -48,16 +48,16 @@ class Mode:
 class ModePart(IntEnum):
     """Roles of events whose modes are chosen together, numbered as in ``cotree_jumps.h``."""
 
-    NONE = 0  # it is no such event
-    STOPS = 2  # the relative speed, with the sign of the mode
-    FORWARD = 3  # what is left of the force to its limit forwards
-    BACKWARD = 4  # and backwards
-    GRIP = 5  # what is positive while it is engaged
-    LOAD = 6  # what the laws of sliding change their form with, with the sign that they assume
-    UPPER_GAP = 7  # what is left to the upper limit of a rigid stop
-    LOWER_GAP = 8  # and to the lower one
-    LIFTS = 9  # the force of a stop that holds, positive away from its limit
-    RESTS = 10  # in an impact, the speed after it beyond that at which it rests
+    NONE = 0  # no mode is chosen by it
+    SLIP = 2  # slip rate with the sign of the mode
+    FORWARD_LIMIT = 3  # distance of the friction force to its forward limit
+    BACKWARD_LIMIT = 4  # and to its backward limit
+    ENGAGED = 5  # positive while a clutch is engaged
+    LOAD = 6  # load with the sign that the laws of its losses assume
+    UPPER_GAP = 7  # gap of a rigid stop at its upper limit
+    LOWER_GAP = 8  # and at its lower limit
+    FORCE = 9  # contact force of a closed stop, positive away from its limit
+    REBOUND = 10  # rebound speed in excess of the rest threshold
 
 
 @dataclass(frozen=True)

@@ -102,14 +102,14 @@ def _events(port: Port, mode: str) -> list[Event]:
     if friction.grip is not None:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
     rows = [
-        ("stops", f"{direction}*{speed}", -1, ModePart.STOPS),
-        ("slips forwards", f"{stuck}*({name}.upper - {force})", -1, ModePart.FORWARD),
+        ("stops", f"{direction}*{speed}", -1, ModePart.SLIP),
+        ("slips forwards", f"{stuck}*({name}.upper - {force})", -1, ModePart.FORWARD_LIMIT),
     ]
     if friction.lower is not None:
         text = f"{stuck}*({force} - {name}.lower)"
-        rows.append(("slips backwards", text, -1, ModePart.BACKWARD))
+        rows.append(("slips backwards", text, -1, ModePart.BACKWARD_LIMIT))
     if friction.grip is not None:
-        rows.append(("engages", f"{name}.grip", 0, ModePart.GRIP))
+        rows.append(("engages", f"{name}.grip", 0, ModePart.ENGAGED))
     if friction.load is not None:
         # While it sticks, no law of sliding takes part.
         text = f"{mode}**2*{side_name(port.edge.name)}*{name}.load"

@@ -129,9 +129,9 @@ def _stop_rows(port: Port) -> list[_Row]:
         text = f"{free}*{name}.lower_gap"
         rows.append((f"hits{' lower' if sided else ''}", text, ModePart.LOWER_GAP, rebound))
     at_rest = own | {f"{holder}.impulse": f"-{name}.{row.across_symbol}"}
-    rows.append(("rests", f"{struck}*{name}.excess", ModePart.RESTS, at_rest))
+    rows.append(("rests", f"{struck}*{name}.excess", ModePart.REBOUND, at_rest))
     # One and two times the side of the limit, in contact and in an impact, give the side.
-    rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.LIFTS, own))
+    rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.FORCE, own))
     return rows
 
 
@@ -149,17 +149,17 @@ def _pressed_rows(port: Port) -> list[_Row]:
     own = {mode: mode, presser: presser}
     sticks = own | {f"{holder}.impulse": f"-{speed}"}
     return [
-        ("stops", f"{direction}*{speed}", ModePart.STOPS, sticks),
+        ("stops", f"{direction}*{speed}", ModePart.SLIP, sticks),
         (
             "slips forwards",
             f"({stuck} + {struck})*({name}.upper - {force})",
-            ModePart.FORWARD,
+            ModePart.FORWARD_LIMIT,
             own,
         ),
         (
             "slips backwards",
             f"({stuck} + {struck})*({force} - {name}.lower)",
-            ModePart.BACKWARD,
+            ModePart.BACKWARD_LIMIT,
             own,
         ),
     ]

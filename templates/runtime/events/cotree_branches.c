@@ -10,152 +10,155 @@
 /* Corners of the rates: which pieces of absolute values, selections and tables steps hold. */
 
 /* Lets values decide by themselves which piece they are on. */
-void cotree_let_pieces_go(cotree_events *e)
+void cotree_release_branches(cotree_events *e)
 {
     int k;
-    for (k = 0; k < e->n_pieces && e->pieces != NULL; ++k) e->pieces[k] = COTREE_F(0.0);
+    for (k = 0; k < e->n_branches && e->branches != NULL; ++k) e->branches[k] = COTREE_F(0.0);
 }
 
 /* How far from zero a value is at a corner still, as its rate says. */
-static cotree_real reach_of_corner(const cotree_events *e, int i, cotree_real t)
+static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 {
-    return COTREE_FMAX(cotree_least_of(e, i),
+    return COTREE_FMAX(cotree_zero_band(e, i),
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
 /* Lets a step hold the piece on one side of a corner; 0: none. */
-static void hold_piece(cotree_events *e, int i, cotree_real side)
+static void freeze_branch(cotree_events *e, int i, cotree_real side)
 {
     const cotree_event *const row = e->rows + i;
     if (row->direction == 0) {
-        e->side[i] = e->pieces[row->piece] = side;
+        e->side[i] = e->branches[row->branch] = side;
     } else if (side == COTREE_F(0.0)) {
-        e->pieces[row->piece] = COTREE_F(0.0);
+        e->branches[row->branch] = COTREE_F(0.0);
     } else if (side == (cotree_real)row->direction) {
-        e->pieces[row->piece] += side;
+        e->branches[row->branch] += side;
     }
 }
 
 /* Chooses the pieces that the motion goes on to from a point; where it neither moves on nor back,
  * and where it was looked for at this time before, values decide by themselves. */
-int cotree_choose_pieces(cotree_events *e, cotree_real t, const cotree_real *w)
+int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
-    const int is_again = COTREE_FABS(t - e->faced) <= COTREE_F(8.0) * cotree_spacing(t);
+    const int is_again = COTREE_FABS(t - e->branch_time) <= COTREE_F(8.0) * cotree_spacing(t);
     int i, k, is_known = 1, status;
-    if (e->pieces == NULL) return 0;
-    e->faced = t;
-    cotree_let_pieces_go(e);
-    status = cotree_values(e, t, w);
+    if (e->branches == NULL) return 0;
+    e->branch_time = t;
+    cotree_release_branches(e);
+    status = cotree_compute_values(e, t, w);
     if (status == 0) {
-        for (k = 0; k < e->n_pieces; ++k) e->pieces[k] = e->jumps.values[e->n_events + k];
-        status = cotree_rates(e, t, w);
+        for (k = 0; k < e->n_branches; ++k) e->branches[k] = e->jumps.values[e->n_events + k];
+        status = cotree_compute_rates(e, t, w);
     }
     for (i = first; i < e->n_events && status == 0; ++i) {
         const cotree_real g = e->jumps.values[i];
-        e->is_near[i] = COTREE_FABS(g) <= reach_of_corner(e, i, t);
-        if (!e->is_near[i] && e->rows[i].direction == 0) hold_piece(e, i, cotree_sign_of(g));
+        e->is_near[i] = COTREE_FABS(g) <= band_at_kink(e, i, t);
+        if (!e->is_near[i] && e->rows[i].direction == 0) freeze_branch(e, i, cotree_sign_of(g));
     }
     /* Which way a value moves may depend on the pieces of those that it is made of, which come
      * before. */
     for (i = first; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
-        if (!is_known) status = cotree_rates(e, t, w);
+        if (!is_known) status = cotree_compute_rates(e, t, w);
         is_known = 0;
-        hold_piece(e, i, is_again ? COTREE_F(0.0) : cotree_sign_of(e->jumps.rates[i]));
+        freeze_branch(e, i, is_again ? COTREE_F(0.0) : cotree_sign_of(e->jumps.rates[i]));
     }
-    if (status == 0) status = cotree_values(e, t, w);
+    if (status == 0) status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
-    for (k = 0; k < e->n_quantities; ++k) e->quantity_pace[k] = COTREE_INFINITY;
+    for (k = 0; k < e->n_quantities; ++k) e->quantity_mean_rate[k] = COTREE_INFINITY;
     for (i = first; i < e->n_events; ++i) {
         if (e->rows[i].direction != 0) e->side[i] = -(cotree_real)e->rows[i].direction;
-        e->pace[i] = COTREE_INFINITY;
+        e->mean_rate[i] = COTREE_INFINITY;
     }
     return status;
 }
 
 /* Whether nothing but corners was found, and no modes have to be chosen. */
-int cotree_are_corners(const cotree_events *e)
+int cotree_are_only_kinks(const cotree_events *e)
 {
     int i;
     for (i = 0; i < e->n_events; ++i) {
-        if (e->is_found[i] && !cotree_is_corner(e, i)) return 0;
+        if (e->is_found[i] && !cotree_is_kink(e, i)) return 0;
     }
     return e->n_found > 0 && e->n_modes == 0;
 }
 
 /* Goes on to the next pieces, where nothing else happens. */
-int cotree_pass_corners(cotree_events *e, cotree_real t, const cotree_real *w)
+int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i;
     e->n_fired = e->n_found;
-    e->is_shifted = 0;
+    e->is_mode_changed = 0;
     for (i = 0; i < e->n_events; ++i) e->has_fired[i] = e->is_found[i];
-    if (cotree_choose_pieces(e, t, w) != 0) return e->trouble;
+    if (cotree_select_branches(e, t, w) != 0) return e->failure;
     for (i = 0; i < e->n_events; ++i) {
-        e->flight[i] = COTREE_FABS(e->g[i]);
-        if (!cotree_is_corner(e, i) && e->flight[i] > cotree_band(e, i))
+        e->recent_scale[i] = COTREE_FABS(e->g[i]);
+        if (!cotree_is_kink(e, i) && e->recent_scale[i] > cotree_rounding_band(e, i))
             e->side[i] = cotree_sign_of(e->g[i]);
     }
     return 0;
 }
 
 /* Whether a step has left a piece that it held by so little that it goes on, or went on without. */
-int cotree_are_pieces_left(const cotree_events *e, const cotree_real *g)
+int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
 {
     int i;
-    for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->pieces != NULL; ++i) {
+    for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
         /* A table that looks by itself never leaves its piece. */
-        if (e->rows[i].direction != 0 && e->pieces[e->rows[i].piece] == COTREE_F(0.0)) return 1;
-        if (e->side[i] == COTREE_F(0.0) && COTREE_FABS(g[i]) > cotree_least_of(e, i)) return 1;
+        if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
+        if (e->side[i] == COTREE_F(0.0) && COTREE_FABS(g[i]) > cotree_zero_band(e, i)) return 1;
     }
     return 0;
 }
 
 /* Finds the ranges over a step of what is not linear, from where quantities are at both ends and
  * how fast they changed before. */
-static int glance_at_quantities(cotree_events *e)
+static int bound_quantities(cotree_events *e)
 {
     const cotree_real step = e->t_after - e->t_before;
-    int k, status = cotree_values(e, e->t_before, e->start);
-    cotree_copy(e->n_quantities, cotree_quantities_of(e), e->sampled);
-    if (status == 0) status = cotree_values(e, e->t_after, e->end);
+    int k, status = cotree_compute_values(e, e->t_before, e->start);
+    cotree_copy(e->n_quantities, cotree_quantities_of(e), e->quantity_samples);
+    if (status == 0) status = cotree_compute_values(e, e->t_after, e->end);
     for (k = 0; k < e->n_quantities && status == 0; ++k) {
-        const cotree_real a = e->sampled[k], b = cotree_quantities_of(e)[k], change = b - a;
+        const cotree_real a = e->quantity_samples[k], b = cotree_quantities_of(e)[k],
+                          change = b - a;
         const cotree_real bend =
-            COTREE_SCAN_BENT * (COTREE_FABS(change - step * e->quantity_pace[k]) +
+            COTREE_SCAN_BENT * (COTREE_FABS(change - step * e->quantity_mean_rate[k]) +
                                 COTREE_SCAN_UNEVEN * COTREE_FABS(change));
-        cotree_enclose(e, k, COTREE_FMIN(a, b), COTREE_FMAX(a, b), bend);
-        cotree_enclose_rate(e, k, change / step, change / step, bend / step);
-        e->quantity_pace[k] = change / step;
+        cotree_set_bounds(e, k, COTREE_FMIN(a, b), COTREE_FMAX(a, b), bend);
+        cotree_set_rate_bounds(e, k, change / step, change / step, bend / step);
+        e->quantity_mean_rate[k] = change / step;
     }
-    return status == 0 ? cotree_find_ranges(e, e->t_after) : status;
+    return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
 /* Looks at the end of the last step alone: whether it lies so far from all corners that the step,
  * as fast as values change in it and did before, does not reach any. CLOSER: it may. */
-int cotree_glance(cotree_events *e)
+int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);
     int i, is_far = 1;
-    int status = e->n_ranges > 0 ? glance_at_quantities(e) : cotree_values(e, e->t_after, e->end);
+    int status =
+        e->n_ranges > 0 ? bound_quantities(e) : cotree_compute_values(e, e->t_after, e->end);
     if (status != 0) return status;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real g = e->jumps.values[i], change = COTREE_FABS(g - e->g[i]);
         const cotree_real distance = COTREE_FMIN(e->side[i] * g, e->side[i] * e->g[i]);
-        cotree_real reach = COTREE_SCAN_FAR * COTREE_FMAX(change, step * e->pace[i]);
-        if (e->pieces == NULL) break;
-        if (cotree_is_ranged(e, i)) {
-            reach = cotree_judge(e, i, e->side[i], e->g[i], g, step) == UNKNOWN ? COTREE_INFINITY
-                                                                                : COTREE_F(0.0);
+        cotree_real reach = COTREE_SCAN_FAR * COTREE_FMAX(change, step * e->mean_rate[i]);
+        if (e->branches == NULL) break;
+        if (cotree_has_range(e, i)) {
+            reach = cotree_classify_range(e, i, e->side[i], e->g[i], g, step) == RANGE_UNDECIDED
+                        ? COTREE_INFINITY
+                        : COTREE_F(0.0);
         }
-        is_far = is_far && e->pieces[e->rows[i].piece] != COTREE_F(0.0) &&
-                 distance > COTREE_FMAX(reach, cotree_least_of(e, i));
-        e->pace[i] = change / step;
+        is_far = is_far && e->branches[e->rows[i].branch] != COTREE_F(0.0) &&
+                 distance > COTREE_FMAX(reach, cotree_zero_band(e, i));
+        e->mean_rate[i] = change / step;
     }
-    if (!is_far) return CLOSER;
-    status = cotree_note(e, e->t_after, e->end, e->jumps.values);
+    if (!is_far) return REFINE;
+    status = cotree_update_scales(e, e->t_after, e->end, e->jumps.values);
     cotree_copy(e->n_events, e->jumps.values, e->g);
     return status;
 }

@@ -9,15 +9,15 @@
 
 /* A history whose error is this many times the tolerance is looked at where nothing seems to
  * happen, and one of this many times where something does. */
-#define LOOSE COTREE_F(1e3)
-#define CLOSE COTREE_F(4.0)
+#define COARSE_TOLERANCES COTREE_F(1e3)
+#define FINE_TOLERANCES COTREE_F(4.0)
 
 /* At a corner an error has effects of its square only. */
-#define CLOSE_TO_CORNER COTREE_F(100.0)
+#define KINK_TOLERANCES COTREE_F(100.0)
 
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
                         cotree_real rtol, const cotree_real *atols, cotree_real atol,
-                        cotree_visit_function visit, void *context, cotree_room *room)
+                        cotree_solution_function visit, void *context, cotree_room *room)
 {
     const cotree_model *const model = run->model;
     const int n = run->n, n_events = model->hybrid->n_events;
@@ -33,247 +33,248 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     of_local = cotree_take_doubles(room, COTREE_HISTORY_WORKSPACE(n));
     e->g = cotree_take_doubles(room, n_events);
     e->side = cotree_take_doubles(room, n_events);
-    e->largest = cotree_take_doubles(room, n_events);
-    e->flight = cotree_take_doubles(room, n_events);
-    e->way = cotree_take_doubles(room, n_events);
-    e->speed = cotree_take_doubles(room, n_events);
-    e->bend = cotree_take_doubles(room, n_events);
-    e->at_root = cotree_take_doubles(room, n_events);
-    e->looked = cotree_take_doubles(room, SAMPLES * n_events);
-    e->from = cotree_take_doubles(room, n_events);
-    e->since = cotree_take_doubles(room, n_events);
+    e->value_scale = cotree_take_doubles(room, n_events);
+    e->recent_scale = cotree_take_doubles(room, n_events);
+    e->crossing_sign = cotree_take_doubles(room, n_events);
+    e->rate_before = cotree_take_doubles(room, n_events);
+    e->curvature = cotree_take_doubles(room, n_events);
+    e->root_time = cotree_take_doubles(room, n_events);
+    e->samples = cotree_take_doubles(room, SAMPLES * n_events);
+    e->from_side = cotree_take_doubles(room, n_events);
+    e->bracket_start = cotree_take_doubles(room, n_events);
     e->n_ranges = model->hybrid->n_ranges;
     e->n_quantities = model->hybrid->n_quantities;
     if (e->n_ranges > 0) {
         const int n_quantities = e->n_quantities, n_mark = 1 + n_events + 2 * n_quantities;
-        e->ranges = cotree_take_doubles(room, N_ENDS * e->n_ranges);
-        e->box = cotree_take_doubles(room, N_ENDS * n_quantities);
-        e->sampled = cotree_take_doubles(room, SAMPLES * n_quantities);
-        e->quantity_pace = cotree_take_doubles(room, n_quantities);
-        e->marks = cotree_take_doubles(room, (DEEPEST + 2) * n_mark);
-        e->is_open = cotree_take_ints(room, n_events);
-        e->is_clear = cotree_take_ints(room, n_events);
+        e->ranges = cotree_take_doubles(room, N_BOUNDS * e->n_ranges);
+        e->box = cotree_take_doubles(room, N_BOUNDS * n_quantities);
+        e->quantity_samples = cotree_take_doubles(room, SAMPLES * n_quantities);
+        e->quantity_mean_rate = cotree_take_doubles(room, n_quantities);
+        e->stack = cotree_take_doubles(room, (MAX_DEPTH + 2) * n_mark);
+        e->is_candidate = cotree_take_ints(room, n_events);
+        e->is_excluded = cotree_take_ints(room, n_events);
     }
-    e->pace = cotree_take_doubles(room, n_events);
-    e->happened = cotree_take_doubles(room, COTREE_EVENT_CROWD * n_events);
+    e->mean_rate = cotree_take_doubles(room, n_events);
+    e->event_times = cotree_take_doubles(room, COTREE_EVENT_CROWD * n_events);
     e->has_fired = cotree_take_ints(room, n_events);
     e->is_found = cotree_take_ints(room, n_events);
     e->is_near = cotree_take_ints(room, n_events);
-    e->is_kink = cotree_take_ints(room, n_events);
-    e->compared = cotree_take_doubles(room, 6 * run->n_full + model->hybrid->n_pieces);
+    e->is_continuous = cotree_take_ints(room, n_events);
+    e->both_sides = cotree_take_doubles(room, 6 * run->n_full + model->hybrid->n_branches);
     e->shift = cotree_take_doubles(room, 2 * n_events);
-    e->n_happened = cotree_take_ints(room, n_events);
+    e->n_event_times = cotree_take_ints(room, n_events);
     cotree_jumps_init(&e->jumps, run, room);
-    n_frictions = cotree_list_modes(model->hybrid, COTREE_FRICTION_STOPS, NULL);
-    n_stops = cotree_list_modes(model->hybrid, COTREE_STOP_RESTS, NULL);
-    n_pressed = cotree_count_pressed(model->hybrid);
+    n_frictions = cotree_list_modes(model->hybrid, COTREE_FRICTION_SLIP, NULL);
+    n_stops = cotree_list_modes(model->hybrid, COTREE_STOP_REBOUND, NULL);
+    n_pressed = cotree_count_contact_friction(model->hybrid);
     n_modes = n_frictions + cotree_list_modes(model->hybrid, COTREE_FRICTION_LOAD, NULL) + n_stops;
     if (n_modes > 0) {
-        e->friction = cotree_take_ints(room, N_PLACES * n_modes);
-        e->is_idle = cotree_take_ints(room, n_modes);
-        e->resting = cotree_take_ints(room, n_events);
-        e->is_passed = cotree_take_ints(room, n_events);
-        e->level = cotree_take_doubles(room, n_events);
-        e->is_back = cotree_take_ints(room, n_frictions);
-        e->left_at = cotree_take_doubles(room, n_frictions);
+        e->places = cotree_take_ints(room, N_PLACES * n_modes);
+        e->is_active = cotree_take_ints(room, n_modes);
+        e->stays_at_zero = cotree_take_ints(room, n_events);
+        e->is_stepped_over = cotree_take_ints(room, n_events);
+        e->zero_level = cotree_take_doubles(room, n_events);
+        e->is_resticking = cotree_take_ints(room, n_frictions);
+        e->slide_start = cotree_take_doubles(room, n_frictions);
         e->modes = cotree_take_doubles(room, n_modes);
-        e->scale = cotree_take_doubles(room, n_modes);
+        e->acceleration_scale = cotree_take_doubles(room, n_modes);
         e->slack = cotree_take_doubles(room, 2 * n_modes);
-        e->tries = cotree_take_doubles(room, N_TRIES);
-        e->tried = cotree_take_doubles(room, n);
-        e->was = cotree_take_doubles(room, run->n_full);
+        e->tried_codes = cotree_take_doubles(room, N_TRIED_CODES);
+        e->trial = cotree_take_doubles(room, n);
+        e->saved_before = cotree_take_doubles(room, run->n_full);
         e->gaps = cotree_take_doubles(room, n_stops);
-        e->later = cotree_take_doubles(room, n_stops);
-        e->brisk = cotree_take_doubles(room, n_stops);
-        e->closed = cotree_take_doubles(room, n_stops);
-        e->speeds = cotree_take_doubles(room, n_stops);
-        e->swift = cotree_take_doubles(room, n_stops);
-        e->wanted = cotree_take_doubles(room, n_stops);
-        e->held = cotree_take_doubles(room, n_events);
-        e->is_noted = cotree_take_ints(room, n_events);
-        e->has_held = cotree_take_ints(room, n_stops);
-        e->is_struck = cotree_take_ints(room, n_stops);
-        e->is_slow = cotree_take_ints(room, n_stops);
-        e->rebounds = cotree_take_ints(room, n_stops);
-        e->of_impact = cotree_take_ints(room, n_stops + n_pressed);
-        e->impulses = cotree_take_ints(room, n_stops + n_pressed);
-        e->pulls = cotree_take_ints(room, n_modes - n_frictions + 2 * n_pressed);
-        e->pressed = cotree_take_ints(room, n_pressed);
-        e->presser = cotree_take_ints(room, n_frictions);
-        e->slips = cotree_take_doubles(room, n_pressed);
-        e->way_of = cotree_take_doubles(room, n_frictions);
-        e->chosen = cotree_take_doubles(room, n_modes);
-        e->told = cotree_take_doubles(room, n_stops > 0 ? n_modes : 0);
+        e->later_acceleration = cotree_take_doubles(room, n_stops);
+        e->largest_acceleration = cotree_take_doubles(room, n_stops);
+        e->closed_side = cotree_take_doubles(room, n_stops);
+        e->opening_speed = cotree_take_doubles(room, n_stops);
+        e->largest_opening_speed = cotree_take_doubles(room, n_stops);
+        e->required_speed = cotree_take_doubles(room, n_stops);
+        e->gap_at_release = cotree_take_doubles(room, n_events);
+        e->is_impact_event = cotree_take_ints(room, n_events);
+        e->was_holding = cotree_take_ints(room, n_stops);
+        e->impact_role = cotree_take_ints(room, n_stops);
+        e->ends_at_rest = cotree_take_ints(room, n_stops);
+        e->restitution_event = cotree_take_ints(room, n_stops);
+        e->impact_events = cotree_take_ints(room, n_stops + n_pressed);
+        e->impulse_states = cotree_take_ints(room, n_stops + n_pressed);
+        e->force_events = cotree_take_ints(room, n_modes - n_frictions + 2 * n_pressed);
+        e->contact_friction = cotree_take_ints(room, n_pressed);
+        e->normal_stop = cotree_take_ints(room, n_frictions);
+        e->slip_speed = cotree_take_doubles(room, n_pressed);
+        e->slip_sign = cotree_take_doubles(room, n_frictions);
+        e->saved_modes = cotree_take_doubles(room, n_modes);
+        e->kernel_modes = cotree_take_doubles(room, n_stops > 0 ? n_modes : 0);
     }
     if (room->base == NULL) return;
-    cotree_history_init(&e->local, n, of_local);
+    cotree_history_init(&e->refined, n, of_local);
     e->run = run;
     e->rows = model->hybrid->events;
     e->n_events = n_events;
-    e->n_corners = model->hybrid->n_corners;
-    e->n_pieces = model->hybrid->n_pieces;
-    e->pieces = NULL;
-    e->faced = COTREE_INFINITY;
+    e->n_kinks = model->hybrid->n_kinks;
+    e->n_branches = model->hybrid->n_branches;
+    e->branches = NULL;
+    e->branch_time = COTREE_INFINITY;
     e->n = n;
     e->n_given = n_given;
     e->span = COTREE_FABS(span);
     e->rtol = rtol;
     e->atols = atols;
     e->atol = atol;
-    e->visit = visit;
+    e->solution = visit;
     e->context = context;
     e->n_found = 0;
-    e->n_fired = e->is_shifted = 0;
-    e->is_timed = 0;
-    e->stopped = -1;
+    e->n_fired = e->is_mode_changed = 0;
+    e->is_time_fixed = 0;
+    e->terminal_event = -1;
     e->records = NULL;
     e->n_records = 0;
-    e->trouble = 0;
+    e->failure = 0;
     e->event = 0;
-    e->at = e->detail = COTREE_F(0.0);
+    e->failure_time = e->detail = COTREE_F(0.0);
     e->n_evaluations = 0;
     e->n_frictions = n_frictions;
     e->n_modes = n_modes;
     e->n_stops = n_stops;
-    e->n_pressed = n_pressed;
-    e->faint = -1;
-    e->is_striking = 0;
+    e->n_contact_friction = n_pressed;
+    e->unresolved_gap = -1;
+    e->is_impact = 0;
     if (n_modes > 0) {
         cotree_list_frictions(e, model->hybrid);
         cotree_list_stops(e, model->hybrid);
     }
-    for (i = 0; i < n_stops; ++i) e->closed[i] = COTREE_F(0.0);
+    for (i = 0; i < n_stops; ++i) e->closed_side[i] = COTREE_F(0.0);
     for (i = 0; i < n_events && n_modes > 0; ++i) {
-        e->is_noted[i] = 0;
-        e->held[i] = e->level[i] = COTREE_F(0.0);
-        e->resting[i] = e->is_passed[i] = 0;
+        e->is_impact_event[i] = 0;
+        e->gap_at_release[i] = e->zero_level[i] = COTREE_F(0.0);
+        e->stays_at_zero[i] = e->is_stepped_over[i] = 0;
     }
-    e->noise = e->fastest = e->quickest = COTREE_F(0.0);
-    for (i = 0; i < n_frictions; ++i) e->left_at[i] = -COTREE_INFINITY;
+    e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
+    for (i = 0; i < n_frictions; ++i) e->slide_start[i] = -COTREE_INFINITY;
     for (i = 0; i < n_events; ++i) {
-        e->g[i] = e->side[i] = e->largest[i] = e->flight[i] = COTREE_F(0.0);
-        e->pace[i] = COTREE_INFINITY;
-        e->n_happened[i] = 0;
+        e->g[i] = e->side[i] = e->value_scale[i] = e->recent_scale[i] = COTREE_F(0.0);
+        e->mean_rate[i] = COTREE_INFINITY;
+        e->n_event_times[i] = 0;
         e->has_fired[i] = 0;
-        e->is_kink[i] = 0;
+        e->is_continuous[i] = 0;
     }
 }
 
 /* Looks at the values with which a run begins, and at their rates. */
-static int look_at_start(cotree_events *e, cotree_real t, const cotree_real *w)
+static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    int status = cotree_values(e, t, w);
+    int status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_note(e, t, w, e->g);
-    return status == 0 ? cotree_rates(e, t, w) : status;
+    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    return status == 0 ? cotree_compute_rates(e, t, w) : status;
 }
 
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int i, n_found = 0, is_bent = 0, status = look_at_start(e, t, w);
+    int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
     /* What cannot stick together has its modes chosen below. */
-    if (status != 0 && cotree_let_slide(e, w)) status = look_at_start(e, t, w);
-    if (status != 0) return cotree_refuse_start(e, t, w);
-    cotree_copy(e->n_events, e->jumps.rates, e->speed);
+    if (status != 0 && cotree_release_sticking(e, w)) status = evaluate_start(e, t, w);
+    if (status != 0) return cotree_fail_start(e, t, w);
+    cotree_copy(e->n_events, e->jumps.rates, e->rate_before);
     for (i = 0; i < e->n_events && status == 0; ++i) {
-        const int is_zero = COTREE_FABS(e->g[i]) <= cotree_band(e, i);
-        e->way[i] = cotree_sign_of(is_zero ? e->speed[i] : e->g[i]);
-        if (is_zero && e->speed[i] == COTREE_F(0.0) && !cotree_is_corner(e, i)) {
-            if (!is_bent) status = cotree_find_bend(e, t, w);
+        const int is_zero = COTREE_FABS(e->g[i]) <= cotree_rounding_band(e, i);
+        e->crossing_sign[i] = cotree_sign_of(is_zero ? e->rate_before[i] : e->g[i]);
+        if (is_zero && e->rate_before[i] == COTREE_F(0.0) && !cotree_is_kink(e, i)) {
+            if (!is_bent) status = cotree_compute_curvature(e, t, w);
             is_bent = 1;
-            e->way[i] = cotree_sign_of(e->bend[i]);
+            e->crossing_sign[i] = cotree_sign_of(e->curvature[i]);
         }
-        e->side[i] = e->way[i];
+        e->side[i] = e->crossing_sign[i];
         /* Closed gaps begin with an impact, or in rest, as their modes are chosen. */
-        e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_corner(e, i) &&
+        e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
                          e->rows[i].direction != 0 &&
-                         (cotree_real)e->rows[i].direction == e->way[i];
+                         (cotree_real)e->rows[i].direction == e->crossing_sign[i];
         n_found += e->is_found[i];
     }
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
-    return status == 0 ? cotree_let_happen(e, t, w, n_found, NULL) : status;
+    return status == 0 ? cotree_apply_events(e, t, w, n_found, NULL) : status;
 }
 
 int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w, const cotree_real *slopes)
 {
-    int i, status = cotree_values(e, t, w);
+    int i, status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_note(e, t, w, e->g);
-    for (i = 0; i < e->n_events; ++i) e->way[i] = -e->side[i];
-    e->is_timed = 1;
-    if (status == 0) status = cotree_let_happen(e, t, w, 0, slopes);
-    e->is_timed = 0;
+    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    for (i = 0; i < e->n_events; ++i) e->crossing_sign[i] = -e->side[i];
+    e->is_time_fixed = 1;
+    if (status == 0) status = cotree_apply_events(e, t, w, 0, slopes);
+    e->is_time_fixed = 0;
     return status;
 }
 
-int cotree_events_go_on(cotree_events *e, cotree_real t, cotree_real *w)
+int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int status = cotree_values(e, t, w);
+    int status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_note(e, t, w, e->g);
-    e->n_fired = e->is_shifted = 0;
-    return status == 0 ? cotree_choose_pieces(e, t, w) : status;
+    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+    e->n_fired = e->is_mode_changed = 0;
+    return status == 0 ? cotree_select_branches(e, t, w) : status;
 }
 
-int cotree_events_arrive(cotree_events *e, cotree_real t, cotree_real *w)
+int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int k, status = cotree_values(e, t, w);
+    int k, status = cotree_compute_values(e, t, w);
     for (k = 0; k < e->n_frictions && status == 0; ++k) {
-        const int i = PLACE(k, STOPS);
-        e->is_passed[i] = e->side[i] > COTREE_F(0.0) && e->jumps.values[i] < COTREE_F(0.0);
+        const int i = PLACE(k, SLIP);
+        e->is_stepped_over[i] = e->side[i] > COTREE_F(0.0) && e->jumps.values[i] < COTREE_F(0.0);
     }
     for (k = 0; k < e->n_events && e->n_stops > 0 && status == 0; ++k) {
         if (cotree_is_gap(e, k))
-            e->is_passed[k] = e->side[k] > COTREE_F(0.0) && e->jumps.values[k] < COTREE_F(0.0);
+            e->is_stepped_over[k] =
+                e->side[k] > COTREE_F(0.0) && e->jumps.values[k] < COTREE_F(0.0);
     }
     if (status == 0) status = cotree_events_resume(e, t, w, NULL);
     for (k = 0; k < e->n_events && e->n_modes > 0; ++k) {
-        e->has_fired[k] = e->has_fired[k] || e->is_passed[k];
-        e->is_passed[k] = 0;
+        e->has_fired[k] = e->has_fired[k] || e->is_stepped_over[k];
+        e->is_stepped_over[k] = 0;
     }
     return status;
 }
 
-int cotree_events_choose(cotree_events *e, cotree_real t, cotree_real *w)
+int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int status = cotree_values(e, t, w);
+    int status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
-    if (status == 0) status = cotree_note(e, t, w, e->g);
+    if (status == 0) status = cotree_update_scales(e, t, w, e->g);
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
-    return status == 0 ? cotree_settle_modes(e, t, w, -1) : status;
+    return status == 0 ? cotree_resolve_modes(e, t, w, -1) : status;
 }
 
-void cotree_events_keep(const cotree_events *e, cotree_real *to)
+void cotree_events_save(const cotree_events *e, cotree_real *to)
 {
     const int n = e->n_events;
     int i;
     cotree_copy(n, e->side, to);
-    cotree_copy(n, e->largest, to + n);
-    cotree_copy(n, e->flight, to + 2 * n);
+    cotree_copy(n, e->value_scale, to + n);
+    cotree_copy(n, e->recent_scale, to + 2 * n);
     for (i = 0; i < n; ++i) {
-        to[3 * n + i] = (cotree_real)e->n_happened[i];
-        to[4 * n + i] = e->n_modes > 0 ? (cotree_real)e->resting[i] : COTREE_F(0.0);
-        to[5 * n + i] = e->n_modes > 0 ? e->held[i] : COTREE_F(0.0);
-        to[6 * n + i] = e->n_modes > 0 ? e->level[i] : COTREE_F(0.0);
+        to[3 * n + i] = (cotree_real)e->n_event_times[i];
+        to[4 * n + i] = e->n_modes > 0 ? (cotree_real)e->stays_at_zero[i] : COTREE_F(0.0);
+        to[5 * n + i] = e->n_modes > 0 ? e->gap_at_release[i] : COTREE_F(0.0);
+        to[6 * n + i] = e->n_modes > 0 ? e->zero_level[i] : COTREE_F(0.0);
     }
-    cotree_copy(n * COTREE_EVENT_CROWD, e->happened, to + 7 * n);
+    cotree_copy(n * COTREE_EVENT_CROWD, e->event_times, to + 7 * n);
 }
 
-void cotree_events_recall(cotree_events *e, const cotree_real *from)
+void cotree_events_restore(cotree_events *e, const cotree_real *from)
 {
     const int n = e->n_events;
     int i;
     cotree_copy(n, from, e->side);
-    cotree_copy(n, from + n, e->largest);
-    cotree_copy(n, from + 2 * n, e->flight);
+    cotree_copy(n, from + n, e->value_scale);
+    cotree_copy(n, from + 2 * n, e->recent_scale);
     for (i = 0; i < n; ++i) {
-        e->n_happened[i] = (int)from[3 * n + i];
+        e->n_event_times[i] = (int)from[3 * n + i];
         if (e->n_modes == 0) continue;
-        e->resting[i] = (int)from[4 * n + i];
-        e->held[i] = from[5 * n + i];
-        e->level[i] = from[6 * n + i];
+        e->stays_at_zero[i] = (int)from[4 * n + i];
+        e->gap_at_release[i] = from[5 * n + i];
+        e->zero_level[i] = from[6 * n + i];
     }
-    cotree_copy(n * COTREE_EVENT_CROWD, from + 7 * n, e->happened);
+    cotree_copy(n * COTREE_EVENT_CROWD, from + 7 * n, e->event_times);
 }
 
 /* Finds a crossing of one value between two times, where it has these values: when, and the side
@@ -281,38 +282,41 @@ void cotree_events_recall(cotree_events *e, const cotree_real *from)
  * The way to a crossing begins where the value was on that side last, which may be before a: at a
  * it may be at zero already, as far as rounding tells. Returns NONE, FOUND, or why not; CLOSER
  * where it has to be looked at more closely first. */
-int cotree_cross_between(cotree_events *e, int i, cotree_real a, cotree_real b, cotree_real at_a,
-                         cotree_real at_b, int is_turning, cotree_real *at, cotree_real *from)
+int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_real b,
+                                 cotree_real at_a, cotree_real at_b, int is_turning,
+                                 cotree_real *at, cotree_real *from)
 {
-    const cotree_real side = *from, least = cotree_least_of(e, i);
+    const cotree_real side = *from, least = cotree_zero_band(e, i);
     const cotree_real sign = COTREE_FABS(at_b) > least ? cotree_sign_of(at_b) : COTREE_F(0.0);
     cotree_real turn, lowest;
-    if (side * at_a > COTREE_F(0.0)) e->since[i] = a;
+    if (side * at_a > COTREE_F(0.0)) e->bracket_start[i] = a;
     if (is_turning && side != COTREE_F(0.0) &&
-        cotree_find_turn(e, i, a, b, side * at_a, side * at_b, side, &turn, &lowest)) {
-        if (!e->is_close) return CLOSER;
-        if (e->trouble != 0) return e->trouble;
-        if (e->run->n_blocks > 1 && !cotree_is_corner(e, i) &&
-            COTREE_FABS(lowest) <= GRAZING * cotree_tolerance(e, i) &&
-            (cotree_read(e, turn, e->point) != 0 || !cotree_is_kink(e, i, turn, e->point))) {
-            return e->trouble != 0 ? e->trouble : cotree_refuse_grazing(e, i, turn);
+        cotree_find_extremum(e, i, a, b, side * at_a, side * at_b, side, &turn, &lowest)) {
+        if (!e->is_fine) return REFINE;
+        if (e->failure != 0) return e->failure;
+        if (e->run->n_blocks > 1 && !cotree_is_kink(e, i) &&
+            COTREE_FABS(lowest) <= GRAZING_TOLERANCES * cotree_tolerance(e, i) &&
+            (cotree_interpolate(e, turn, e->point) != 0 ||
+             !cotree_is_continuous(e, i, turn, e->point))) {
+            return e->failure != 0 ? e->failure : cotree_fail_grazing(e, i, turn);
         }
         if (lowest < -least) {
-            const int is_first = cotree_is_wanted(e, i, -side);
+            const int is_first = cotree_is_in_direction(e, i, -side);
             *from = is_first ? side : -side;
-            *at = is_first ? cotree_locate(e, i, e->since[i], turn, side)
-                           : cotree_locate(e, i, turn, b, -side);
-            return e->trouble != 0 ? e->trouble : COTREE_EVENTS_FOUND;
+            *at = is_first ? cotree_locate_root(e, i, e->bracket_start[i], turn, side)
+                           : cotree_locate_root(e, i, turn, b, -side);
+            return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
     }
-    if (e->trouble != 0) return e->trouble;
+    if (e->failure != 0) return e->failure;
     if (sign != COTREE_F(0.0) && side != COTREE_F(0.0) && sign != side &&
-        cotree_is_wanted(e, i, sign)) {
+        cotree_is_in_direction(e, i, sign)) {
         /* Polynomials have speeds near zero to the tolerance of their terms only. */
-        const int is_close = e->is_close || (cotree_is_corner(e, i) && e->error <= CLOSE_TO_CORNER);
-        if (!is_close || (cotree_is_resting(e, i) && !e->is_visited)) return CLOSER;
-        *at = cotree_locate(e, i, e->since[i], b, side);
-        return e->trouble != 0 ? e->trouble : COTREE_EVENTS_FOUND;
+        const int is_close =
+            e->is_fine || (cotree_is_kink(e, i) && e->history_error <= KINK_TOLERANCES);
+        if (!is_close || (cotree_stays_at_zero(e, i) && !e->is_refined)) return REFINE;
+        *at = cotree_locate_root(e, i, e->bracket_start[i], b, side);
+        return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
     }
     if (sign != COTREE_F(0.0)) *from = sign;
     return COTREE_EVENTS_NONE;
@@ -321,55 +325,55 @@ int cotree_cross_between(cotree_events *e, int i, cotree_real a, cotree_real b, 
 /* Finds the first crossing of one value among the samples; returns as above. */
 static int find_crossing(cotree_events *e, int i)
 {
-    const cotree_real *const g = e->looked + i;
-    const cotree_real least = cotree_least_of(e, i);
+    const cotree_real *const g = e->samples + i;
+    const cotree_real least = cotree_zero_band(e, i);
     const int n = e->n_events;
     cotree_real side = COTREE_F(0.0);
     int k, nearest = SAMPLES, found = COTREE_EVENTS_NONE;
-    e->from[i] = e->side[i];
-    e->since[i] = e->t_before;
+    e->from_side[i] = e->side[i];
+    e->bracket_start[i] = e->t_before;
     for (k = 1; k < SAMPLES && found == COTREE_EVENTS_NONE; ++k) {
-        if (side != e->from[i]) {
-            side = e->from[i];
-            nearest = cotree_is_resting(e, i) ? SAMPLES : cotree_find_nearest(e, i, side);
+        if (side != e->from_side[i]) {
+            side = e->from_side[i];
+            nearest = cotree_stays_at_zero(e, i) ? SAMPLES : cotree_find_nearest_sample(e, i, side);
         }
         if (k != nearest && k != nearest + 1 && side * g[k * n] > least) continue;
-        found = cotree_cross_between(e, i, cotree_time_of(e, k - 1), cotree_time_of(e, k),
-                                     g[(k - 1) * n], g[k * n], k == nearest || k == nearest + 1,
-                                     e->at_root + i, e->from + i);
+        found = cotree_find_crossing_between(
+            e, i, cotree_sample_time(e, k - 1), cotree_sample_time(e, k), g[(k - 1) * n], g[k * n],
+            k == nearest || k == nearest + 1, e->root_time + i, e->from_side + i);
     }
     return found;
 }
 
 /* Finds the crossings of all values; returns as above. AGAIN: there is none before at_root of any.
  */
-static int search(cotree_events *e, int *first, cotree_real *until)
+static int find_crossings(cotree_events *e, int *first, cotree_real *until)
 {
     int i, status = COTREE_EVENTS_NONE;
     *until = COTREE_INFINITY;
     if (e->n_ranges > 0) {
-        const int found = cotree_scan(e, until);
+        const int found = cotree_scan_ranges(e, until);
         if (found > COTREE_EVENTS_FOUND) return found;
     }
     for (i = 0; i < e->n_events; ++i) {
-        if (e->n_ranges == 0 || !e->is_open[i]) {
+        if (e->n_ranges == 0 || !e->is_candidate[i]) {
             const int found = find_crossing(e, i);
             if (found > COTREE_EVENTS_FOUND) return found;
             e->is_found[i] = found == COTREE_EVENTS_FOUND;
         }
-        if (!e->is_found[i] || e->at_root[i] > *until) continue;
-        if (status == COTREE_EVENTS_NONE || e->at_root[i] < e->at_root[*first]) {
+        if (!e->is_found[i] || e->root_time[i] > *until) continue;
+        if (status == COTREE_EVENTS_NONE || e->root_time[i] < e->root_time[*first]) {
             *first = i;
             status = COTREE_EVENTS_FOUND;
         }
     }
-    return status == COTREE_EVENTS_NONE && *until < COTREE_INFINITY ? AGAIN : status;
+    return status == COTREE_EVENTS_NONE && *until < COTREE_INFINITY ? SHORTEN : status;
 }
 
 /* Finds what lies at zero at the end of a step, but for what cannot be told from it. */
-static int find_ahead(cotree_events *e, int *first)
+static int find_at_end(cotree_events *e, int *first)
 {
-    const cotree_real *const g = e->looked + (SAMPLES - 1) * e->n_events;
+    const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
     const cotree_real soon = COTREE_SELECT(1e-9, 1.2e-04f) * COTREE_FABS(e->t_after - e->t_before) +
                              COTREE_F(4.0) * cotree_spacing(e->t_after);
     int i, is_known = 0, status = COTREE_EVENTS_NONE;
@@ -379,14 +383,14 @@ static int find_ahead(cotree_events *e, int *first)
         if (side == COTREE_F(0.0) || side * g[i] < COTREE_F(0.0) ||
             COTREE_FABS(g[i]) > cotree_tolerance(e, i))
             continue;
-        if (!cotree_is_wanted(e, i, -side) || cotree_is_resting(e, i)) continue;
-        if (!is_known && cotree_rates(e, e->t_after, e->end) != 0) return e->trouble;
+        if (!cotree_is_in_direction(e, i, -side) || cotree_stays_at_zero(e, i)) continue;
+        if (!is_known && cotree_compute_rates(e, e->t_after, e->end) != 0) return e->failure;
         is_known = 1;
         rate = e->jumps.rates[i];
         if (rate * side >= COTREE_F(0.0) || COTREE_FABS(g[i]) > soon * COTREE_FABS(rate)) continue;
         e->is_found[i] = 1;
-        e->at_root[i] = e->t_after;
-        e->from[i] = side;
+        e->root_time[i] = e->t_after;
+        e->from_side[i] = side;
         if (status == COTREE_EVENTS_NONE) *first = i;
         status = COTREE_EVENTS_FOUND;
     }
@@ -394,10 +398,10 @@ static int find_ahead(cotree_events *e, int *first)
 }
 
 /* Says by how much the time of an event is uncertain. */
-static int find_margin(cotree_events *e, int i)
+static int compute_margin(cotree_events *e, int i)
 {
     cotree_real rate, known;
-    if (cotree_rates(e, e->t, e->w) != 0) return e->trouble;
+    if (cotree_compute_rates(e, e->t, e->w) != 0) return e->failure;
     rate = COTREE_FABS(e->jumps.rates[i]);
     known = rate > COTREE_F(0.0) ? cotree_tolerance(e, i) / rate : COTREE_INFINITY;
     e->margin =
@@ -408,23 +412,24 @@ static int find_margin(cotree_events *e, int i)
 
 /* Adds to what was found all that is at zero there, too, on its way through: a step that ends there
  * may show one of two events at once beyond rounding, and the other within. */
-static int find_others(cotree_events *e)
+static int add_simultaneous(cotree_events *e)
 {
     int i;
-    if (cotree_values(e, e->t, e->w) != 0) return e->trouble;
+    if (cotree_compute_values(e, e->t, e->w) != 0) return e->failure;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real side = e->side[i];
-        const int is_passing =
-            COTREE_FABS(e->jumps.values[i]) <= cotree_band(e, i) && !cotree_is_resting(e, i) &&
-            side * e->jumps.rates[i] < COTREE_F(0.0) && cotree_is_wanted(e, i, -side);
+        const int is_passing = COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
+                               !cotree_stays_at_zero(e, i) &&
+                               side * e->jumps.rates[i] < COTREE_F(0.0) &&
+                               cotree_is_in_direction(e, i, -side);
         e->is_found[i] = e->is_found[i] || is_passing;
     }
     return 0;
 }
 
 /* Gives a point that a step ends in as w; its algebraic unknowns are guesses from now on. */
-static const cotree_real *without_unknowns(cotree_events *e, cotree_real t,
-                                           const cotree_real *given, cotree_real *w)
+static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const cotree_real *given,
+                                        cotree_real *w)
 {
     if (e->n_given == e->n) return given;
     cotree_run_take(e->run, t, e->n_given, given, w);
@@ -433,16 +438,16 @@ static const cotree_real *without_unknowns(cotree_events *e, cotree_real t,
 
 /* Whether a value that rested at zero went to a side where its mode should be another one. Where
  * rates are the same on both sides, the mode changes where the step began. */
-static int is_left_behind(cotree_events *e, int i, cotree_real side)
+static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
     int k;
-    if (e->rows[i].is_jump != 1 || e->side[i] != COTREE_F(0.0) || !cotree_is_wanted(e, i, side))
+    if (e->rows[i].kind != 1 || e->side[i] != COTREE_F(0.0) || !cotree_is_in_direction(e, i, side))
         return 0;
     if (cotree_jumps_news(&e->jumps, e->t_after, e->end) != 0) {
         return cotree_fail(e, 0, e->t_after, COTREE_EVENTS_FAILED);
     }
     if (!cotree_jumps_is_due(&e->jumps, i)) return 0;
-    if (!cotree_is_kink(e, i, e->t_before, e->start))
+    if (!cotree_is_continuous(e, i, e->t_before, e->start))
         return cotree_fail(e, i, e->t_after, COTREE_EVENTS_LEAVE);
     for (k = 0; k < e->n_events; ++k) e->is_found[k] = k == i;
     e->n_found = 1;
@@ -452,40 +457,41 @@ static int is_left_behind(cotree_events *e, int i, cotree_real side)
 }
 
 /* Finds what happens first, once the step has been looked at. */
-static int find_first(cotree_events *e)
+static int find_first_event(cotree_events *e)
 {
-    const cotree_real *const g = e->looked + (SAMPLES - 1) * e->n_events;
+    const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
     cotree_real until;
     int i, first = 0, is_ahead, found, status;
-    found = search(e, &first, &until);
-    if (found == CLOSER) {
-        status = cotree_look_closer(e);
+    found = find_crossings(e, &first, &until);
+    if (found == REFINE) {
+        status = cotree_refine_step(e);
         if (status != 0) return status;
-        found = search(e, &first, &until);
+        found = find_crossings(e, &first, &until);
     }
-    if (found == AGAIN) {
+    if (found == SHORTEN) {
         e->t = until;
-        status = cotree_repeat(e, until, e->w);
+        status = cotree_solution_at(e, until, e->w);
         return status == 0 && cotree_project(e, until, e->w) == 0 ? COTREE_EVENTS_FOUND
-                                                                  : e->trouble;
+                                                                  : e->failure;
     }
     is_ahead = found == COTREE_EVENTS_NONE;
-    if (is_ahead) found = find_ahead(e, &first);
+    if (is_ahead) found = find_at_end(e, &first);
     if (found > COTREE_EVENTS_FOUND) return found;
     if (found == COTREE_EVENTS_FOUND) {
-        const int is_crossing = cotree_arrive(e, e->at_root[first], first, e->from[first]);
-        if (e->trouble != 0) return e->trouble;
+        const int is_crossing =
+            cotree_refine_root(e, e->root_time[first], first, e->from_side[first]);
+        if (e->failure != 0) return e->failure;
         if (is_crossing) {
-            if (find_margin(e, first) != 0) return e->trouble;
+            if (compute_margin(e, first) != 0) return e->failure;
             for (i = 0; i < e->n_events; ++i) {
-                const int is_now = e->is_found[i] && e->at_root[i] <= e->t + e->margin;
+                const int is_now = e->is_found[i] && e->root_time[i] <= e->t + e->margin;
                 /* Friction that sticks keeps the speed that is left, so that it has to stop by
                  * itself. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));
                 /* It may have passed zero the other way before, which nothing waited for. */
-                if (e->is_found[i]) e->side[i] = e->from[i];
+                if (e->is_found[i]) e->side[i] = e->from_side[i];
             }
-            if (find_others(e) != 0) return e->trouble;
+            if (add_simultaneous(e) != 0) return e->failure;
             for (i = 0; i < e->n_events; ++i) e->n_found += e->is_found[i];
             return COTREE_EVENTS_FOUND;
         }
@@ -493,15 +499,15 @@ static int find_first(cotree_events *e)
     }
     cotree_copy(e->n_events, g, e->g);
     for (i = 0; i < e->n_events; ++i) {
-        if (COTREE_FABS(g[i]) <= cotree_least_of(e, i) || cotree_is_corner(e, i)) continue;
-        if (is_left_behind(e, i, cotree_sign_of(g[i]))) {
-            return e->trouble != 0 ? e->trouble : COTREE_EVENTS_FOUND;
+        if (COTREE_FABS(g[i]) <= cotree_zero_band(e, i) || cotree_is_kink(e, i)) continue;
+        if (has_left_surface(e, i, cotree_sign_of(g[i]))) {
+            return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
         e->side[i] = cotree_sign_of(g[i]);
-        if (e->n_modes > 0) e->resting[i] = 0;
+        if (e->n_modes > 0) e->stays_at_zero[i] = 0;
     }
-    if (cotree_are_pieces_left(e, g) && cotree_choose_pieces(e, e->t_after, e->end) != 0)
-        return e->trouble;
+    if (cotree_has_left_branch(e, g) && cotree_select_branches(e, e->t_after, e->end) != 0)
+        return e->failure;
     return COTREE_EVENTS_NONE;
 }
 
@@ -513,8 +519,8 @@ int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real
     int status;
     e->t_before = t_before;
     e->t_after = t_after;
-    e->start = without_unknowns(e, t_before, start, e->narrowed);
-    e->end = without_unknowns(e, t_after, end, e->narrowed + e->n);
+    e->start = reduced_point(e, t_before, start, e->narrowed);
+    e->end = reduced_point(e, t_after, end, e->narrowed + e->n);
     e->t_end = t_end;
     e->n_found = 0;
     e->margin = COTREE_F(0.0);
@@ -522,40 +528,40 @@ int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real
     if (h != NULL) {
         error = cotree_history_error(h, h->n_points - 2, e->rtol, e->atols, 0, 0, e->scratch);
     }
-    e->error = error;
-    e->is_close = error <= CLOSE;
-    e->is_visited = h == NULL;
-    e->is_rough = !(error <= LOOSE);
-    if (e->n_corners == e->n_events) {
-        status = cotree_glance(e);
-        if (status != CLOSER) return status;
+    e->history_error = error;
+    e->is_fine = error <= FINE_TOLERANCES;
+    e->is_refined = h == NULL;
+    e->is_coarse = !(error <= COARSE_TOLERANCES);
+    if (e->n_kinks == e->n_events) {
+        status = cotree_cheap_crossing_test(e);
+        if (status != REFINE) return status;
     }
-    status = cotree_look(e);
-    if (status == 0 && e->is_rough && cotree_is_any_near(e)) status = cotree_look_closer(e);
-    return status == 0 ? find_first(e) : status;
+    status = cotree_sample_step(e);
+    if (status == 0 && e->is_coarse && cotree_may_cross(e)) status = cotree_refine_step(e);
+    return status == 0 ? find_first_event(e) : status;
 }
 
-int cotree_events_happen(cotree_events *e)
+int cotree_events_apply(cotree_events *e)
 {
     int i, is_first = 1, status;
-    if (cotree_are_corners(e)) return cotree_pass_corners(e, e->t, e->w);
-    status = cotree_rates(e, e->t, e->w);
-    for (i = 0; i < e->n_events; ++i) e->way[i] = cotree_sign_of(e->jumps.rates[i]);
+    if (cotree_are_only_kinks(e)) return cotree_pass_kinks(e, e->t, e->w);
+    status = cotree_compute_rates(e, e->t, e->w);
+    for (i = 0; i < e->n_events; ++i) e->crossing_sign[i] = cotree_sign_of(e->jumps.rates[i]);
     for (i = 0; i < e->n_events && status == 0 && e->n_found > 0; ++i) {
-        if (!e->is_found[i] || !is_first || cotree_is_corner(e, i)) continue;
+        if (!e->is_found[i] || !is_first || cotree_is_kink(e, i)) continue;
         is_first = 0;
-        if (!(e->way[i] * e->side[i] > COTREE_F(0.0))) continue;
+        if (!(e->crossing_sign[i] * e->side[i] > COTREE_F(0.0))) continue;
         /* It left zero by less than rounding; dry friction has modes for that, and an impact that
          * does so leaves nothing. At a kink the step says where it goes. */
         if (cotree_is_gap(e, i))
-            e->faint = i;
-        else if (cotree_is_kink(e, i, e->t, e->w))
-            cotree_face(e, i, -e->side[i]);
+            e->unresolved_gap = i;
+        else if (cotree_is_continuous(e, i, e->t, e->w))
+            cotree_set_crossing_sign(e, i, -e->side[i]);
         else if (!cotree_is_of_friction(e, i))
             status = cotree_fail(e, i, e->t, COTREE_EVENTS_REST);
     }
-    if (status == 0) status = cotree_let_happen(e, e->t, e->w, e->n_found, NULL);
-    e->faint = -1;
+    if (status == 0) status = cotree_apply_events(e, e->t, e->w, e->n_found, NULL);
+    e->unresolved_gap = -1;
     return status;
 }
 

@@ -1,22 +1,21 @@
-/* cotree_events.h: finds the events of a model within steps, and lets them happen.
+/* cotree_events.h: locates the zero crossings of a model's event functions and applies its events.
  * Part of the runtime of cotree, the same for every model.
  *
- * An event looks at a value. It happens where the value passes through zero in its direction, after
- * which the same crossing does not count again. A step is looked at in a few points, and closer
- * where a value turns round near zero, so that two crossings within a step are not lost.
+ * An event takes place where its event function crosses zero in the event's direction. Each
+ * accepted step is sampled at a few points, and more densely where an event function has an
+ * extremum near zero, so that two crossings within one step are not missed.
  *
  *     cotree_events_init(&e, &run, ...);
- *     status = cotree_events_begin(&e, t, w);            (at the start; w may change)
+ *     status = cotree_events_begin(&e, t, w);            (at the start; may change w)
  *     ... after each step:
  *     status = cotree_events_find(&e, t_before, start, t, end, t_stop, &h);
  *     if (status == COTREE_EVENTS_FOUND) {
- *         ... outputs before e.t - e.margin are those of the step
- *         status = cotree_events_happen(&e);
- *         ... begin a new step, and a new history, at e.t from e.w, unless e.stopped >= 0
+ *         ... output the step's solution before e.t - e.margin
+ *         status = cotree_events_apply(&e);
+ *         ... restart at e.t from e.w with a new history, unless e.terminal_event >= 0
  *     }
  *
- * Nothing is allocated; what happened is written to the caller's records.
- */
+ * Nothing is allocated; events are written to the caller's records. */
 #ifndef COTREE_EVENTS_H
 #define COTREE_EVENTS_H
 
@@ -65,140 +64,179 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_FAINT = 48  /* its impacts are too small for the tolerance */
 } cotree_events_status;
 
-/* How many events a model has besides corners, of which nothing is recorded. */
-#define COTREE_EVENTS_OF(hybrid) ((hybrid)->n_events - (hybrid)->n_corners)
+/* The number of events without kinks, which are not recorded. */
+#define COTREE_EVENTS_OF(hybrid) ((hybrid)->n_events - (hybrid)->n_kinks)
 
-/* How many records one call may write. */
+/* The largest number of records that one call writes. */
 #define COTREE_EVENTS_AT_ONCE(n_events) ((n_events) + COTREE_EVENT_ROUNDS)
 
-/* Doubles of a record: time, event, derivatives of the time, states before and after. */
+/* Numbers in a record: time, event, derivatives of the time, states before and after. */
 #define COTREE_EVENTS_RECORD(n_states, n_sensitivities) (2 + (n_sensitivities) + 2 * (n_states))
 
-/* How often dry friction of so many edges at once changes one mode until none contradicts. */
+/* The largest number of pivots for n_edges unilateral constraints. */
 #define COTREE_FRICTION_ROUNDS(n_edges) (20 + 10 * (n_edges) * (n_edges))
 
-/* Writes the solution at a time within the last step, as accurate as steps are: by integration from
- * where the step began, or from a polynomial that is as accurate. Returns 0, or another number if
- * it cannot. Where it integrates, calls for one step come with increasing t. */
-typedef int (*cotree_visit_function)(cotree_real t, cotree_real *w, void *context);
+/* Compute the solution at a time within the last step to the accuracy of the steps: by integration
+ * from the start of the step, or from a polynomial of that accuracy. Return 0, or another number on
+ * failure. Within one step the calls have increasing t. */
+typedef int (*cotree_solution_function)(cotree_real t, cotree_real *w, void *context);
 
 typedef struct cotree_events {
-    cotree_real t, margin; /* when what was found happens, and how far that is uncertain */
-    cotree_real *w;        /* the solution there: just before, or after it happened */
-    int n_found;           /* zero where the step goes on anew from there without an event */
-    int n_fired;           /* how many events happened in the last call */
-    int is_shifted;        /* whether it changed modes of dry friction */
-    int stopped;           /* the event that ends the run, or -1 */
-    cotree_real *records;  /* NULL: of no interest */
+    cotree_real t, margin; /* time of the events that were found, and its uncertainty */
+    cotree_real *w;        /* the solution at t: before the events, then after them */
+    int n_found;           /* 0: the integration restarts at t without an event */
+    int n_fired;           /* events applied in the last call */
+    int is_mode_changed;   /* 1: the last call changed modes of friction, stops or loads */
+    int terminal_event;    /* the event that ends the run, or -1 */
+    cotree_real *records;  /* NULL: none are written */
     int n_records;
-    int event; /* where it failed */
-    cotree_real at, detail;
+    int event;                        /* that failed */
+    cotree_real failure_time, detail; /* detail: see cotree_events_status */
     int *has_fired;
     long n_evaluations; /* of rates */
-    /* The pieces that steps hold, n_pieces of the run's prepared values, which are to be no
-     * others'; NULL unless you say so: corners are not looked for. */
-    cotree_real *pieces;
-    /* The rest belongs to the events. */
+    /* The branches of piecewise functions that a step holds: the last n_branches of the run's
+     * prepared values, in memory of their own. NULL (the default): kinks are not located. */
+    cotree_real *branches;
+
+    /* The rest is private. */
     cotree_jumps jumps;
     cotree_run *run;
     const cotree_event *rows;
-    int n_events, n;
-    int n_corners, n_pieces;
-    cotree_real faced; /* when pieces were chosen last */
-    cotree_real error; /* of what is read within a step, in tolerances */
-    cotree_real *pace; /* how fast values changed in the step before, each */
+    int n_events, n; /* n: entries of w */
+    int n_kinks, n_branches;
+    cotree_real branch_time;   /* of the last selection of branches */
+    cotree_real history_error; /* of interpolation within the step, in tolerances */
+    cotree_real *mean_rate;    /* |change| of each event function per time in the last step */
     cotree_real rtol, atol, span;
     const cotree_real *atols;
-    cotree_visit_function visit;
+    cotree_solution_function solution;
     void *context;
-    cotree_history local;
-    const cotree_history *h; /* what a step is read from; NULL: visited */
+    cotree_history refined;  /* of the step, recomputed in quarters */
+    const cotree_history *h; /* interpolates within the step; NULL: solution is called */
     cotree_real t_before, t_after, t_end;
     const cotree_real *start, *end;
-    int n_given;    /* of the points that steps end in */
-    int is_timed;   /* whether something besides events decides the time */
-    int is_close;   /* whether that is as accurate as steps are */
-    int is_rough;   /* whether it may be so far off that it tells nothing about sizes */
-    int is_visited; /* whether the step itself was taken to the points that are looked at */
-    int trouble;
-    int n_ranges, n_quantities; /* of what is not linear */
-    cotree_real *ranges, *box, *sampled, *quantity_pace, *marks, *from, *since;
-    int *is_open, *is_clear; /* whether ranges tell of a value, and that it does not reach zero */
-    cotree_real *g, *side, *largest, *flight, *looked, *way, *speed, *bend, *at_root, *happened;
-    cotree_real *point, *other, *slope, *sum, *scratch, *narrowed;
-    int *is_found, *is_near, *n_happened;
-    int *is_kink;          /* whether rates were the same on both sides of a jump, the last time */
-    cotree_real *compared; /* states and rates on both sides of a jump */
-    cotree_real *shift;    /* 2 n_events: changes of values across a jump, here and aside */
-    int n_frictions;       /* edges with dry friction */
-    int n_modes;           /* their modes, and the signs of their loads */
-    int *friction, *is_idle, *resting;
-    int *is_passed; /* whether a speed was stepped over zero from outside */
-    cotree_real *modes, *scale, *slack, *tried, *tries, *was;
-    int complaint;      /* of the kernels, the last time */
-    cotree_real *level; /* by what forces may move at their limits */
-    int *is_back;
-    cotree_real *left_at; /* when edges began to slide */
-    cotree_real fastest,
-        noise;   /* of the last trial: the largest rate of a state, rounding of forces */
-    int n_tries; /* sets of modes that were tried for one choice */
-    int n_stops; /* rigid stops, whose modes come last: each side that is closed, its opening speed,
-                  * the largest speed so far, and that which an impact has to leave */
-    int faint;   /* the gap that an impact leaves by less than rounding; -1: none */
-    cotree_real *held; /* how far from zero gaps were as they were let go */
-    cotree_real *closed, *gaps, *speeds, *later, *swift, *brisk, *wanted;
-    int n_pressed; /* edges with friction that stops press together, among those with friction */
-    int *pressed, *presser;      /* which, and by which of all */
-    cotree_real *slips, *way_of; /* how fast they slip, and which way */
-    cotree_real *chosen;         /* modes, while others are tried */
-    int is_striking; /* whether the modes of an impact are chosen, in place of those of a motion */
-    cotree_real quickest,
-        *told; /* the largest speed before it, and what its kernels are told of modes */
-    int *is_noted, *has_held, *is_struck, *is_slow, *rebounds, *of_impact, *impulses, *pulls;
+    int n_given;       /* entries of the points at the ends of steps */
+    int is_time_fixed; /* 1: the time does not follow from an event function */
+    int is_fine;       /* 1: interpolation is as accurate as the steps */
+    int is_coarse;     /* 1: interpolation is too inaccurate to measure scales */
+    int is_refined;    /* 1: the samples of this step were integrated, not interpolated */
+    int failure;       /* the status of the last failure, 0 without any */
+
+    /* Nonlinear event functions: interval bounds (cotree_scan.c). */
+    int n_ranges, n_quantities;
+    cotree_real *ranges;             /* N_BOUNDS each: bounds of the function, then of its rate */
+    cotree_real *box;                /* bounds of the quantities, then of their rates */
+    cotree_real *quantity_samples;   /* at the samples of a step */
+    cotree_real *quantity_mean_rate; /* change per time in the last step */
+    cotree_real *stack;              /* of the bisection */
+    cotree_real *from_side;          /* the sign that the function has before its crossing */
+    cotree_real *bracket_start;      /* the last time at which it had that sign */
+    int *is_candidate, *is_excluded; /* may cross in this step; bounds exclude a zero */
+
+    /* One entry for each event. */
+    cotree_real *g;             /* event functions at the start of the step */
+    cotree_real *side;          /* the side of zero: -1, 1, or 0 if not known */
+    cotree_real *value_scale;   /* largest |g| of the run */
+    cotree_real *recent_scale;  /* largest |g| since the last event */
+    cotree_real *samples;       /* SAMPLES rows: event functions in a step; row 0 is scratch, too */
+    cotree_real *crossing_sign; /* the sign of the rate at the event */
+    cotree_real *rate_before;   /* |rate| before the events at this time */
+    cotree_real *curvature;     /* second time derivative */
+    cotree_real *root_time;
+    cotree_real *event_times; /* the last COTREE_EVENT_CROWD ones, a ring */
+    int *is_found, *is_near, *n_event_times;
+    int *is_continuous; /* of a jump: rates agreed on both sides when last compared */
+
+    cotree_real *point, *other, *slope, *sum, *scratch, *narrowed; /* work */
+    cotree_real *both_sides; /* states and rates on both sides of a jump */
+    cotree_real *shift;      /* 2 n_events: changes of event functions across a jump */
+
+    /* Modes of unilateral constraints: dry friction, then loads, then rigid stops. */
+    int n_frictions;
+    int n_modes;          /* of all three */
+    int *places;          /* N_PLACES each: the state of the mode, the events */
+    int *is_active;       /* 1: the mode follows from the complementarity conditions */
+    int *stays_at_zero;   /* of an event function */
+    int *is_stepped_over; /* of an event function: another integrator crossed its zero */
+    cotree_real *modes;   /* as tried */
+    cotree_real *acceleration_scale;
+    cotree_real *slack;       /* distances of the forces to both limits */
+    cotree_real *trial;       /* w with the modes as tried */
+    cotree_real *tried_codes; /* of the sets of modes tried for one choice, a ring */
+    cotree_real *saved_before;
+    int kernel_status;        /* of the last evaluation */
+    cotree_real *zero_level;  /* of a force at its limit: |g| below this counts as zero */
+    int *is_resticking;       /* 1: friction sticks at the time at which its slip began */
+    cotree_real *slide_start; /* the time at which its slip began */
+    cotree_real largest_rate; /* of a state in the last trial */
+    cotree_real force_noise;  /* rounding of the forces in the last trial */
+    int n_tried;
+
+    /* Rigid stops, and dry friction at contacts, whose normal force is that of a stop. */
+    int n_stops;
+    int unresolved_gap;          /* the gap that an impact leaves at a speed below rounding; -1 */
+    cotree_real *gap_at_release; /* |g| of an open gap at the time at which its stop let go */
+    cotree_real *closed_side;    /* of each stop: 1 or -1, 0 while open */
+    cotree_real *gaps, *opening_speed, *later_acceleration;
+    cotree_real *largest_opening_speed, *largest_acceleration; /* so far */
+    cotree_real *required_speed; /* after the impact, by restitution */
+    int n_contact_friction;
+    int *contact_friction;   /* their places among all friction */
+    int *normal_stop;        /* of each friction; -1: none */
+    cotree_real *slip_speed; /* before the impact */
+    cotree_real *slip_sign;
+    cotree_real *saved_modes;
+    int is_impact;             /* 1: modes are chosen at impulse level */
+    cotree_real impact_speed;  /* the largest speed before the impact */
+    cotree_real *kernel_modes; /* passed to the kernels in the impact */
+    int *is_impact_event;
+    int *was_holding;       /* 1: the stop held before */
+    int *impact_role;       /* see find_impact_roles */
+    int *ends_at_rest;      /* 1: the stop's rebound is below its rest threshold */
+    int *restitution_event; /* whose targets contain the change of speed */
+    int *impact_events, *impulse_states, *force_events; /* as in cotree_strike */
 } cotree_events;
 
-/* Watches a run over a span, integrated with these tolerances: atols belongs to the points that
- * steps end in, atol is the least of them. These have n_given entries: run->n, or run->n_full where
- * algebraic unknowns and their sensitivities are among them. */
+/* Initialise for a run over a span, with the tolerances of the integration. atols, of n_given
+ * entries, belongs to the points at the ends of steps, and atol is the least of them. n_given is
+ * run->n, or run->n_full if these points contain algebraic unknowns and their sensitivities. */
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
                         cotree_real rtol, const cotree_real *atols, cotree_real atol,
-                        cotree_visit_function visit, void *context, cotree_room *room);
+                        cotree_solution_function solution, void *context, cotree_room *room);
 
-/* Lets happen what passes through zero at the start of a run. */
+/* Apply the events whose functions cross zero at the start of a run. */
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Lets happen what jumps through zero at a breakpoint, whose time has slopes by the parameters;
- * NULL: none. */
+/* Apply the events whose functions jumped through zero at a time event. slopes: the derivatives of
+ * its time by the parameters, or NULL. */
 int cotree_events_resume(cotree_events *e, cotree_real t, cotree_real *w,
                          const cotree_real *slopes);
 
-/* Goes on where another integration ended and nothing changed. */
-int cotree_events_go_on(cotree_events *e, cotree_real t, cotree_real *w);
+/* Continue at the end of another integration, where nothing changed. */
+int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Lets happen what an integration from outside has stepped over, a little beyond where it is at
- * zero. */
-int cotree_events_arrive(cotree_events *e, cotree_real t, cotree_real *w);
+/* Apply the events that an external integrator stepped over, just behind their zeros. */
+int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* Chooses the modes of dry friction at a point, as a run that starts there does. */
-int cotree_events_choose(cotree_events *e, cotree_real t, cotree_real *w);
+/* Select the modes of friction, stops and loads at a point, as at the start of a run. */
+int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w);
 
-/* What events have to know of what was before, COTREE_EVENTS_KEPT doubles. */
-#define COTREE_EVENTS_KEPT(n_events) ((n_events) * (7 + COTREE_EVENT_CROWD))
-void cotree_events_keep(const cotree_events *e, cotree_real *to);
-void cotree_events_recall(cotree_events *e, const cotree_real *from);
+/* Save and restore the history of the events, COTREE_EVENTS_SAVED numbers. */
+#define COTREE_EVENTS_SAVED(n_events) ((n_events) * (7 + COTREE_EVENT_CROWD))
+void cotree_events_save(const cotree_events *e, cotree_real *to);
+void cotree_events_restore(cotree_events *e, const cotree_real *from);
 
-/* Finds what happens first within the last step, which went from one point to another: FOUND, or
- * NONE. Steps may go on to t_end. h: what values within the step are read from as long as they need
- * not be accurate, with the step's end as its last point; NULL where visits cost next to nothing.
- */
+/* Find the first events within the last step, from start to end. Return FOUND, NONE or a failure.
+ * Steps may go as far as t_end. h: interpolates within the step if low accuracy suffices; its last
+ * point is the end of the step. NULL: the solution function costs next to nothing. */
 int cotree_events_find(cotree_events *e, cotree_real t_before, const cotree_real *start,
                        cotree_real t_after, const cotree_real *end, cotree_real t_end,
                        const cotree_history *h);
 
-/* Lets it happen. */
-int cotree_events_happen(cotree_events *e);
+/* Apply the events that were found. */
+int cotree_events_apply(cotree_events *e);
 
-/* Says what a status means, as the end of a sentence. */
+/* Return the meaning of a status, as the end of a sentence. */
 const char *cotree_events_message(int status);
 
 #ifdef __cplusplus

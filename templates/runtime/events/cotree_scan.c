@@ -10,71 +10,72 @@
 /* Ranges of what events look at where that is not linear: of its values and of its rates over an
  * interval, from where the quantities that it is made of lie. */
 
-int cotree_is_ranged(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
+int cotree_has_range(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
 
 /* The quantities at the point where values were taken last. */
 const cotree_real *cotree_quantities_of(const cotree_events *e)
 {
-    return e->jumps.values + e->n_events + e->n_pieces;
+    return e->jumps.values + e->n_events + e->n_branches;
 }
 
 /* Takes quantities to lie among these over an interval, and within a bend of that: twice as far as
  * a parabola would leave its chord. */
-void cotree_enclose(cotree_events *e, int k, cotree_real low, cotree_real high, cotree_real bend)
+void cotree_set_bounds(cotree_events *e, int k, cotree_real low, cotree_real high, cotree_real bend)
 {
     e->box[k] = low - COTREE_F(0.25) * bend;
     e->box[e->n_quantities + k] = high + COTREE_F(0.25) * bend;
 }
 
-void cotree_enclose_rate(cotree_events *e, int k, cotree_real slow, cotree_real fast,
-                         cotree_real bend)
+void cotree_set_rate_bounds(cotree_events *e, int k, cotree_real slow, cotree_real fast,
+                            cotree_real bend)
 {
     e->box[2 * e->n_quantities + k] = slow - bend;
     e->box[3 * e->n_quantities + k] = fast + bend;
 }
 
 /* The same between two points, which differ from a line by second differences of this size. */
-static void enclose_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
-                            const cotree_real *bends, cotree_real width)
+static void set_bounds_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
+                               const cotree_real *bends, cotree_real width)
 {
     int k;
     for (k = 0; k < e->n_quantities; ++k) {
         const cotree_real slope = (b[k] - a[k]) / width;
-        cotree_enclose(e, k, COTREE_FMIN(a[k], b[k]), COTREE_FMAX(a[k], b[k]), bends[k]);
-        cotree_enclose_rate(e, k, slope, slope, bends[k] / width);
+        cotree_set_bounds(e, k, COTREE_FMIN(a[k], b[k]), COTREE_FMAX(a[k], b[k]), bends[k]);
+        cotree_set_rate_bounds(e, k, slope, slope, bends[k] / width);
     }
 }
 
 /* Writes the ranges of values over an interval; what is constant in it is that of the last point.
  */
-int cotree_find_ranges(cotree_events *e, cotree_real t)
+int cotree_compute_ranges(cotree_events *e, cotree_real t)
 {
-    const int status = e->complaint = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
+    const int status = e->kernel_status = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
     return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
 /* How far a value that is on one side of zero has to come to be of interest; with sensitivities one
  * that all but touches zero is, too. */
-static cotree_real least_reach(const cotree_events *e, int i)
+static cotree_real detection_level(const cotree_events *e, int i)
 {
-    const int has_grazing = e->run->n_blocks > 1 && !cotree_is_corner(e, i);
-    return has_grazing ? GRAZING * cotree_tolerance(e, i) : -cotree_least_of(e, i);
+    const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
+    return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
 }
 
 /* Says what ranges tell of a value over an interval of this width, from its values at both ends.
  * Written so that nan tells nothing. */
-int cotree_judge(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
-                 cotree_real at_b, cotree_real width)
+int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
+                          cotree_real at_b, cotree_real width)
 {
-    const cotree_real *const r = e->ranges + N_ENDS * e->rows[i].range;
-    const cotree_real least = least_reach(e, i), a = side * at_a, b = side * at_b;
+    const cotree_real *const r = e->ranges + N_BOUNDS * e->rows[i].range;
+    const cotree_real least = detection_level(e, i), a = side * at_a, b = side * at_b;
     const cotree_real slow = side > COTREE_F(0.0) ? r[2] : -r[3],
                       fast = side > COTREE_F(0.0) ? r[3] : -r[2];
-    if ((side > COTREE_F(0.0) ? r[0] : -r[1]) > least) return AWAY;
-    if (slow >= COTREE_F(0.0) || fast <= COTREE_F(0.0)) return ONE_WAY;
+    if ((side > COTREE_F(0.0) ? r[0] : -r[1]) > least) return RANGE_NONZERO;
+    if (slow >= COTREE_F(0.0) || fast <= COTREE_F(0.0)) return RANGE_MONOTONE;
     /* Where the steepest lines through both ends meet. */
-    if (b > least && a + slow * ((a - b + fast * width) / (fast - slow)) > least) return AWAY;
-    return UNKNOWN;
+    if (b > least && a + slow * ((a - b + fast * width) / (fast - slow)) > least)
+        return RANGE_NONZERO;
+    return RANGE_UNDECIDED;
 }
 
 /* Crossings of what is not linear: intervals of a step are divided until each value is away from
@@ -82,24 +83,24 @@ int cotree_judge(const cotree_events *e, int i, cotree_real side, cotree_real at
 
 /* So many intervals of a step are halved; where these do not do, it is taken anew from as far as it
  * was looked at. */
-#define MOST_DIVISIONS 500
+#define MAX_DIVISIONS 500
 
 /* An interval that has been halved so often is short enough for a value that differs in sign at its
  * ends to be located there. */
-#define SHORT 16
+#define LOCATABLE_DEPTH 16
 
 /* A share of a step below which taking it anew gets nowhere. */
-#define PROGRESS COTREE_F(1e-3)
+#define MIN_PROGRESS_SHARE COTREE_F(1e-3)
 
 /* The end of an interval: values, quantities, and second differences of these. */
-#define MARK(e, depth) ((e)->marks + (depth) * (1 + (e)->n_events + 2 * (e)->n_quantities))
-#define N_MARK(e) (1 + (e)->n_events + 2 * (e)->n_quantities)
+#define ENTRY(e, depth) ((e)->stack + (depth) * (1 + (e)->n_events + 2 * (e)->n_quantities))
+#define N_ENTRY(e) (1 + (e)->n_events + 2 * (e)->n_quantities)
 #define VALUES_OF(mark) ((mark) + 1)
 #define QUANTITIES_OF(e, mark) ((mark) + 1 + (e)->n_events)
 #define BENDS_OF(e, mark) ((mark) + 1 + (e)->n_events + (e)->n_quantities)
 
-static void set_mark(const cotree_events *e, cotree_real *mark, cotree_real t, const cotree_real *g,
-                     const cotree_real *quantities)
+static void set_entry(const cotree_events *e, cotree_real *mark, cotree_real t,
+                      const cotree_real *g, const cotree_real *quantities)
 {
     mark[0] = t;
     cotree_copy(e->n_events, g, VALUES_OF(mark));
@@ -107,12 +108,12 @@ static void set_mark(const cotree_events *e, cotree_real *mark, cotree_real t, c
 }
 
 /* Marks a sample; its bends are the largest at both ends of the interval before it. */
-static void mark_sample(const cotree_events *e, cotree_real *mark, int k)
+static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
 {
-    const cotree_real *const q = e->sampled;
+    const cotree_real *const q = e->quantity_samples;
     const int n = e->n_quantities;
     int i, m;
-    set_mark(e, mark, cotree_time_of(e, k), e->looked + k * e->n_events, q + k * n);
+    set_entry(e, mark, cotree_sample_time(e, k), e->samples + k * e->n_events, q + k * n);
     for (i = 0; i < n; ++i) {
         cotree_real bend = COTREE_F(0.0);
         for (m = k - 1; m <= k; ++m) {
@@ -126,14 +127,14 @@ static void mark_sample(const cotree_events *e, cotree_real *mark, int k)
 
 /* Marks the middle of an interval. Second differences of its halves are a quarter of its own; those
  * that are less are not believed at once. */
-static int mark_middle(cotree_events *e, const cotree_real *left, cotree_real *right,
-                       cotree_real *middle)
+static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_real *right,
+                            cotree_real *middle)
 {
     const cotree_real t = COTREE_F(0.5) * (left[0] + right[0]);
     const cotree_real *const a = QUANTITIES_OF(e, left), *const b = QUANTITIES_OF(e, right);
-    int k, status = cotree_read(e, t, e->point);
-    if (status == 0) status = cotree_values(e, t, e->point);
-    set_mark(e, middle, t, e->jumps.values, cotree_quantities_of(e));
+    int k, status = cotree_interpolate(e, t, e->point);
+    if (status == 0) status = cotree_compute_values(e, t, e->point);
+    set_entry(e, middle, t, e->jumps.values, cotree_quantities_of(e));
     for (k = 0; k < e->n_quantities; ++k) {
         const cotree_real bend =
             COTREE_FABS(a[k] - COTREE_F(2.0) * QUANTITIES_OF(e, middle)[k] + b[k]);
@@ -144,9 +145,10 @@ static int mark_middle(cotree_events *e, const cotree_real *left, cotree_real *r
 }
 
 /* Lists the values that may come to zero in a step, from where quantities lie in all of it. */
-static int list_open(cotree_events *e)
+static int list_candidates(cotree_events *e)
 {
-    const cotree_real *const q = e->sampled, *const last = e->looked + (SAMPLES - 1) * e->n_events;
+    const cotree_real *const q = e->quantity_samples, *const last =
+                                                          e->samples + (SAMPLES - 1) * e->n_events;
     const cotree_real width = (e->t_after - e->t_before) / (cotree_real)(SAMPLES - 1);
     const int n = e->n_quantities;
     int i, k, n_open = 0;
@@ -163,56 +165,59 @@ static int list_open(cotree_events *e)
                 bend =
                     COTREE_FMAX(bend, COTREE_FABS(step - q[(k - 1) * n + i] + q[(k - 2) * n + i]));
         }
-        cotree_enclose(e, i, low, high, bend);
-        cotree_enclose_rate(e, i, slow / width, fast / width, bend / width);
+        cotree_set_bounds(e, i, low, high, bend);
+        cotree_set_rate_bounds(e, i, slow / width, fast / width, bend / width);
     }
-    if (cotree_find_ranges(e, e->t_after) != 0) return 0;
+    if (cotree_compute_ranges(e, e->t_after) != 0) return 0;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real side = e->side[i];
-        e->is_open[i] = cotree_is_ranged(e, i) && !cotree_is_resting(e, i);
-        if (!e->is_open[i]) continue;
+        e->is_candidate[i] = cotree_has_range(e, i) && !cotree_stays_at_zero(e, i);
+        if (!e->is_candidate[i]) continue;
         e->is_found[i] = 0;
-        e->from[i] = side;
-        e->since[i] = e->t_before;
+        e->from_side[i] = side;
+        e->bracket_start[i] = e->t_before;
         if (side == COTREE_F(0.0))
             ++n_open;
-        else if (cotree_judge(e, i, side, e->g[i], last[i], e->t_after - e->t_before) != AWAY)
+        else if (cotree_classify_range(e, i, side, e->g[i], last[i], e->t_after - e->t_before) !=
+                 RANGE_NONZERO)
             ++n_open;
         else
-            e->is_clear[i] = 1;
+            e->is_excluded[i] = 1;
     }
     return n_open;
 }
 
 /* Whether an interval has to be divided for any value. */
-static int is_divided(cotree_events *e, const cotree_real *left, const cotree_real *right,
-                      int depth)
+static int must_divide(cotree_events *e, const cotree_real *left, const cotree_real *right,
+                       int depth)
 {
     const cotree_real width = right[0] - left[0];
     int i, is_any = 0;
-    enclose_between(e, QUANTITIES_OF(e, left), QUANTITIES_OF(e, right), BENDS_OF(e, right), width);
-    if (cotree_find_ranges(e, right[0]) != 0) return 0;
+    set_bounds_between(e, QUANTITIES_OF(e, left), QUANTITIES_OF(e, right), BENDS_OF(e, right),
+                       width);
+    if (cotree_compute_ranges(e, right[0]) != 0) return 0;
     for (i = 0; i < e->n_events; ++i) {
-        const cotree_real at_end = e->from[i] * VALUES_OF(right)[i];
+        const cotree_real at_end = e->from_side[i] * VALUES_OF(right)[i];
         e->is_near[i] = 0;
-        if (!e->is_open[i] || e->is_clear[i] || e->from[i] == COTREE_F(0.0)) continue;
-        if (depth >= SHORT && at_end < -cotree_least_of(e, i)) continue;
-        e->is_near[i] = cotree_judge(e, i, e->from[i], VALUES_OF(left)[i], VALUES_OF(right)[i],
-                                     width) == UNKNOWN;
+        if (!e->is_candidate[i] || e->is_excluded[i] || e->from_side[i] == COTREE_F(0.0)) continue;
+        if (depth >= LOCATABLE_DEPTH && at_end < -cotree_zero_band(e, i)) continue;
+        e->is_near[i] = cotree_classify_range(e, i, e->from_side[i], VALUES_OF(left)[i],
+                                              VALUES_OF(right)[i], width) == RANGE_UNDECIDED;
         is_any = is_any || e->is_near[i];
     }
     return is_any;
 }
 
 /* Finds what passes zero in an interval that needs no division, or has had too many. */
-static int cross(cotree_events *e, const cotree_real *left, const cotree_real *right)
+static int cross_interval(cotree_events *e, const cotree_real *left, const cotree_real *right)
 {
     int i, found = COTREE_EVENTS_NONE;
     for (i = 0; i < e->n_events; ++i) {
         int own;
-        if (!e->is_open[i] || e->is_clear[i]) continue;
-        own = cotree_cross_between(e, i, left[0], right[0], VALUES_OF(left)[i], VALUES_OF(right)[i],
-                                   e->is_near[i], e->at_root + i, e->from + i);
+        if (!e->is_candidate[i] || e->is_excluded[i]) continue;
+        own = cotree_find_crossing_between(e, i, left[0], right[0], VALUES_OF(left)[i],
+                                           VALUES_OF(right)[i], e->is_near[i], e->root_time + i,
+                                           e->from_side + i);
         if (own > COTREE_EVENTS_FOUND) return own;
         e->is_found[i] = own == COTREE_EVENTS_FOUND;
         if (e->is_found[i]) found = COTREE_EVENTS_FOUND;
@@ -222,49 +227,49 @@ static int cross(cotree_events *e, const cotree_real *left, const cotree_real *r
 
 /* Whether all values are clearly on the side that they come from, so that a step may begin there.
  */
-static int is_before(const cotree_events *e, const cotree_real *mark)
+static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 {
     int i;
     for (i = 0; i < e->n_events; ++i) {
-        if (!e->is_open[i] || e->from[i] == COTREE_F(0.0)) continue;
-        if (!(e->from[i] * VALUES_OF(mark)[i] > cotree_tolerance(e, i))) return 0;
+        if (!e->is_candidate[i] || e->from_side[i] == COTREE_F(0.0)) continue;
+        if (!(e->from_side[i] * VALUES_OF(mark)[i] > cotree_tolerance(e, i))) return 0;
     }
     return 1;
 }
 
 /* Looks for the first crossings within a step of what is not linear, as search does of the rest;
  * AGAIN: there is none up to a time, and beyond it is not known. */
-int cotree_scan(cotree_events *e, cotree_real *until)
+int cotree_scan_ranges(cotree_events *e, cotree_real *until)
 {
-    cotree_real *const left = MARK(e, DEEPEST + 1);
+    cotree_real *const left = ENTRY(e, MAX_DEPTH + 1);
     int k, n_divisions = 0, found = COTREE_EVENTS_NONE;
-    for (k = 0; k < e->n_events; ++k) e->is_clear[k] = e->is_open[k] = 0;
-    if (list_open(e) == 0) return e->trouble;
-    if (e->is_rough) return CLOSER;
-    mark_sample(e, left, 0);
+    for (k = 0; k < e->n_events; ++k) e->is_excluded[k] = e->is_candidate[k] = 0;
+    if (list_candidates(e) == 0) return e->failure;
+    if (e->is_coarse) return REFINE;
+    set_sample_entry(e, left, 0);
     for (k = 1; k < SAMPLES && found == COTREE_EVENTS_NONE; ++k) {
         int depth = 0;
-        mark_sample(e, MARK(e, 0), k);
+        set_sample_entry(e, ENTRY(e, 0), k);
         while (depth >= 0 && found == COTREE_EVENTS_NONE) {
-            cotree_real *const right = MARK(e, depth);
+            cotree_real *const right = ENTRY(e, depth);
             const int is_too_short =
                 right[0] - left[0] <= COTREE_F(16.0) * cotree_spacing(right[0]);
-            const int is_unknown = is_divided(e, left, right, depth);
-            if (e->trouble != 0) return e->trouble;
-            if (is_unknown && depth < DEEPEST && !is_too_short) {
-                if (n_divisions++ < MOST_DIVISIONS) {
-                    if (mark_middle(e, left, right, MARK(e, ++depth)) != 0) return e->trouble;
+            const int is_unknown = must_divide(e, left, right, depth);
+            if (e->failure != 0) return e->failure;
+            if (is_unknown && depth < MAX_DEPTH && !is_too_short) {
+                if (n_divisions++ < MAX_DIVISIONS) {
+                    if (set_middle_entry(e, left, right, ENTRY(e, ++depth)) != 0) return e->failure;
                     continue;
                 }
                 *until = left[0];
-                if (*until - e->t_before > PROGRESS * (e->t_after - e->t_before) &&
-                    is_before(e, left)) {
-                    return AGAIN;
+                if (*until - e->t_before > MIN_PROGRESS_SHARE * (e->t_after - e->t_before) &&
+                    is_before_crossings(e, left)) {
+                    return SHORTEN;
                 }
             }
             *until = COTREE_INFINITY;
-            found = cross(e, left, right);
-            cotree_copy(N_MARK(e), right, left);
+            found = cross_interval(e, left, right);
+            cotree_copy(N_ENTRY(e), right, left);
             --depth;
         }
     }

@@ -8,35 +8,35 @@
 #include <stddef.h>
 
 /* Rounding of a force is that of all, which are this much larger at most. */
-#define OWN_SHARE (NEAR_ZERO * COTREE_SCAN_ROUNDING / ALMOST)
+#define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
 int cotree_first_stop(const cotree_events *e) { return e->n_modes - e->n_stops; }
 
 /* Counts the edges with friction that stops press together. */
-int cotree_count_pressed(const cotree_hybrid *h)
+int cotree_count_contact_friction(const cotree_hybrid *h)
 {
     int i, n = 0;
     for (i = 0; i < h->n_events; ++i) {
-        n += h->events[i].is_jump == COTREE_FRICTION_STOPS && h->events[i].n_targets > 2;
+        n += h->events[i].kind == COTREE_FRICTION_SLIP && h->events[i].n_targets > 2;
     }
     return n;
 }
 
 /* Finds out which friction is pressed by which stop, once these are listed. */
-static void list_pressed(cotree_events *e)
+static void list_contact_friction(cotree_events *e)
 {
     int i, k, n = 0;
     for (k = 0; k < e->n_frictions; ++k) {
-        const cotree_event *const row = e->rows + PLACE(k, STOPS);
-        e->presser[k] = -1;
+        const cotree_event *const row = e->rows + PLACE(k, SLIP);
+        e->normal_stop[k] = -1;
         for (i = cotree_first_stop(e); i < e->n_modes && row->n_targets > 2; ++i) {
-            if (PLACE(i, MODE) == row->targets[1]) e->presser[k] = i;
+            if (PLACE(i, MODE_STATE) == row->targets[1]) e->normal_stop[k] = i;
         }
-        if (e->presser[k] < 0) continue;
-        e->pressed[n] = k;
-        e->impulses[e->n_stops + n] = row->targets[2];
-        e->pulls[e->n_stops + 2 * n] = PLACE(k, FORWARD);
-        e->pulls[e->n_stops + 2 * n + 1] = PLACE(k, BACKWARD);
+        if (e->normal_stop[k] < 0) continue;
+        e->contact_friction[n] = k;
+        e->impulse_states[e->n_stops + n] = row->targets[2];
+        e->force_events[e->n_stops + 2 * n] = PLACE(k, FORWARD_LIMIT);
+        e->force_events[e->n_stops + 2 * n + 1] = PLACE(k, BACKWARD_LIMIT);
         ++n;
     }
 }
@@ -44,31 +44,32 @@ static void list_pressed(cotree_events *e)
 void cotree_list_stops(cotree_events *e, const cotree_hybrid *h)
 {
     int i, k;
-    cotree_list_modes(h, COTREE_STOP_RESTS, e->friction + cotree_first_stop(e) * N_PLACES);
+    cotree_list_modes(h, COTREE_STOP_REBOUND, e->places + cotree_first_stop(e) * N_PLACES);
     for (i = 0; i < h->n_events; ++i) {
-        const int part = h->events[i].is_jump;
-        if (part < COTREE_STOP_UPPER || part > COTREE_STOP_LIFTS) continue;
+        const int part = h->events[i].kind;
+        if (part < COTREE_STOP_UPPER || part > COTREE_STOP_FORCE) continue;
         for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-            if (PLACE(k, MODE) != h->events[i].targets[0]) continue;
-            PLACE(k, UPPER + part - COTREE_STOP_UPPER) = i;
+            if (PLACE(k, MODE_STATE) != h->events[i].targets[0]) continue;
+            PLACE(k, UPPER_GAP + part - COTREE_STOP_UPPER) = i;
         }
     }
     for (k = 0; k < e->n_stops; ++k) {
         const int own = cotree_first_stop(e) + k;
-        e->impulses[k] = e->rows[PLACE(own, RESTS)].targets[1];
-        e->pulls[k] = PLACE(own, LIFTS);
-        e->swift[k] = e->brisk[k] = COTREE_F(0.0);
+        e->impulse_states[k] = e->rows[PLACE(own, REBOUND)].targets[1];
+        e->force_events[k] = PLACE(own, CONTACT_FORCE);
+        e->largest_opening_speed[k] = e->largest_acceleration[k] = COTREE_F(0.0);
     }
-    list_pressed(e);
+    list_contact_friction(e);
     for (k = e->n_frictions; k < cotree_first_stop(e); ++k) {
-        e->pulls[e->n_stops + 2 * e->n_pressed + k - e->n_frictions] = PLACE(k, STOPS);
+        e->force_events[e->n_stops + 2 * e->n_contact_friction + k - e->n_frictions] =
+            PLACE(k, SLIP);
     }
 }
 
 /* Whether a stop presses an edge with friction together. */
-int cotree_is_pressed(const cotree_events *e, int k)
+int cotree_is_contact_friction(const cotree_events *e, int k)
 {
-    return e->n_pressed > 0 && k < e->n_frictions && e->presser[k] >= 0;
+    return e->n_contact_friction > 0 && k < e->n_frictions && e->normal_stop[k] >= 0;
 }
 
 int cotree_is_load(const cotree_events *e, int k)
@@ -77,64 +78,69 @@ int cotree_is_load(const cotree_events *e, int k)
 }
 
 /* Whether the mode of an edge is among those to be chosen. Loads keep their signs in impacts. */
-int cotree_is_chosen(const cotree_events *e, int k)
+int cotree_is_variable(const cotree_events *e, int k)
 {
-    return cotree_is_load(e, k) ? !e->is_striking : e->is_idle[k];
+    return cotree_is_load(e, k) ? !e->is_impact : e->is_active[k];
 }
 
 /* Whether it may be another one beside the others as they are now. */
-int cotree_is_open(const cotree_events *e, int k)
+int cotree_may_change(const cotree_events *e, int k)
 {
     /* Friction that a stop presses together waits for that to hold. */
-    return cotree_is_chosen(e, k) &&
-           (!cotree_is_pressed(e, k) || e->modes[e->presser[k]] != COTREE_F(0.0));
+    return cotree_is_variable(e, k) &&
+           (!cotree_is_contact_friction(e, k) || e->modes[e->normal_stop[k]] != COTREE_F(0.0));
 }
 
 /* The event that looks at the gap on the side that is closed. */
-int cotree_gap_of(const cotree_events *e, int k)
+int cotree_closed_gap(const cotree_events *e, int k)
 {
-    return PLACE(k, e->closed[k - cotree_first_stop(e)] > COTREE_F(0.0) ? UPPER : LOWER);
+    return PLACE(k,
+                 e->closed_side[k - cotree_first_stop(e)] > COTREE_F(0.0) ? UPPER_GAP : LOWER_GAP);
 }
 
 /* The speed at which the gap of a closed stop opens, of what events would set it by. */
-cotree_real cotree_opening(const cotree_events *e, int k)
+cotree_real cotree_opening_speed(const cotree_events *e, int k)
 {
-    return e->closed[k - cotree_first_stop(e)] * cotree_jumps_rebound(&e->jumps, PLACE(k, RESTS));
+    return e->closed_side[k - cotree_first_stop(e)] *
+           cotree_jumps_rebound(&e->jumps, PLACE(k, REBOUND));
 }
 
 /* What opening speeds are uncertain by, as far as the error test knows. */
-cotree_real cotree_doubt(const cotree_events *e)
+cotree_real cotree_closing_uncertainty(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
     int k;
-    for (k = 0; k < e->n_stops; ++k) largest = COTREE_FMAX(largest, e->swift[k]);
+    for (k = 0; k < e->n_stops; ++k) largest = COTREE_FMAX(largest, e->largest_opening_speed[k]);
     return e->rtol * largest + e->atol;
 }
 
 /* Opening speeds below this are rounding, which is that of all, or what accelerations that vanish
  * have made of theirs, or what a stop that held has been left by the tolerance. */
-cotree_real cotree_slack(const cotree_events *e, int k)
+cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
 {
     cotree_real largest = COTREE_F(0.0);
     int i;
     for (i = 0; i < e->n_stops; ++i) {
-        largest = COTREE_FMAX(largest, COTREE_FMAX(e->swift[i], e->span * e->brisk[i]));
+        largest = COTREE_FMAX(largest, COTREE_FMAX(e->largest_opening_speed[i],
+                                                   e->span * e->largest_acceleration[i]));
     }
-    largest *= NEAR_ZERO * COTREE_SCAN_ROUNDING;
-    return e->has_held[k - cotree_first_stop(e)] ? COTREE_FMAX(largest, cotree_doubt(e)) : largest;
+    largest *= ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING;
+    return e->was_holding[k - cotree_first_stop(e)]
+               ? COTREE_FMAX(largest, cotree_closing_uncertainty(e))
+               : largest;
 }
 
 /* Whether an event looks at the gap of a stop. */
 int cotree_is_gap(const cotree_events *e, int i)
 {
-    return e->rows[i].is_jump == COTREE_STOP_UPPER || e->rows[i].is_jump == COTREE_STOP_LOWER;
+    return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
 }
 
 int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
 {
-    const cotree_real near =
-        NEAR_ZERO * (cotree_band(e, i) + cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
-    return i >= 0 && (i == fired || e->is_passed[i] || e->looked[i] <= near);
+    const cotree_real near = ZERO_ROUNDINGS * (cotree_rounding_band(e, i) +
+                                               cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
+    return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
 }
 
 /* Refuses a start beyond a limit. */
@@ -142,90 +148,95 @@ int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
 {
     int i;
     for (i = 0; i < e->n_events; ++i) {
-        if (cotree_is_gap(e, i) && g[i] < -cotree_band(e, i))
+        if (cotree_is_gap(e, i) && g[i] < -cotree_rounding_band(e, i))
             return cotree_fail(e, i, t, COTREE_EVENTS_BEYOND);
     }
     return 0;
 }
 
 /* Whether what a stop presses together sticks: its force has no limit yet. */
-int cotree_is_rubbing(const cotree_events *e, int k)
+int cotree_has_sticking_contact(const cotree_events *e, int k)
 {
     int i;
-    for (i = 0; i < e->n_pressed; ++i) {
-        if (e->presser[e->pressed[i]] == k && e->modes[e->pressed[i]] == COTREE_F(0.0)) return 1;
+    for (i = 0; i < e->n_contact_friction; ++i) {
+        if (e->normal_stop[e->contact_friction[i]] == k &&
+            e->modes[e->contact_friction[i]] == COTREE_F(0.0))
+            return 1;
     }
     return 0;
 }
 
 /* The acceleration at which the gap of a closed stop opens, where rates were evaluated last. */
-cotree_real cotree_parting(const cotree_events *e, int k)
+cotree_real cotree_separation_acceleration(const cotree_events *e, int k)
 {
-    return e->closed[k - cotree_first_stop(e)] *
-           cotree_jumps_rebound_rate(&e->jumps, PLACE(k, RESTS));
+    return e->closed_side[k - cotree_first_stop(e)] *
+           cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND));
 }
 
 /* Tells which closed stops are idle, at the speeds and accelerations of the modes that are tried.
  */
-void cotree_find_idle_stops(cotree_events *e)
+void cotree_find_active_stops(cotree_events *e)
 {
     int k;
     for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
         const int own = k - cotree_first_stop(e);
         cotree_real rate;
-        e->is_idle[k] =
-            e->closed[own] != COTREE_F(0.0) && COTREE_FABS(e->speeds[own]) <= cotree_slack(e, k);
+        e->is_active[k] = e->closed_side[own] != COTREE_F(0.0) &&
+                          COTREE_FABS(e->opening_speed[own]) <= cotree_zero_opening_speed(e, k);
         e->modes[k] = COTREE_F(0.0);
         /* Forces are as small as they are beside those of other times, and so are accelerations. */
-        rate = COTREE_FABS(cotree_jumps_rebound_rate(&e->jumps, PLACE(k, RESTS)));
-        e->scale[k] = e->brisk[own] = COTREE_FMAX(e->brisk[own], rate);
+        rate = COTREE_FABS(cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND)));
+        e->acceleration_scale[k] = e->largest_acceleration[own] =
+            COTREE_FMAX(e->largest_acceleration[own], rate);
     }
 }
 
-static cotree_real largest_scale(const cotree_events *e)
+static cotree_real largest_acceleration_scale(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
     int k;
     for (k = 0; k < e->n_modes; ++k) {
         if (k < e->n_frictions || k >= cotree_first_stop(e))
-            largest = COTREE_FMAX(largest, e->scale[k]);
+            largest = COTREE_FMAX(largest, e->acceleration_scale[k]);
     }
     return largest;
 }
 
 /* Accelerations below this are none; rounding is that of all. */
-cotree_real cotree_still(const cotree_events *e, int k)
+cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
-    return COTREE_FMAX(AGAINST * e->scale[k], NEAR_ZERO * COTREE_SCAN_ROUNDING * largest_scale(e));
+    return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
+                       ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING * largest_acceleration_scale(e));
 }
 
 /* Whether a closed stop is free without an acceleration, so that the change of that decides. */
-int cotree_is_parting(const cotree_events *e, int k)
+int cotree_is_marginally_open(const cotree_events *e, int k)
 {
-    return e->is_idle[k] && e->modes[k] == COTREE_F(0.0) &&
-           COTREE_FABS(cotree_parting(e, k)) <= cotree_still(e, k);
+    return e->is_active[k] && e->modes[k] == COTREE_F(0.0) &&
+           COTREE_FABS(cotree_separation_acceleration(e, k)) <= cotree_rest_tolerance(e, k);
 }
 
 /* Notes accelerations a little later, as find_bend has left them. */
-void cotree_note_later(cotree_events *e)
+void cotree_store_later_accelerations(cotree_events *e)
 {
     int k;
     for (k = cotree_first_stop(e); k < e->n_modes; ++k) {
-        if (e->is_idle[k]) e->later[k - cotree_first_stop(e)] = cotree_parting(e, k);
+        if (e->is_active[k])
+            e->later_acceleration[k - cotree_first_stop(e)] = cotree_separation_acceleration(e, k);
     }
 }
 
 /* Notes whether a gap is closed that may open, and how far from zero it is. */
-void cotree_note_parting(cotree_events *e, int k)
+void cotree_update_open_gaps(cotree_events *e, int k)
 {
-    const int is_free = e->is_idle[k] && e->modes[k] == COTREE_F(0.0),
+    const int is_free = e->is_active[k] && e->modes[k] == COTREE_F(0.0),
               own = k - cotree_first_stop(e);
     int what;
-    for (what = UPPER; what <= LOWER; ++what) {
+    for (what = UPPER_GAP; what <= LOWER_GAP; ++what) {
         const int i = PLACE(k, what);
         if (i < 0) continue;
-        e->resting[i] = is_free && i == cotree_gap_of(e, k);
-        e->held[i] = e->resting[i] ? e->gaps[own] : COTREE_F(0.0);
+        e->stays_at_zero[i] = is_free && i == cotree_closed_gap(e, k);
+        e->gap_at_release[i] = e->stays_at_zero[i] ? e->gaps[own] : COTREE_F(0.0);
     }
 }
 
@@ -233,76 +244,83 @@ static cotree_real largest_force(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
     int k;
-    for (k = 0; k < e->n_stops; ++k) largest = COTREE_FMAX(largest, e->largest[e->pulls[k]]);
+    for (k = 0; k < e->n_stops; ++k)
+        largest = COTREE_FMAX(largest, e->value_scale[e->force_events[k]]);
     return largest;
 }
 
 /* How far an idle stop is off what its mode asks for, as a share; and the mode that it wants. */
-cotree_real cotree_stop_contradiction(cotree_events *e, int k, cotree_real t, cotree_real *wanted)
+cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
-    const int own = k - cotree_first_stop(e), force = PLACE(k, LIFTS);
+    const int own = k - cotree_first_stop(e), force = PLACE(k, CONTACT_FORCE);
     cotree_real rate;
     if (e->modes[k] != COTREE_F(0.0)) {
-        const cotree_real size = COTREE_FMAX(e->largest[force], OWN_SHARE * largest_force(e));
-        *wanted = COTREE_F(0.0);
-        if (cotree_side_now(e, force, t, size) >= COTREE_F(0.0) || cotree_is_rubbing(e, k))
+        const cotree_real size =
+            COTREE_FMAX(e->value_scale[force], MIN_FORCE_SHARE * largest_force(e));
+        *new_mode = COTREE_F(0.0);
+        if (cotree_moving_side(e, force, t, size) >= COTREE_F(0.0) ||
+            cotree_has_sticking_contact(e, k))
             return COTREE_F(0.0);
-        return COTREE_FMAX(-e->looked[force] / COTREE_FMAX(size, COTREE_MIN), COTREE_EPSILON);
+        return COTREE_FMAX(-e->samples[force] / COTREE_FMAX(size, COTREE_MIN), COTREE_EPSILON);
     }
-    *wanted = e->closed[own];
-    rate = cotree_parting(e, k);
-    e->scale[k] = COTREE_FMAX(e->scale[k], COTREE_FABS(rate));
-    if (rate < -cotree_still(e, k)) return -rate / e->scale[k];
-    if (rate > cotree_still(e, k)) return COTREE_F(0.0);
-    rate = (e->later[own] - rate) / (BENDING * e->span);
-    return rate * e->span < -LATER * largest_scale(e) ? COTREE_EPSILON : COTREE_F(0.0);
+    *new_mode = e->closed_side[own];
+    rate = cotree_separation_acceleration(e, k);
+    e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], COTREE_FABS(rate));
+    if (rate < -cotree_rest_tolerance(e, k)) return -rate / e->acceleration_scale[k];
+    if (rate > cotree_rest_tolerance(e, k)) return COTREE_F(0.0);
+    rate = (e->later_acceleration[own] - rate) / (CURVATURE_STEP_SHARE * e->span);
+    return rate * e->span < -JERK_SHARE * largest_acceleration_scale(e) ? COTREE_EPSILON
+                                                                        : COTREE_F(0.0);
 }
 
 /* Friction that stops press together, as at contacts: its limits move with the force of its stop.
  * At first no force holds it, mode 2; where another one holds the same thing, none has to. */
 
 /* How far such friction is off what its mode asks for, as a share; and the mode that it wants. */
-cotree_real cotree_pressed_contradiction(cotree_events *e, int k, cotree_real t,
-                                         cotree_real *wanted)
+cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
+                                              cotree_real *new_mode)
 {
-    const cotree_real rate = cotree_jumps_rebound_rate(&e->jumps, PLACE(k, STOPS));
-    e->scale[k] = COTREE_FMAX(e->scale[k], largest_scale(e));
+    const cotree_real rate = cotree_jumps_rebound_rate(&e->jumps, PLACE(k, SLIP));
+    e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], largest_acceleration_scale(e));
     if (e->modes[k] == COTREE_F(2.0)) {
-        *wanted = COTREE_F(0.0);
-        return COTREE_FABS(rate) > cotree_still(e, k) ? COTREE_FABS(rate) / e->scale[k]
-                                                      : COTREE_F(0.0);
+        *new_mode = COTREE_F(0.0);
+        return COTREE_FABS(rate) > cotree_rest_tolerance(e, k)
+                   ? COTREE_FABS(rate) / e->acceleration_scale[k]
+                   : COTREE_F(0.0);
     }
-    if (cotree_side_now(e, PLACE(e->presser[k], LIFTS), t, COTREE_F(0.0)) < COTREE_F(0.0)) {
+    if (cotree_moving_side(e, PLACE(e->normal_stop[k], CONTACT_FORCE), t, COTREE_F(0.0)) <
+        COTREE_F(0.0)) {
         /* What sticks slides before its stop lets go. */
-        *wanted = e->looked[PLACE(k, FORWARD)] < e->looked[PLACE(k, BACKWARD)] ? COTREE_F(1.0)
-                                                                               : -COTREE_F(1.0);
+        *new_mode = e->samples[PLACE(k, FORWARD_LIMIT)] < e->samples[PLACE(k, BACKWARD_LIMIT)]
+                        ? COTREE_F(1.0)
+                        : -COTREE_F(1.0);
         return e->modes[k] == COTREE_F(0.0) ? COTREE_F(1.0) : COTREE_F(0.0);
     }
-    return cotree_contradiction(e, k, t, wanted);
+    return cotree_friction_violation(e, k, t, new_mode);
 }
 
 /* Writes the acceleration along an edge with friction, pushed by a force. */
-static int push(cotree_events *e, cotree_real t, int which, cotree_real force,
-                cotree_real *acceleration)
+static int acceleration_under_force(cotree_events *e, cotree_real t, int which, cotree_real force,
+                                    cotree_real *acceleration)
 {
-    const int i = e->pressed[which], impulse = e->impulses[e->n_stops + which];
+    const int i = e->contact_friction[which], impulse = e->impulse_states[e->n_stops + which];
     int status;
-    e->tried[impulse] = force;
-    status = cotree_rates(e, t, e->tried);
-    e->tried[impulse] = COTREE_F(0.0);
-    *acceleration = -cotree_jumps_rebound_rate(&e->jumps, PLACE(i, STOPS));
+    e->trial[impulse] = force;
+    status = cotree_compute_rates(e, t, e->trial);
+    e->trial[impulse] = COTREE_F(0.0);
+    *acceleration = -cotree_jumps_rebound_rate(&e->jumps, PLACE(i, SLIP));
     return status;
 }
 
 /* How much a force on an edge with friction accelerates it, in the modes that are tried. */
-static int find_slope(cotree_events *e, cotree_real t, int which, cotree_real *slope)
+static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_real *slope)
 {
     cotree_real without, with;
     int k;
-    for (k = 0; k < e->n_modes; ++k) e->tried[PLACE(k, MODE)] = e->modes[k];
-    if (push(e, t, which, COTREE_F(0.0), &without) != 0 ||
-        push(e, t, which, COTREE_F(1.0), &with) != 0) {
-        return e->trouble;
+    for (k = 0; k < e->n_modes; ++k) e->trial[PLACE(k, MODE_STATE)] = e->modes[k];
+    if (acceleration_under_force(e, t, which, COTREE_F(0.0), &without) != 0 ||
+        acceleration_under_force(e, t, which, COTREE_F(1.0), &with) != 0) {
+        return e->failure;
     }
     *slope = COTREE_FABS(with - without);
     return 0;
@@ -310,19 +328,20 @@ static int find_slope(cotree_events *e, cotree_real t, int which, cotree_real *s
 
 /* Lets stick what no force has to hold now, but for what others hold already: a force would do
  * nothing there. */
-int cotree_bind_pressed(cotree_events *e, cotree_real t)
+int cotree_stick_unloaded_contacts(cotree_events *e, cotree_real t)
 {
     int k, n;
-    for (n = 0; n < e->n_pressed; ++n) {
+    for (n = 0; n < e->n_contact_friction; ++n) {
         cotree_real alone, among;
-        k = e->pressed[n];
-        if (!cotree_is_open(e, k) || e->modes[k] != COTREE_F(2.0)) continue;
-        if (find_slope(e, t, n, &among) != 0) return e->trouble;
-        cotree_copy(e->n_modes, e->modes, e->chosen);
-        for (k = 0; k < e->n_pressed; ++k) e->modes[e->pressed[k]] = COTREE_F(2.0);
-        if (find_slope(e, t, n, &alone) != 0) return e->trouble;
-        cotree_copy(e->n_modes, e->chosen, e->modes);
-        if (among > BOUND * alone) e->modes[e->pressed[n]] = COTREE_F(0.0);
+        k = e->contact_friction[n];
+        if (!cotree_may_change(e, k) || e->modes[k] != COTREE_F(2.0)) continue;
+        if (compute_mobility(e, t, n, &among) != 0) return e->failure;
+        cotree_copy(e->n_modes, e->modes, e->saved_modes);
+        for (k = 0; k < e->n_contact_friction; ++k)
+            e->modes[e->contact_friction[k]] = COTREE_F(2.0);
+        if (compute_mobility(e, t, n, &alone) != 0) return e->failure;
+        cotree_copy(e->n_modes, e->saved_modes, e->modes);
+        if (among > MIN_MOBILITY_SHARE * alone) e->modes[e->contact_friction[n]] = COTREE_F(0.0);
     }
     return 0;
 }

@@ -133,26 +133,26 @@ static int let_happen(fmu *m, fmu_news *news)
     int i, status;
     m->run.is_held = 1;
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_recall(e, m->watched); /* nothing yet, where no event was looked at */
+    cotree_events_restore(e, m->watched); /* nothing yet, where no event was looked at */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || fmu_is_stop(m, t)) {
         status = cotree_events_resume(e, t, w, NULL); /* speeds may have jumped */
     } else {
-        status = cotree_events_arrive(e, t, w);
+        status = cotree_events_apply_passed(e, t, w);
     }
     m->run.is_held = 0;
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the simulation at t = %.10g: %s",
-                          m->model->hybrid->events[e->event].name, e->at,
+                          m->model->hybrid->events[e->event].name, e->failure_time,
                           cotree_events_message(status));
     }
-    cotree_events_keep(e, m->watched);
+    cotree_events_save(e, m->watched);
     if (cotree_run_find_states(&m->run, t, w) != 0) {
         return fmu_refuse(m, "no values of the algebraic unknowns are found at t = %.10g", t);
     }
     for (i = 0; i < N_STATES; ++i) m->z[i] = m->run.full[i];
-    news->terminates = e->stopped >= 0;
+    news->terminates = e->terminal_event >= 0;
     for (i = 0; i < e->n_events; ++i) {
         if (e->has_fired[i]) fmu_log(m, FMU_NOTE, "event '%s' at t = %.10g", e->rows[i].name, t);
     }

@@ -39,7 +39,7 @@ static void lay_out_state(fmu *m, cotree_room *room)
     m->own_values = cotree_take_doubles(room, N_STATES);
     m->is_own = cotree_take_doubles(room, N_STATES);
     m->old = cotree_take_doubles(room, N_RATES);
-    m->watched = cotree_take_doubles(room, COTREE_EVENTS_KEPT(n_events_of(m)));
+    m->watched = cotree_take_doubles(room, COTREE_EVENTS_SAVED(n_events_of(m)));
 }
 
 static void lay_out(fmu *m, cotree_room *room)
@@ -52,7 +52,7 @@ static void lay_out(fmu *m, cotree_room *room)
     lay_out_state(m, room);
     m->n_kept = (size_t)FMU_N_NUMBERS + (size_t)N_FULL + (size_t)model->n_parameters +
                 (size_t)tables->n_inputs + 2 * (size_t)N_STATES + (size_t)N_RATES +
-                (size_t)COTREE_EVENTS_KEPT(n_events);
+                (size_t)COTREE_EVENTS_SAVED(n_events);
     m->k = cotree_take_doubles(room, model->n_prepared + 1);
     m->u = cotree_take_doubles(room, model->n_inputs + 1);
     m->dx = cotree_take_doubles(room, N_STATES + 1);
@@ -402,8 +402,8 @@ double fmu_span(const fmu *m)
 cotree_events *fmu_events(fmu *m)
 {
     cotree_events *const e = &m->events;
-    e->stopped = -1;
-    e->trouble = 0;
+    e->terminal_event = -1;
+    e->failure = 0;
     e->rtol = m->numbers[FMU_TOLERANCE];
     e->atol = m->tables->atol;
     e->span = fmu_span(m);

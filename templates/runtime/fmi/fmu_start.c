@@ -113,16 +113,16 @@ static int choose_modes(fmu *m)
     const double t = m->numbers[FMU_NOW];
     int i, status;
     cotree_run_narrow(&m->run, t, m->z, m->room);
-    cotree_events_recall(e, m->watched); /* what a run before this one knew has no bearing on it */
+    cotree_events_restore(e, m->watched); /* what a run before this one knew has no bearing on it */
     m->run.is_held = 1;
-    status = cotree_events_choose(e, t, m->room);
+    status = cotree_events_select_modes(e, t, m->room);
     m->run.is_held = 0;
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
                           e->rows[e->event].name, t, cotree_events_message(status));
     }
     for (i = 0; i < e->n_events; ++i) {
-        if (e->rows[i].is_jump > 1) m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
+        if (e->rows[i].kind > 1) m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
     }
     for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->room[i];
     fmu_forget(m);
@@ -141,7 +141,7 @@ static int settle_modes(fmu *m)
         if (fmu_refresh(m, FMU_HAS_INDICATORS) != 0) return 1;
         for (i = 0; i < hybrid->n_events; ++i) {
             const cotree_event *const row = hybrid->events + i;
-            if (row->is_jump != 1 || !(m->g[i] * (double)row->direction > 0.0)) continue;
+            if (row->kind != 1 || !(m->g[i] * (double)row->direction > 0.0)) continue;
             cotree_run_narrow(&m->run, t, m->z, m->room);
             if (cotree_jumps_news(&m->events.jumps, t, m->room) != 0) {
                 return fmu_refuse(m, "event '%s' has no values at the start", row->name);

@@ -44,7 +44,7 @@ static void copy_prepared(cotree_job *job, cotree_room *room)
     cotree_real *own;
     int i;
     job->pieces = NULL;
-    if (!has_events(job) || job->model->hybrid->n_pieces == 0) return;
+    if (!has_events(job) || job->model->hybrid->n_branches == 0) return;
     own = cotree_take_doubles(room, n);
     if (room->base == NULL) return;
     for (i = 0; i < n; ++i) own[i] = job->k[i];
@@ -62,7 +62,7 @@ static void watch(cotree_job *job, cotree_engine *e, cotree_room *room)
                        visit, job, room);
     e->events.records = job->records;
     if (job->pieces != NULL) {
-        e->events.pieces = job->pieces + job->model->n_prepared - job->model->hybrid->n_pieces;
+        e->events.branches = job->pieces + job->model->n_prepared - job->model->hybrid->n_branches;
     }
     job->has_fired = e->events.has_fired;
 }
@@ -195,7 +195,7 @@ static void finish(cotree_job *job)
         for (i = 0; i < e->run->n_full; ++i) job->z[i] = e->run->full[i];
     }
     job->correction = COTREE_FMAX(e->run->correction, e->of_states->correction);
-    if (job->watched != NULL && has_events(job)) cotree_events_keep(&e->events, job->watched);
+    if (job->watched != NULL && has_events(job)) cotree_events_save(&e->events, job->watched);
 }
 
 static int give_up(cotree_job *job, int status)
@@ -204,7 +204,7 @@ static int give_up(cotree_job *job, int status)
     job->status = status;
     if (has_events(job)) {
         job->event = events->event;
-        job->event_time = events->at;
+        job->event_time = events->failure_time;
         job->event_detail = events->detail;
     }
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);
@@ -216,7 +216,7 @@ static int give_up(cotree_job *job, int status)
 
 static int stop(cotree_job *job)
 {
-    job->event = ENGINE->events.stopped;
+    job->event = ENGINE->events.terminal_event;
     finish(job);
     return COTREE_JOB_STOPPED;
 }
@@ -380,13 +380,13 @@ static int look_at_corner(cotree_job *job)
     } else if (!job->is_continued) {
         status = cotree_events_begin(events, t, w);
     } else {
-        cotree_events_recall(events, job->watched);
+        cotree_events_restore(events, job->watched);
         status = job->is_changed || job->is_start_sharp
                      ? cotree_events_resume(events, t, w, slopes_of(job, 0))
-                     : cotree_events_go_on(events, t, w);
+                     : cotree_events_continue(events, t, w);
     }
     if (status == COTREE_OK) status = follow_events(job, t);
-    if (status == COTREE_OK && (events->n_fired > 0 || events->is_shifted))
+    if (status == COTREE_OK && (events->n_fired > 0 || events->is_mode_changed))
         status = keep_after(job, t);
     return status;
 }
@@ -401,7 +401,7 @@ static int let_happen(cotree_job *job)
     }
     job->t = events->t;
     if (status == COTREE_OK) status = follow_events(job, job->t);
-    if (status == COTREE_OK) status = cotree_events_happen(events);
+    if (status == COTREE_OK) status = cotree_events_apply(events);
     if (status == COTREE_OK) status = follow_events(job, job->t);
     return status == COTREE_OK ? keep_after(job, job->t) : status;
 }
@@ -467,7 +467,7 @@ static int begin_segment(cotree_job *job)
     if (status == COTREE_OK && has_events(job)) {
         hold_between_corners(job, ENGINE->watched);
         status = look_at_corner(job);
-        if (ENGINE->events.stopped >= 0) return status;
+        if (ENGINE->events.terminal_event >= 0) return status;
     }
     if (status == COTREE_OK) {
         status = restart(job);
@@ -498,7 +498,7 @@ static int go_on_from_event(cotree_job *job)
 {
     int status = let_happen(job);
     if (status != COTREE_OK) return give_up(job, status);
-    if (ENGINE->events.stopped >= 0) return stop(job);
+    if (ENGINE->events.terminal_event >= 0) return stop(job);
     if (job->t != job->corners[job->corner + 1]) status = restart(job);
     return status == COTREE_OK ? pass_end(job) : give_up(job, status);
 }
@@ -548,7 +548,7 @@ static int go_on(cotree_job *job)
     if (!job->is_begun) {
         status = begin_segment(job);
         if (status != COTREE_OK) return give_up(job, status);
-        if (has_events(job) && ENGINE->events.stopped >= 0) return stop(job);
+        if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop(job);
         job->is_begun = 1;
     }
     result = advance(job);
@@ -592,7 +592,7 @@ int cotree_job_start(cotree_job *job)
     status = begin_segment(job);
     if (has_events(job)) job->n_records = ENGINE->events.n_records;
     if (status != COTREE_OK) return give_up(job, status);
-    if (has_events(job) && ENGINE->events.stopped >= 0) return stop(job);
+    if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop(job);
     job->is_begun = 1;
     finish(job);
     return COTREE_JOB_MORE;

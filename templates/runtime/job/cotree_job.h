@@ -86,7 +86,7 @@ typedef struct cotree_job {
     cotree_real event_time;   /* when it failed */
     cotree_real event_detail; /* see cotree_events.h */
     const int *has_fired;
-    /* What events know, COTREE_EVENTS_KEPT cotree_reals, from the job before this one and for the
+    /* What events know, COTREE_EVENTS_SAVED cotree_reals, from the job before this one and for the
      * one after it; NULL: of no interest. is_continued: there is one before, and nothing changed
      * where it ended; is_changed: something may have. */
     cotree_real *watched;

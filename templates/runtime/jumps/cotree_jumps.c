@@ -12,9 +12,9 @@ static int count_pulls(const cotree_hybrid *h)
     int i, n = 0, n_loads = 0;
     for (i = 0; i < h->n_events; ++i) {
         const cotree_event *const row = h->events + i;
-        n += row->is_jump == COTREE_STOP_RESTS;
-        if (row->is_jump == COTREE_FRICTION_STOPS && row->n_targets > 2) n += 2;
-        n_loads += row->is_jump == COTREE_FRICTION_LOAD;
+        n += row->kind == COTREE_STOP_REBOUND;
+        if (row->kind == COTREE_FRICTION_SLIP && row->n_targets > 2) n += 2;
+        n_loads += row->kind == COTREE_FRICTION_LOAD;
     }
     return n > 0 ? n + n_loads : 0;
 }
@@ -27,7 +27,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     int n_pulls;
     j->run = run;
     j->hybrid = h;
-    j->values = cotree_take_doubles(room, h->n_events + h->n_pieces + h->n_quantities);
+    j->values = cotree_take_doubles(room, h->n_events + h->n_branches + h->n_quantities);
     j->rates = cotree_take_doubles(room, n_values + model->n_algebraic);
     j->before = cotree_take_doubles(room, run->n_full);
     j->after = cotree_take_doubles(room, run->n_full);
@@ -113,14 +113,14 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     if (!cotree_run_is_constrained(run)) return 0;
     status = cotree_run_inputs(run, t);
     for (i = 0; i < N_STATES; ++i) j->is_kept[i] = 0;
-    for (i = 0; i < row->n_kept; ++i) j->is_kept[row->targets[i]] = 1;
+    for (i = 0; i < row->n_prescribed; ++i) j->is_kept[row->targets[i]] = 1;
     if (status == 0) status = cotree_normalise(j, x);
     if (status != 0 || MODEL->gradient == NULL) return status;
     for (i = 0; i < N_STATES; ++i) j->given[i] = x[i];
     status = cotree_jumps_settle(j, t, x);
     if (status <= 0 || run->helper == NULL) return status;
-    if (run->helper->find_states(t, j->given, row->targets, row->n_kept, run->helper->context) !=
-        0) {
+    if (run->helper->find_states(t, j->given, row->targets, row->n_prescribed,
+                                 run->helper->context) != 0) {
         return status;
     }
     for (i = 0; i < N_STATES; ++i) x[i] = j->given[i];
@@ -206,7 +206,7 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
     if (status == 0) status = cotree_jumps_differentiate(j, t, w, now);
     for (i = 0; i < j->run->n_rates; ++i) x[i] = w[i];
     for (i = 0; i < N_EVENTS; ++i) {
-        if (rows[i].is_jump != 1 || rows[i].targets[0] != target) continue;
+        if (rows[i].kind != 1 || rows[i].targets[0] != target) continue;
         if (cotree_jumps_new_value(j, i) != w[target]) x[target] = cotree_jumps_new_value(j, i);
     }
     return status == 0 ? cotree_jumps_differentiate(j, t, x, other) : status;

@@ -24,10 +24,10 @@ extern "C" {
 /* Events of dry friction have these in the place of is_jump: their value is the relative speed with
  * the sign of the mode, what is left to the limits of the force, positive while engaged, or a load
  * with the sign that its mode stands for. */
-#define COTREE_FRICTION_STOPS 2
+#define COTREE_FRICTION_SLIP 2
 #define COTREE_FRICTION_FORWARD 3
 #define COTREE_FRICTION_BACKWARD 4
-#define COTREE_FRICTION_GRIP 5
+#define COTREE_FRICTION_ENGAGED 5
 #define COTREE_FRICTION_LOAD 6
 
 /* Events of rigid stops: what is left to their limits, in contact their force with the sign of the
@@ -35,11 +35,11 @@ extern "C" {
  * the impulse, which all but LIFTS set to what an impact changes the speed by. */
 #define COTREE_STOP_UPPER 7
 #define COTREE_STOP_LOWER 8
-#define COTREE_STOP_LIFTS 9
-#define COTREE_STOP_RESTS 10
+#define COTREE_STOP_FORCE 9
+#define COTREE_STOP_REBOUND 10
 
 /* Corners of the rates, at which nothing jumps: only the piece changes that steps hold. */
-#define COTREE_CORNER 11
+#define COTREE_KINK 11
 
 typedef struct cotree_jumps {
     cotree_run *run;
