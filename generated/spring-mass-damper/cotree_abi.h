@@ -40,25 +40,25 @@ typedef struct cotree_quantity {
 
 typedef struct cotree_event {
     const char *name;
-    int direction; /* -1 downwards through zero, 1 upwards, 0 both */
-    int is_stop;
-    int is_jump;   /* whether it sets a mode that stands for a jump inside an expression */
-    int is_count;  /* whether it looks at a value less that mode: its rounding is theirs */
-    int n_kept;    /* targets that stay as set; those after them are speeds after an impact */
-    int n_targets; /* states that it sets */
-    const int *targets;
-    int piece; /* that ends there, of a corner */
-    int range; /* its place among ranges; -1: it is linear in what moves, and has none */
+    int direction;       /* of its zero crossings: -1 falling, 1 rising, 0 both */
+    int is_terminal;     /* 1: it ends the run */
+    int kind;            /* 0, or a kind of cotree_jumps.h if it chooses a mode */
+    int subtracts_mode;  /* 1: the event function is a value less the mode, and has their rounding */
+    int n_prescribed;    /* the first targets, kept as set; later ones are speeds after an impact */
+    int n_targets;
+    const int *targets;  /* states that it sets */
+    int branch;          /* of a kink: the branch that ends there */
+    int range;           /* place among the ranges; -1: the event function is linear */
 } cotree_event;
 
-/* What events need to know of a model. */
+/* The events of a model, and what their projection needs. */
 typedef struct cotree_hybrid {
-    int n_events;  /* with the corners of rates, which are the last of them */
-    int n_corners;
-    int n_pieces; /* what ends at these: the last prepared values, zero where no step holds them */
+    int n_events;     /* kinks of the rates included, which come last */
+    int n_kinks;
+    int n_branches;   /* held by steps: the last prepared values, zero if not held */
     int n_ranges;
-    int n_quantities; /* what ranges are formed of */
-    int n_jumps;  /* targets of all events */
+    int n_quantities; /* arguments of the ranges */
+    int n_jumps;      /* targets of all events */
     const cotree_event *events;
     int n_coordinates;     /* the first states */
     int n_speeds;          /* the next ones */
