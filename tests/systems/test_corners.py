@@ -415,6 +415,24 @@ def test_a_corner_within_a_table(law: str) -> None:
     assert found["D.v"][-1] == pytest.approx(12.0, rel=8e-8)  # eight tolerances
 
 
+@pytest.mark.parametrize(
+    # Methods of variable order begin by the first one, which costs a tolerance or two each time.
+    ("method", "of_each"),
+    [("rodas5", 0.0), ("dopri5", 0.0), ("cvode", 2.0), ("ida", 2.0)],
+)
+def test_what_a_corner_costs_that_is_none(method: str, of_each: float) -> None:
+    """A spring that is a straight line of 81 points: cos(2 t), which passes 255 of them in 10 s."""
+    scene = Scene("straight")
+    points = np.linspace(-2.0, 2.0, 81)
+    scene.table("f", list(points), list(4.0 * points))
+    scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="-f(j.s)", initial={"s": 1.0})
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0)
+    found = scene.compile().simulate((0, 10), method=method, rtol=1e-6, atol=1e-8)
+    # One tolerance of the smooth motion, which is cut into short steps.
+    off = np.abs(found["j.s"] - np.cos(2.0 * found.t)).max()
+    assert off <= (1.0 + of_each * 255) * 1e-6
+
+
 def test_a_root_holds_the_side_on_which_it_is_constant() -> None:
     """An infinite slope begins where the argument of a root rises through zero."""
     scene = Scene("clipped")
