@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 NAMES = [
     "cotree_abi.h",
     "cotree_limits.h",
+    "cotree_numbers.h",
     "cotree_real.h",
     "spring_mass_damper.h",
     "spring_mass_damper.c",

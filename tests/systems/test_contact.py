@@ -189,7 +189,8 @@ def test_sensitivities_agree_with_differences():
     )
     names = ["k", "mu", "R", "m", "b.y"]
     model = scene.compile(names, optimize="-O0")
-    settings = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
+    # At 1e-12 contacts leave 2e-10 in some runs, which the differences divide by 3e-3.
+    settings = {"method": "dop853", "rtol": 1e-13, "atol": 1e-15}
     result = model.simulate((0, 0.5), **settings)
     states = ("b.x", "b.y", "b.theta", "b.y_dot")
     for name in names:

@@ -25,10 +25,12 @@ typedef float cotree_real;
 #define COTREE_MAX FLT_MAX
 #define COTREE_MANT_DIG FLT_MANT_DIG
 #define COTREE_INFINITY HUGE_VALF
+#define COTREE_EXP expf
 #define COTREE_FABS fabsf
 #define COTREE_FMAX fmaxf
 #define COTREE_FMIN fminf
 #define COTREE_FMOD fmodf
+#define COTREE_LOG logf
 #define COTREE_SQRT sqrtf
 #define COTREE_NEXTAFTER nextafterf
 #define COTREE_STRTOD strtof
@@ -41,10 +43,12 @@ typedef double cotree_real;
 #define COTREE_MAX DBL_MAX
 #define COTREE_MANT_DIG DBL_MANT_DIG
 #define COTREE_INFINITY HUGE_VAL
+#define COTREE_EXP exp
 #define COTREE_FABS fabs
 #define COTREE_FMAX fmax
 #define COTREE_FMIN fmin
 #define COTREE_FMOD fmod
+#define COTREE_LOG log
 #define COTREE_SQRT sqrt
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
