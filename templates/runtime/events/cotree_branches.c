@@ -1,29 +1,29 @@
-/* cotree_branches.c: branches of piecewise functions that steps hold.
+/* cotree_branches.c: branches of piecewise functions, held during a step.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * Absolute values, selections and tables are smooth within a branch and have kinks between two.
+ * A step holds the branches that it starts on, and ends at the first kink. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Corners of the rates: which pieces of absolute values, selections and tables steps hold. */
-
-/* Lets values decide by themselves which piece they are on. */
+/* Release all branches: each follows from the value. */
 void cotree_release_branches(cotree_events *e)
 {
     int k;
     for (k = 0; k < e->n_branches && e->branches != NULL; ++k) e->branches[k] = COTREE_F(0.0);
 }
 
-/* How far from zero a value is at a corner still, as its rate says. */
+/* Return the distance from zero at which a value counts as at its kink. */
 static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
 {
     return COTREE_FMAX(cotree_zero_band(e, i),
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
-/* Lets a step hold the piece on one side of a corner; 0: none. */
+/* Freeze the branch on one side of a kink; side 0 releases it. */
 static void freeze_branch(cotree_events *e, int i, cotree_real side)
 {
     const cotree_event *const row = e->rows + i;
@@ -36,8 +36,8 @@ static void freeze_branch(cotree_events *e, int i, cotree_real side)
     }
 }
 
-/* Chooses the pieces that the motion goes on to from a point; where it neither moves on nor back,
- * and where it was looked for at this time before, values decide by themselves. */
+/* Select the branches of the motion that leaves a point. Those of values with zero rate stay
+ * released, and those selected before at the same time. */
 int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
@@ -56,8 +56,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
         e->is_near[i] = COTREE_FABS(g) <= band_at_kink(e, i, t);
         if (!e->is_near[i] && e->rows[i].direction == 0) freeze_branch(e, i, cotree_sign_of(g));
     }
-    /* Which way a value moves may depend on the pieces of those that it is made of, which come
-     * before. */
+    /* The rate of a value may depend on the branches of earlier values. */
     for (i = first; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
         if (!is_known) status = cotree_compute_rates(e, t, w);
@@ -74,7 +73,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* Whether nothing but corners was found, and no modes have to be chosen. */
+/* Return whether only kinks were found and no modes have to be selected. */
 int cotree_are_only_kinks(const cotree_events *e)
 {
     int i;
@@ -84,7 +83,7 @@ int cotree_are_only_kinks(const cotree_events *e)
     return e->n_found > 0 && e->n_modes == 0;
 }
 
-/* Goes on to the next pieces, where nothing else happens. */
+/* Enter the next branches where no other event is due. */
 int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i;
@@ -100,21 +99,21 @@ int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w)
     return 0;
 }
 
-/* Whether a step has left a piece that it held by so little that it goes on, or went on without. */
+/* Return whether a step ended beyond a held branch, within the tolerance, or held none. */
 int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
 {
     int i;
     for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
-        /* A table that looks by itself never leaves its piece. */
+        /* A table that is not held is never beyond its branch. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
         if (e->side[i] == COTREE_F(0.0) && COTREE_FABS(g[i]) > cotree_zero_band(e, i)) return 1;
     }
     return 0;
 }
 
-/* Finds the ranges over a step of what is not linear, from where quantities are at both ends and
- * how fast they changed before. */
+/* Bound the quantities of nonlinear event functions over a step, from both ends and the mean
+ * rates of the step before. */
 static int bound_quantities(cotree_events *e)
 {
     const cotree_real step = e->t_after - e->t_before;
@@ -134,8 +133,8 @@ static int bound_quantities(cotree_events *e)
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
 
-/* Looks at the end of the last step alone: whether it lies so far from all corners that the step,
- * as fast as values change in it and did before, does not reach any. CLOSER: it may. */
+/* Test the end of the step alone. Return REFINE if a kink may be reached, from the change in
+ * this step and the mean rate in the last one. */
 int cotree_cheap_crossing_test(cotree_events *e)
 {
     const cotree_real step = COTREE_FABS(e->t_after - e->t_before);

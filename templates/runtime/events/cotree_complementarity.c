@@ -1,43 +1,39 @@
-/* cotree_complementarity.c: modes of all unilateral constraints, chosen at once.
+/* cotree_complementarity.c: selection of the modes of all unilateral constraints.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * The modes of dry friction, of rigid stops and contacts, and the signs of loads solve one
+ * complementarity problem (F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral Contacts,
+ * 1996). Friction that sticks and a stop that is closed have a force within limits; friction
+ * that slides has its force at one of two limits, and a stop that is open at its only limit,
+ * zero. A trial evaluates the forces and accelerations of one mode set. Forces move from their
+ * present values towards those of the trial, up to the first limit: the constraint that reaches
+ * it slides, or opens. If no limit is reached, a constraint whose acceleration violates its mode
+ * sticks, or closes. Only slacks, the distances to the limits, are stored. With constant limits
+ * each pivot lowers a convex quadratic function (primal active-set method: J. Nocedal, S. J.
+ * Wright, Numerical Optimization, 2006, section 16.5).
+ *
+ * With limits that depend on forces, as in contacts with friction and gears with losses, nothing
+ * is lowered, and there may be none or several solutions. Then no mode set is tried twice, and
+ * after the last pivot small problems are enumerated. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* The choice of modes: of dry friction, of rigid stops and contacts, and of the signs of loads, by
- * one walk over all of them.
- *
- * An edge that sticks and a stop that holds are the same here: a force that follows from the
- * motion, within limits. Friction that slides has its force at one of two limits, a stop that is
- * free has it at its only one, which is zero. Trials jump from one set of modes to the next, and
- * forces with them. What decides which edge reaches its limit first is the way between two trials:
- * all forces move from where they are towards those of the new trial, as far as the first limit,
- * whose edge slides, or lets go, there. Where they get there, an edge sticks or a stop holds again
- * whose acceleration is against its mode. So forces never leave their limits, and with constant
- * limits each trial lowers a quadratic function, of which the forces wanted are the least point,
- * until none contradicts (the active-set method for convex quadratic programs, J. Nocedal, S. J.
- * Wright, Numerical Optimization (2006), section 16.5). Only distances to limits are needed.
- *
- * Limits that depend on forces, as those of contacts with friction and of gears with losses, make
- * the problem another one: nothing is lowered, there may be no solution or several, and trials may
- * lead in a circle. The walk is the same then, but that no set of modes is tried twice; where it
- * ends without an answer all sets are tried in turn, if they are few. */
-
-/* The distances of an edge's force to its upper and to its lower limit; a stop has the first one
- * only. */
+/* Slacks of a force to its forward and backward limit; a stop has the first one only. */
 #define SLACK(k, is_backward) (e->slack[2 * (k) + (is_backward)])
 
-/* Edges that pass a limit change before those that are held back. */
+/* The step fraction of a constraint that reaches no limit: above 1, so that others change first. */
 #define FRACTION_NO_LIMIT COTREE_F(2.0)
+
+/* Modulus of the numbers of mode sets: a prime, four times which cotree_real represents exactly. */
 #define CODE_MODULUS COTREE_SELECT(1125899906842597.0, 1048573.0f)
 
-/* How many modes one edge may have. */
+/* The largest number of modes of one constraint. */
 #define MAX_MODES 4
 
-/* Writes the modes that an edge may have, and returns how many. */
+/* Write the modes that a constraint may have, and return their number. */
 static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
 {
     int n = 0;
@@ -56,7 +52,7 @@ static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
     return n;
 }
 
-/* How far an edge is off what its mode asks for, as a share; and the mode that it wants. */
+/* Return by how much a constraint violates its mode, as a share, and the mode that removes it. */
 static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     *new_mode = -e->modes[k];
@@ -69,7 +65,7 @@ static cotree_real find_violation(cotree_events *e, int k, cotree_real t, cotree
                                             : cotree_friction_violation(e, k, t, new_mode);
 }
 
-/* Which limit an edge has its force at in a mode: its event; -1: at none. */
+/* Return the event whose limit the force is at in a mode, or -1. */
 static int limit_event(const cotree_events *e, int k, cotree_real mode)
 {
     if (cotree_is_load(e, k)) return -1;
@@ -79,7 +75,7 @@ static int limit_event(const cotree_events *e, int k, cotree_real mode)
                                     : -1;
 }
 
-/* Whether the distances of an edge to its limits move with the forces of a trial. */
+/* Return whether the slacks of a constraint change with the forces of the trial. */
 static int has_moving_slack(const cotree_events *e, int k)
 {
     if (!cotree_may_change(e, k) || cotree_is_load(e, k)) return 0;
@@ -87,7 +83,7 @@ static int has_moving_slack(const cotree_events *e, int k)
     return e->modes[k] == COTREE_F(0.0) || cotree_is_contact_friction(e, k);
 }
 
-/* Lets the way begin: with friction halfway between its limits, and without forces of stops. */
+/* Start with friction forces midway between their limits and without forces of stops. */
 static void init_slack(cotree_events *e)
 {
     int k;
@@ -103,7 +99,7 @@ static void init_slack(cotree_events *e)
     }
 }
 
-/* Which share of the way to the last trial an edge goes until it takes the mode that it wants. */
+/* Return the fraction of the step to the trial forces at which a constraint takes its new mode. */
 static cotree_real fraction_to_limit(const cotree_events *e, int k, cotree_real new_mode)
 {
     const int limit = limit_event(e, k, new_mode);
@@ -115,7 +111,7 @@ static cotree_real fraction_to_limit(const cotree_events *e, int k, cotree_real 
     return g < COTREE_F(0.0) ? left / (left - g) : COTREE_F(1.0);
 }
 
-/* Goes a share of the way to the last trial. */
+/* Move the forces by a fraction of the step to those of the trial. */
 static void partial_step(cotree_events *e, cotree_real share)
 {
     int k, side;
@@ -134,8 +130,8 @@ static void partial_step(cotree_events *e, cotree_real share)
     }
 }
 
-/* The mode of one edge once another one has its new one: a stop takes along what it presses
- * together, which begins without a force. */
+/* Return the mode of constraint i after constraint k has changed: friction at a contact follows
+ * its stop, and starts without a force. */
 static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotree_real mode)
 {
     if (i == k) return mode;
@@ -143,14 +139,14 @@ static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotre
     return mode == COTREE_F(0.0) ? COTREE_F(2.0) : e->slip_sign[i];
 }
 
-/* Gives an edge another mode. */
+/* Set a mode of a trial, and the modes of the friction at its contact. */
 static void change_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
     for (i = 0; i < e->n_modes; ++i) e->modes[i] = mode_after_change(e, i, k, mode);
 }
 
-/* Gives an edge its mode at the end of the way. */
+/* Set the mode of a constraint that has reached its limit, and its slack. */
 static void set_mode(cotree_events *e, int k, cotree_real mode)
 {
     int i;
@@ -162,7 +158,7 @@ static void set_mode(cotree_events *e, int k, cotree_real mode)
     change_mode(e, k, mode);
 }
 
-/* A number that tells modes apart, with another one in the place of one of them. */
+/* Return a number that identifies a mode set, with one mode replaced unless other is -1. */
 static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode)
 {
     cotree_real number = COTREE_F(0.0);
@@ -174,14 +170,14 @@ static cotree_real mode_code(const cotree_events *e, int other, cotree_real mode
     return number;
 }
 
-/* Notes the modes that are tried now. */
+/* Record the mode set of this trial. */
 static void record_trial(cotree_events *e)
 {
     e->tried_codes[e->n_tried % N_TRIED_CODES] = mode_code(e, -1, COTREE_F(0.0));
     if (++e->n_tried >= 2 * N_TRIED_CODES) e->n_tried -= N_TRIED_CODES;
 }
 
-/* Whether modes were tried before, with another one in the place of one of them. */
+/* Return whether a mode set, with one mode replaced, has been tried. */
 static int is_tried(const cotree_events *e, int k, cotree_real mode)
 {
     const cotree_real number = mode_code(e, k, mode);
@@ -192,7 +188,7 @@ static int is_tried(const cotree_events *e, int k, cotree_real mode)
     return 0;
 }
 
-/* Finds a mode of an edge that was not tried beside those of the others. */
+/* Find a mode of a constraint that has not been tried with the present modes of the others. */
 static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
 {
     cotree_real modes[MAX_MODES];
@@ -205,7 +201,7 @@ static int find_untried_mode(const cotree_events *e, int k, cotree_real *mode)
     return 0;
 }
 
-/* Finds an edge that does not contradict, but leads to modes that were not tried. */
+/* Find a constraint without violation whose change leads to an untried mode set. */
 static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *to)
 {
     int k;
@@ -217,8 +213,8 @@ static int find_untried_edge(const cotree_events *e, int *changed, cotree_real *
     return 0;
 }
 
-/* Finds what the forces of idle edges are uncertain by: each follows from those of the others, and
- * has their rounding even where it is zero itself. */
+/* Compute the rounding of the forces of active constraints: that of the largest, since each
+ * follows from the others. */
 static void compute_force_noise(cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -232,13 +228,13 @@ static void compute_force_noise(cotree_events *e)
     e->force_noise = COTREE_SCAN_ROUNDING * largest;
 }
 
-/* Evaluates forces and accelerations, or impulses and speeds, with the modes as they are. */
+/* Evaluate the trial: forces and accelerations, or impulses and speeds. */
 static int evaluate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     return e->is_impact ? cotree_evaluate_impact(e, t, w) : cotree_evaluate_motion(e, t, w);
 }
 
-/* Finds what contradictions are found by besides these. */
+/* Evaluate the second-order conditions needed by the consistency test. */
 static int evaluate_trial(cotree_events *e, cotree_real t)
 {
     if (e->is_impact) return 0;
@@ -246,8 +242,8 @@ static int evaluate_trial(cotree_events *e, cotree_real t)
     return cotree_compute_later_accelerations(e, t);
 }
 
-/* Finds what contradicts the modes as they are tried, and which mode changes first. Returns whether
- * anything contradicts; changed is -1 where all that could change leads back. */
+/* Find the constraint that changes its mode first, or -1 if all changes lead back to tried sets,
+ * and take the step to it. Return whether any constraint is violated. */
 static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real *to)
 {
     cotree_real first = COTREE_F(0.0), most = COTREE_F(0.0);
@@ -261,7 +257,7 @@ static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real
         is_wrong = 1;
         share = fraction_to_limit(e, k, new_mode);
         if (is_tried(e, k, new_mode)) {
-            /* Limits that depend on forces may lead in a circle: another mode is left. */
+            /* Force-dependent limits can cycle; fall back to an untried mode. */
             share = FRACTION_NO_LIMIT + COTREE_F(1.0);
             if (!find_untried_mode(e, k, &new_mode)) continue;
         }
@@ -275,7 +271,7 @@ static int find_pivot(cotree_events *e, cotree_real t, int *changed, cotree_real
     return is_wrong;
 }
 
-/* Tells whether nothing contradicts the modes as they are; what has no solution is none. */
+/* Return whether the modes are consistent; those without a solution are not. */
 static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_real new_mode;
@@ -290,12 +286,13 @@ static int are_consistent(cotree_events *e, cotree_real t, const cotree_real *w)
     return 1;
 }
 
-/* Takes the set of modes that has a number, among all those that may be chosen. */
+/* Set the mode set with a number, out of all combinations. */
 static void decode_modes(cotree_events *e, int code)
 {
     cotree_real modes[MAX_MODES];
     int k;
-    /* Stops come first, so that what they press together follows them, unless it is open itself. */
+    /* Stops come last in the order: set them first, since the friction at their contacts
+     * follows. */
     for (k = e->n_modes - 1; k >= 0; --k) {
         int n;
         if (!cotree_is_variable(e, k)) continue;
@@ -305,7 +302,7 @@ static void decode_modes(cotree_events *e, int code)
     }
 }
 
-/* Tries all sets of modes in turn, where they are few. Returns whether nothing contradicts one. */
+/* Enumerate all mode sets, if they are few. Return whether one is consistent. */
 static int enumerate_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     cotree_real modes[MAX_MODES];
@@ -320,7 +317,7 @@ static int enumerate_modes(cotree_events *e, cotree_real t, const cotree_real *w
     return 0;
 }
 
-/* Ends the run with the names of the edges, among some, whose modes are to be chosen. */
+/* Fail, with the active constraints in a range as the events concerned. */
 static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int status)
 {
     int i, k, first = -1;
@@ -333,17 +330,17 @@ static int fail_modes(cotree_events *e, cotree_real t, int from, int end, int st
     return cotree_fail(e, PLACE(first < 0 ? from : first, SLIP), t, status);
 }
 
-/* Ends the run where equations cannot be solved with the first modes of all. */
+/* Fail because the equations are singular in the first mode set. */
 static int fail_indeterminate(cotree_events *e, cotree_real t)
 {
     int k, n_idle = 0;
     for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
-    /* Edges that stick share their forces, and the loss of a gear depends on how. */
+    /* Sticking constraints share their forces, and the loss of a gear depends on how. */
     if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
     return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_SHARED);
 }
 
-/* Ends the run where equations cannot be solved with the modes that it begins with. */
+/* Fail because the equations are singular in the modes at the start. */
 int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;
@@ -351,11 +348,11 @@ int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_indeterminate(e, t);
 }
 
-/* Whether any gear has losses, which depend on its load. */
+/* Return whether any gear has losses that depend on its load. */
 static int has_losses(const cotree_events *e) { return e->n_frictions < cotree_first_stop(e); }
 
-/* Lets all that sticks at the start slide; returns whether that is anything, and no losses depend
- * on it. */
+/* Let all friction slide that sticks at the start, unless losses depend on its forces. Return
+ * whether any did. */
 int cotree_release_sticking(cotree_events *e, cotree_real *w)
 {
     int k, n = 0;
@@ -369,7 +366,7 @@ int cotree_release_sticking(cotree_events *e, cotree_real *w)
     return n > 0;
 }
 
-/* Lets all idle stops hold, or all go. Returns whether any mode has changed. */
+/* Close all active stops, or open them. Return whether any mode changed. */
 static int close_stops(cotree_events *e, int is_held)
 {
     int k, is_changed = 0;
@@ -382,9 +379,9 @@ static int close_stops(cotree_events *e, int is_held)
     return is_changed;
 }
 
-/* Whether other sets of modes may do where the first has no solution: where all that hold the same
- * thing stick, or a force moves nothing as at a dead centre, others slide at their limits. The
- * losses of gears would depend on which. */
+/* Return whether other mode sets may have a solution if the first one is singular: if sticking
+ * constraints are redundant, or a force moves nothing (a dead centre). Losses of gears would
+ * depend on the choice. */
 static int may_have_other_modes(const cotree_events *e)
 {
     int k, n_idle = 0;
@@ -392,16 +389,16 @@ static int may_have_other_modes(const cotree_events *e)
     return e->is_impact || (e->kernel_status == COTREE_SINGULAR && n_idle > 0 && !has_losses(e));
 }
 
-/* Whether forces of friction may be algebraic unknowns, which several edges that hold the same
- * thing would leave open; n edges are idle. */
+/* Return whether friction forces may be algebraic unknowns, which redundant constraints leave
+ * indeterminate; n constraints are active. */
 static int may_be_indeterminate(const cotree_events *e, int n)
 {
     return n > 1 && !e->is_impact && e->run->model->n_algebraic > 0 && !has_losses(e) &&
            e->n_contact_friction == 0;
 }
 
-/* Lets stick, one after the other, what the others that stick leave an acceleration; the rest is
- * held by these, and has the force of its limit. */
+/* Start with all friction sliding, and let constraints stick one at a time if they accelerate.
+ * The rest is held by these, with its force at a limit. */
 static int init_sequentially(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, round, status;
@@ -422,8 +419,8 @@ static int init_sequentially(cotree_events *e, cotree_real t, const cotree_real 
     return 0;
 }
 
-/* Walks until nothing contradicts the modes of n edges. Returns FOUND then, NONE where the walk
- * ends without that, and why it cannot be begun. */
+/* Pivot until the modes of n unilateral constraints are consistent. Return FOUND; NONE if
+ * pivoting ends without; or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
 {
     int round, is_begun = 0, is_lost = 0, changed = -1;
@@ -433,7 +430,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
     for (round = 0; round <= COTREE_FRICTION_ROUNDS(n); ++round) {
         record_trial(e);
         if (evaluate_modes(e, t, w) != 0) {
-            /* Forces that nothing tells apart: these modes are none, and others are tried. */
+            /* Singular trial (indeterminate forces): discard this mode set. */
             if (changed >= 0)
                 cotree_copy(e->n_modes, e->saved_modes, e->modes);
             else if (!close_stops(e, 0))
@@ -455,7 +452,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
     return COTREE_EVENTS_NONE;
 }
 
-/* Chooses modes, from those that there are, until nothing contradicts. */
+/* Select the modes of all variable constraints: by pivots, then by enumeration. */
 int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status, n = 0;
@@ -470,8 +467,8 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_modes(e, t, 0, e->n_modes, COTREE_EVENTS_MODES);
 }
 
-/* Refuses a choice of modes beside which there is another one, as friction allows that is strong
- * enough: a stop may then hold, or let go. */
+/* Reject a solution that is not unique, as strong friction allows (Painleve configurations): a
+ * stop may then either hold or open. */
 static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k;
@@ -495,11 +492,11 @@ static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_evaluate_motion(e, t, w);
 }
 
-/* Chooses the modes of the idle edges and stops, and the signs of loads. */
+/* Select the modes of active friction and stops, and the signs of loads. */
 int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status;
-    /* As friction sticks at first, stops hold: what holds on keeps what rubs from slipping. */
+    /* Start with all contacts closed and all friction sticking. */
     close_stops(e, 1);
     status = cotree_solve_modes(e, t, w);
     if (status == 0 && e->n_contact_friction > 0) status = cotree_stick_unloaded_contacts(e, t);

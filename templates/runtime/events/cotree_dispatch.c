@@ -1,29 +1,26 @@
-/* cotree_dispatch.c: events at one time, and those that they trigger.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_dispatch.c: application of the events at one time, and of those that they trigger.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* What happens at one time: each event in its turn, and what these make happen. */
-
-/* Whether a value that moves to a side does what its event waits for. */
+/* Return whether a crossing to a side has the direction of the event. */
 int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side)
 {
     const int direction = e->rows[i].direction;
     return direction == 0 || (cotree_real)direction == side;
 }
 
-/* When an event happened, the last time for age 0. */
+/* Return a past time of an event, the last one for age 0. */
 static cotree_real recent_event_time(const cotree_events *e, int i, int age)
 {
     const int place = (e->n_event_times[i] - 1 - age) % COTREE_EVENT_CROWD;
     return e->event_times[i * COTREE_EVENT_CROWD + place];
 }
 
-/* Refuses events whose last n intervals are a geometric series that soon ends. */
+/* Reject an event whose last n intervals form a geometric series with a limit within a time. */
 static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_real longest)
 {
     cotree_real last, ratio, left;
@@ -47,14 +44,14 @@ static int check_series(cotree_events *e, int i, cotree_real t, int n, cotree_re
     return cotree_fail(e, i, t, COTREE_EVENTS_ACCUMULATE);
 }
 
-/* Refuses events that accumulate. */
+/* Count an event, and reject accumulation and chatter. */
 static int count_event(cotree_events *e, int i, cotree_real t)
 {
-    /* The number stays within the range of its type. */
+    /* Keeps the count within the range of int. */
     if (e->n_event_times[i] >= 2 * COTREE_EVENT_CROWD) e->n_event_times[i] -= COTREE_EVENT_CROWD;
     e->event_times[i * COTREE_EVENT_CROWD + e->n_event_times[i] % COTREE_EVENT_CROWD] = t;
     ++e->n_event_times[i];
-    /* Impacts at a stop end in rest by its rule. */
+    /* Impacts at a stop end at rest, by the threshold of the stop. */
     if (!cotree_is_gap(e, i) &&
         check_series(e, i, t, SERIES_LENGTH, SERIES_REMAINDER_SHARE * e->span) != 0)
         return e->failure;
@@ -72,15 +69,15 @@ int cotree_fail_grazing(cotree_events *e, int i, cotree_real t)
     return cotree_fail(e, i, t, COTREE_EVENTS_GRAZE);
 }
 
-/* Finds whether a parameter moves what an event looks at. */
+/* Find whether an event function depends on a parameter of sensitivity. */
 static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *w, int *is_moved)
 {
     e->kernel_status = cotree_jumps_is_moved(&e->jumps, i, t, w, is_moved);
     return e->kernel_status == 0 ? 0 : cotree_fail(e, i, t, COTREE_EVENTS_FAILED);
 }
 
-/* Refuses a crossing that is so shallow that it may as well not take place, where its time moves
- * with a parameter. */
+/* Reject a grazing crossing whose time depends on a parameter: its depth is below the error
+ * tolerance. */
 static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
 {
     cotree_real rate;
@@ -96,14 +93,14 @@ static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
     return is_moved ? cotree_fail_grazing(e, i, t) : 0;
 }
 
-/* Lets one event happen at w. */
+/* Apply one event at w. */
 static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, int is_time_fixed)
 {
     const int is_smooth = cotree_is_continuous(e, i, t, w);
     int k, status = count_event(e, i, t);
     if (status == 0 && e->run->n_blocks > 1 && !is_time_fixed) status = check_grazing(e, i, t, w);
     if (status != 0) {
-        /* Where no rate jumps, it does not matter when it happens, or how often. */
+        /* Where no rate jumps, neither the time nor the number of crossings matters. */
         if (status == COTREE_EVENTS_FAILED || !is_smooth) return status;
         is_time_fixed = 1;
         e->failure = 0;
@@ -124,8 +121,8 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     return 0;
 }
 
-/* Whether an event, or the other one of the same jump inside an expression, which stands beside it,
- * happens now: what it looks at is as far from zero as the error test knows. */
+/* Return whether an event, or the other event of the same jump, has just been applied: its
+ * function is then zero within the error tolerance. */
 static int has_just_fired(const cotree_events *e, int i)
 {
     int k;
@@ -137,7 +134,7 @@ static int has_just_fired(const cotree_events *e, int i)
     return 0;
 }
 
-/* Says which way the value of a jump moves, whatever its rate is: that of both its events. */
+/* Set the direction in which a jump is crossed, for both of its events. */
 void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way)
 {
     int k;
@@ -146,15 +143,15 @@ void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way)
     }
 }
 
-/* Whether a value at zero has no rate, but a second derivative beyond rounding, as find_bend left
- * it. */
+/* Return whether an event function at zero has a second derivative above rounding, as computed
+ * last. */
 int cotree_has_curvature(const cotree_events *e, int i)
 {
     return COTREE_FABS(e->curvature[i]) * e->span > ZERO_RATE_SHARE * e->rate_before[i];
 }
 
-/* Writes on which side of zero values are, those at zero by where they move, to looked. Jumps
- * inside expressions that have no rate there move as their second derivative says. */
+/* Write the side of zero of each event function to samples, at zero that of its rate. Jumps at
+ * zero rate take the side of the second derivative. */
 static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int i, is_known = 0, status = cotree_compute_values(e, t, w);
@@ -186,7 +183,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
     return status;
 }
 
-/* Lets the jumps that were found happen in one order or the other, at a copy. */
+/* Apply the jumps that were found to a copy, in one order or the other. */
 static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_reverse)
 {
     int k, status = 0;
@@ -198,8 +195,8 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     return status;
 }
 
-/* Refuses jumps at once, where parameters move any, and it matters which comes first: nothing there
- * has sensitivities. */
+/* Reject simultaneous jumps that do not commute if any depends on a parameter: no sensitivities
+ * exist. */
 static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, first = -1, n_jumps = 0, is_moved = 0;
@@ -224,13 +221,13 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* Lets what was found happen, each moving its way. */
+/* Apply the events that were found, each in the direction of its crossing. */
 static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_fired = 0, status = check_order(e, t, w);
     if (status == 0) status = cotree_compute_values(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
-        /* What is at zero passes it, whether it is an event in that direction or not. */
+        /* A value at zero counts as crossed in either direction. */
         if (COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i))
             e->side[i] = e->crossing_sign[i];
     }
@@ -243,7 +240,7 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
         if (n_fired > 0) {
             status = cotree_compute_rates(e, t, w);
             if (!(e->jumps.rates[i] * e->crossing_sign[i] > COTREE_F(0.0)))
-                continue; /* another one turned it round */
+                continue; /* an earlier event reversed it */
             if (cotree_was_selected(e, i)) continue;
         }
         if (status == 0) status = apply_event(e, i, t, w, 0);
@@ -254,8 +251,8 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
     return status;
 }
 
-/* Ends the run where events make each other happen, those found in the last rounds: where all are
- * jumps, nothing crosses these. Where no rate jumps, then and a little later, any of their modes
+/* Fail because events trigger each other without end: those of the last rounds. If all are
+ * jumps, the motion slides along them. If no rate jumps, now and shortly later, any of the modes
  * will do. */
 static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
 {
@@ -278,15 +275,15 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDE : COTREE_EVENTS_ENDLESS);
 }
 
-/* Whether the mode of a jump inside an expression contradicts the side that its value is on: what
- * happened changed the value, or it rested at zero and leaves to that side. */
+/* Return whether the mode of a jump does not belong to the side of its value: an event changed
+ * the value, or it leaves zero to that side. */
 static int is_mode_wrong(const cotree_events *e, int i)
 {
     return e->rows[i].kind == 1 && e->samples[i] == (cotree_real)e->rows[i].direction &&
            cotree_jumps_is_due(&e->jumps, i);
 }
 
-/* Refuses what rested at a jump and leaves it now where nothing decides when. */
+/* Reject a value that leaves a jump at a time that nothing determines. */
 static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     int k, is_timed = e->is_time_fixed || e->run->n_blocks == 1 || e->side[i] != COTREE_F(0.0);
@@ -295,8 +292,8 @@ static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_re
                                                         : cotree_fail(e, i, t, COTREE_EVENTS_LEAVE);
 }
 
-/* Whether something decides the time of what happens now: an event before it, or a breakpoint. What
- * holds at a corner is continuous, and makes nothing happen. */
+/* Return whether the time is determined: by an earlier event or by a time event. At a kink
+ * everything is continuous, so that nothing follows from it. */
 static int has_fixed_time(const cotree_events *e)
 {
     int k, is_decided = e->is_time_fixed;
@@ -305,7 +302,7 @@ static int has_fixed_time(const cotree_events *e)
     return is_decided;
 }
 
-/* Lets happen what jumped through zero, again and again. */
+/* Process cascaded events until no event function changes sign. */
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, round, has_jumps = 0;
@@ -338,11 +335,10 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
     return fail_cascade(e, t, w);
 }
 
-/* Refuses what is left at zero without a speed, but pushed on through it. */
+/* Reject an event value left at zero with zero rate but nonzero acceleration through zero. */
 static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
-    /* Where modes were chosen, what comes next was looked at; dry friction has modes for what comes
-     * to rest, and a jump inside an expression has been asked where it goes on. */
+    /* The selection of modes covers its own event functions, and process_cascade covers jumps. */
     if (e->side[i] != COTREE_F(0.0) || e->terminal_event >= 0 || cotree_stays_at_zero(e, i) ||
         cotree_is_of_friction(e, i))
         return 0;
@@ -353,14 +349,14 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
     return cotree_fail(e, i, t, COTREE_EVENTS_REST);
 }
 
-/* Lets events happen at w, each moving its way, then those that these make happen. Where nothing
- * else decides their time, it has slopes by the parameters; NULL: none. */
+/* Apply the located events at w, then the events they trigger. slopes: the derivatives of the
+ * time by the parameters if no event determines it; NULL: none. */
 int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_found,
                         const cotree_real *slopes)
 {
     int i, status = cotree_compute_rates(e, t, w);
     e->n_fired = e->is_mode_changed = 0;
-    /* What jumps takes values to other pieces. */
+    /* A jump may move values to other branches. */
     cotree_release_branches(e);
     for (i = 0; i < e->n_events; ++i) {
         e->has_fired[i] = 0;

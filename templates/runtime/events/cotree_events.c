@@ -1,18 +1,17 @@
-/* cotree_events.c: events within one integration: found after each step, located, let happen.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_events.c: the search for events after each step of one integration.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* A history whose error is this many times the tolerance is looked at where nothing seems to
- * happen, and one of this many times where something does. */
+/* Bounds of the interpolation error, in tolerances: above the first one the step is refined if
+ * an event function comes near zero, above the second one before a crossing is located. */
 #define COARSE_TOLERANCES COTREE_F(1e3)
 #define FINE_TOLERANCES COTREE_F(4.0)
 
-/* At a corner an error has effects of its square only. */
+/* The same for kinks, where an error has effects of second order. */
 #define KINK_TOLERANCES COTREE_F(100.0)
 
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
@@ -159,7 +158,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     }
 }
 
-/* Looks at the values with which a run begins, and at their rates. */
+/* Evaluate the event functions and their rates at the start of a run. */
 static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status = cotree_compute_values(e, t, w);
@@ -171,7 +170,7 @@ static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
-    /* What cannot stick together has its modes chosen below. */
+    /* Singular with all friction sticking: the modes are selected below. */
     if (status != 0 && cotree_release_sticking(e, w)) status = evaluate_start(e, t, w);
     if (status != 0) return cotree_fail_start(e, t, w);
     cotree_copy(e->n_events, e->jumps.rates, e->rate_before);
@@ -184,7 +183,7 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
             e->crossing_sign[i] = cotree_sign_of(e->curvature[i]);
         }
         e->side[i] = e->crossing_sign[i];
-        /* Closed gaps begin with an impact, or in rest, as their modes are chosen. */
+        /* A closed gap starts with an impact, or at rest, in the selection of modes. */
         e->is_found[i] = is_zero && !cotree_is_gap(e, i) && !cotree_is_kink(e, i) &&
                          e->rows[i].direction != 0 &&
                          (cotree_real)e->rows[i].direction == e->crossing_sign[i];
@@ -277,11 +276,11 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from)
     cotree_copy(n * COTREE_EVENT_CROWD, from + 7 * n, e->event_times);
 }
 
-/* Finds a crossing of one value between two times, where it has these values: when, and the side
- * that it comes from, which is that of the beginning before, and that of the end if there is none.
- * The way to a crossing begins where the value was on that side last, which may be before a: at a
- * it may be at zero already, as far as rounding tells. Returns NONE, FOUND, or why not; CLOSER
- * where it has to be looked at more closely first. */
+/* Find a crossing of event i in [a, b], where it has the values at_a and at_b: its time, and the
+ * side before it. from: the side at a; it becomes that at b if there is no crossing. The bracket
+ * starts where the value was on that side last, possibly before a, since the value at a may be
+ * zero within rounding. Return NONE, FOUND, a failure, or REFINE if the step has to be refined
+ * first. */
 int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_real b,
                                  cotree_real at_a, cotree_real at_b, int is_turning,
                                  cotree_real *at, cotree_real *from)
@@ -311,7 +310,7 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     if (e->failure != 0) return e->failure;
     if (sign != COTREE_F(0.0) && side != COTREE_F(0.0) && sign != side &&
         cotree_is_in_direction(e, i, sign)) {
-        /* Polynomials have speeds near zero to the tolerance of their terms only. */
+        /* Interpolated speeds near zero are accurate to the tolerance of their terms only. */
         const int is_close =
             e->is_fine || (cotree_is_kink(e, i) && e->history_error <= KINK_TOLERANCES);
         if (!is_close || (cotree_stays_at_zero(e, i) && !e->is_refined)) return REFINE;
@@ -322,7 +321,7 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
     return COTREE_EVENTS_NONE;
 }
 
-/* Finds the first crossing of one value among the samples; returns as above. */
+/* Find the first crossing of one event function between the samples; return as above. */
 static int find_crossing(cotree_events *e, int i)
 {
     const cotree_real *const g = e->samples + i;
@@ -345,8 +344,8 @@ static int find_crossing(cotree_events *e, int i)
     return found;
 }
 
-/* Finds the crossings of all values; returns as above. AGAIN: there is none before at_root of any.
- */
+/* Find the first crossing of all event functions; return as above, or SHORTEN if none lies
+ * before until and nothing is known behind it. */
 static int find_crossings(cotree_events *e, int *first, cotree_real *until)
 {
     int i, status = COTREE_EVENTS_NONE;
@@ -370,7 +369,7 @@ static int find_crossings(cotree_events *e, int *first, cotree_real *until)
     return status == COTREE_EVENTS_NONE && *until < COTREE_INFINITY ? SHORTEN : status;
 }
 
-/* Finds what lies at zero at the end of a step, but for what cannot be told from it. */
+/* Find event functions whose value at the end of the step is zero within its time uncertainty. */
 static int find_at_end(cotree_events *e, int *first)
 {
     const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
@@ -397,7 +396,7 @@ static int find_at_end(cotree_events *e, int *first)
     return status;
 }
 
-/* Says by how much the time of an event is uncertain. */
+/* Compute the uncertainty of the time of an event. */
 static int compute_margin(cotree_events *e, int i)
 {
     cotree_real rate, known;
@@ -410,8 +409,8 @@ static int compute_margin(cotree_events *e, int i)
     return 0;
 }
 
-/* Adds to what was found all that is at zero there, too, on its way through: a step that ends there
- * may show one of two events at once beyond rounding, and the other within. */
+/* Add the events that cross zero at the same point: the end of a step may have one of two
+ * simultaneous events just outside rounding, and the other within. */
 static int add_simultaneous(cotree_events *e)
 {
     int i;
@@ -427,7 +426,7 @@ static int add_simultaneous(cotree_events *e)
     return 0;
 }
 
-/* Gives a point that a step ends in as w; its algebraic unknowns are guesses from now on. */
+/* Return the point at an end of a step in the form w; its algebraic unknowns become guesses. */
 static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const cotree_real *given,
                                         cotree_real *w)
 {
@@ -436,8 +435,8 @@ static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const c
     return w;
 }
 
-/* Whether a value that rested at zero went to a side where its mode should be another one. Where
- * rates are the same on both sides, the mode changes where the step began. */
+/* Return whether a value that was zero has moved to a side that needs another mode. If rates
+ * agree on both sides, the mode changes at the start of the step. */
 static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
     int k;
@@ -456,7 +455,7 @@ static int has_left_surface(cotree_events *e, int i, cotree_real side)
     return 1;
 }
 
-/* Finds what happens first, once the step has been looked at. */
+/* Find the first events in a step that has been sampled. */
 static int find_first_event(cotree_events *e)
 {
     const cotree_real *const g = e->samples + (SAMPLES - 1) * e->n_events;
@@ -485,17 +484,17 @@ static int find_first_event(cotree_events *e)
             if (compute_margin(e, first) != 0) return e->failure;
             for (i = 0; i < e->n_events; ++i) {
                 const int is_now = e->is_found[i] && e->root_time[i] <= e->t + e->margin;
-                /* Friction that sticks keeps the speed that is left, so that it has to stop by
-                 * itself. */
+                /* Sticking friction keeps the speed that remains, so that each slip has to end
+                 * by itself. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));
-                /* It may have passed zero the other way before, which nothing waited for. */
+                /* It may have crossed against its direction before, unnoticed. */
                 if (e->is_found[i]) e->side[i] = e->from_side[i];
             }
             if (add_simultaneous(e) != 0) return e->failure;
             for (i = 0; i < e->n_events; ++i) e->n_found += e->is_found[i];
             return COTREE_EVENTS_FOUND;
         }
-        if (!is_ahead) return COTREE_EVENTS_FOUND; /* the step goes on anew, without an event */
+        if (!is_ahead) return COTREE_EVENTS_FOUND; /* the integration restarts without an event */
     }
     cotree_copy(e->n_events, g, e->g);
     for (i = 0; i < e->n_events; ++i) {
@@ -551,8 +550,8 @@ int cotree_events_apply(cotree_events *e)
         if (!e->is_found[i] || !is_first || cotree_is_kink(e, i)) continue;
         is_first = 0;
         if (!(e->crossing_sign[i] * e->side[i] > COTREE_F(0.0))) continue;
-        /* It left zero by less than rounding; dry friction has modes for that, and an impact that
-         * does so leaves nothing. At a kink the step says where it goes. */
+        /* It left zero by less than rounding. Modes of friction cover this; an impact leaves no
+         * speed; at a continuous jump the step determines the side. */
         if (cotree_is_gap(e, i))
             e->unresolved_gap = i;
         else if (cotree_is_continuous(e, i, e->t, e->w))

@@ -10,26 +10,27 @@
 #include <math.h>
 #include <stddef.h>
 
-/* A step is looked at at both ends and in three points between. */
+/* Each step is sampled at both ends and at three points between. */
 #define SAMPLES 5
 
-#define REFINE 2 /* a result: look at the step more closely first */
+#define REFINE 2 /* a result: refine the step first */
 
-/* How many times its own rounding that of the terms of a speed may be. */
+/* Bound of the rounding of a speed that is a sum of large terms, in roundings of its own size. */
 #define TERM_ROUNDINGS COTREE_F(1e3)
 
-/* Rates below this share of that at the crossing are none. */
+/* A rate below this share of the rate at the crossing counts as zero. */
 #define ZERO_RATE_SHARE COTREE_SELECT(1e-10, 4.3e-05f)
 
-/* A crossing less deep than this many times the tolerance may as well not take place. */
+/* A crossing whose depth is less than this many error tolerances is grazing: it may not exist. */
 #define GRAZING_TOLERANCES COTREE_F(10.0)
 
-/* So many of one event within this share of the span are too many. */
+/* COTREE_EVENT_CROWD events of one kind within this share of the span are chatter. */
 #define CHATTER_SHARE COTREE_SELECT(1e-9, 1.2e-04f)
 
-/* Intervals that shrink by one ratio, within this share, so often in a row, are a geometric
- * series; the run ends where what is left of it is below this share of the span. A few are enough
- * to call by its name what has become too small for the tolerance. */
+/* Events accumulate (Zeno behaviour) if their last SERIES_LENGTH intervals form a geometric
+ * series, whose ratio varies by less than SERIES_RATIO_RTOL, and if the sum of its remainder is
+ * below SERIES_REMAINDER_SHARE of the span. SHORT_SERIES_LENGTH intervals suffice to explain a
+ * grazing failure. */
 #define SERIES_LENGTH 8
 
 #define SERIES_RATIO_RTOL COTREE_F(0.02)
@@ -38,11 +39,12 @@
 
 #define SHORT_SERIES_LENGTH 3
 
-/* Values that two orders of jumps lead to are the same within this share. */
+/* Relative tolerance of the comparison of states, or of rates, on two paths to the same point. */
 #define SAME_RTOL COTREE_SELECT(1e-8, 3.5e-04f)
 
-/* How many tolerances beside a point, and how many times as far from zero, the rates on both sides
- * of a jump are compared again; so often it may be as many times more. */
+/* The rates on both sides of a jump are compared at a second point, ASIDE_TOLERANCES error
+ * tolerances away. It moves away by this factor, at most MAX_ASIDE_POINTS times, until the event
+ * function there exceeds ASIDE_VALUE_RATIO times its value at the first point. */
 #define ASIDE_TOLERANCES COTREE_F(100.0)
 
 #define ASIDE_VALUE_RATIO COTREE_F(10.0)
@@ -55,66 +57,64 @@
 
 #define MAX_HALVINGS 50
 
-/* Steps from a start at zero, as a share of the span, by which a value is seen to bend. */
+/* Step of the forward difference for second derivatives, as a share of the span. */
 #define CURVATURE_STEP_SHARE COTREE_SELECT(1e-7, 9.9e-04f)
 
-/* So many numbers has an event among ranges: both ends of its values, and of their rates. */
+/* Numbers in a range: lower and upper bound of an event function, then of its rate. */
 #define N_BOUNDS 4
 
-/* How often an interval is halved. */
+/* The largest depth of the bisection of an interval. */
 #define MAX_DEPTH 40
 
-/* What is to be known of a value over an interval. */
+/* Results of the interval test: nothing known, a rate of one sign, or no zero. */
 enum { RANGE_UNDECIDED, RANGE_MONOTONE, RANGE_NONZERO };
 
-#define SHORTEN (-1) /* a result */
+#define SHORTEN (-1) /* a result: repeat the step with a shorter length */
 
-/* Where within a step a value passes through zero, and the solution there. */
-
-/* Where an edge's mode is among the states, and its events among all; -1: it has none. */
+/* Places of a mode: its state, then its events (the slip rate, the distances of the force to
+ * both limits, the engagement of a clutch). -1: there is no such event. */
 enum { MODE_STATE, SLIP, FORWARD_LIMIT, BACKWARD_LIMIT, ENGAGED, N_PLACES };
 
 #define PLACE(k, what) (e->places[(k)*N_PLACES + (what)])
 
-/* Accelerations against a mode are none below this share of what its friction changes them by, and
- * a force at its limit moves on only if it would by this share of the limits over the run. */
+/* Accelerations below this share of those that friction causes count as zero; and a force at its
+ * limit leaves it only if it would change by this share of the limits within the span. */
 #define ACCELERATION_RTOL COTREE_F(1e-9)
 
-/* How many times the rounding of a speed counts as zero. */
+/* Safety factor on rounding: values below this many roundings count as zero. */
 #define ZERO_ROUNDINGS COTREE_F(64.0)
 
-/* Forces this close to a limit, as a share of the limits, are at it: rounding is that of others,
- * which may be larger. */
+/* Forces within this share of a limit count as at the limit. It exceeds their rounding, which is
+ * that of the larger forces in the same system. */
 #define LIMIT_RTOL COTREE_F(1e-10)
 
-/* What a force accelerates by less than this share of what it would alone is held by others. */
+/* Other constraints hold a contact if a force there causes less than this share of the
+ * acceleration that it causes without them. */
 #define MIN_MOBILITY_SHARE COTREE_F(1e-9)
 
-/* An edge that is let go without an acceleration moves on by the change of that, if it is more than
- * this share of the largest acceleration over the run: rounding is that of all. */
+/* A constraint that opens at zero acceleration separates if its acceleration changes within the
+ * span by more than this share of the largest acceleration. */
 #define JERK_SHARE COTREE_F(1e-6)
 
-/* Rigid stops: impacts, and what their modes are chosen by, together with those of dry friction.
- *
- * A stop has the mode 0 while it is free, and the side of a limit, 1 or -1, while that holds it. It
- * is struck where a gap is closed and closes further. All that is closed takes part in an impact
- * (Newton's law of impact in the form of J. J. Moreau, 1988): what it gives an impulse leaves with
- * its restitution, or at rest where that is slow enough; what it gives none moves apart no less. */
+/* Rigid stops. The mode is 0 while the stop is open, and 1 or -1, the side of its limit, while
+ * it is closed. An impact takes place if a gap is closed and its rate is negative. All closed
+ * stops take part (Newton's law of impact as a complementarity problem, J. J. Moreau 1988): a
+ * stop with an impulse leaves at the speed of restitution, or at rest below a threshold; a stop
+ * without one leaves at least as fast. */
 
-/* Their events, in the places of those of friction. */
+/* Events of a stop, in the places of those of friction. */
 enum { REBOUND = SLIP, UPPER_GAP, LOWER_GAP, CONTACT_FORCE };
 
-/* An impact gains energy that leaves more than this share of what it turns round. */
+/* An impact gains energy if its work exceeds this share of impulse times speed. */
 #define ENERGY_RTOL COTREE_F(1e-6)
 
-/* So many sets of modes are tried one by one, where changing one at a time does not end. */
+/* The largest number of mode sets that are enumerated if pivoting fails. */
 #define MAX_ENUMERATED 1000
 
-/* Impulses are against their side beyond this share of the largest. */
+/* Relative tolerance of the sign of an impulse. */
 #define IMPULSE_RTOL COTREE_F(1e-9)
 
-/* How many sets of modes are remembered, so that none is tried twice; and the modulus of their
- * numbers, a prime four of which the type of numbers counts exactly. */
+/* The number of tried mode sets that are remembered. */
 #define N_TRIED_CODES 256
 
 /* cotree_events.c */

@@ -1,26 +1,21 @@
 /* cotree_friction.c: modes of dry friction.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * A friction constraint has the mode 0 while it sticks, 1 or -1 while it slides and 2 while it
+ * is disengaged, and one event for each reason to change it. Constraints at zero slip rate are
+ * active: each starts sticking. It slides if its force exceeds a limit, and sticks again if its
+ * acceleration opposes its mode. cotree_complementarity.c selects all modes at once. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Dry friction: which of its laws holds, chosen for all edges at once.
- *
- * An edge has a mode, 0 while it sticks, 1 and -1 while it slides, 2 while it is disengaged, and an
- * event for each reason to change it. Edges at zero relative speed are idle: each sticks at first.
- * Where its force would pass a limit it slides to that side; where it would slide backwards against
- * its mode it sticks again; until nothing contradicts. One edge changes at a time: the one whose
- * force is the first to reach its limit, see cotree_complementarity.c, then the one that is
- * furthest off. */
-
-/* What a force at its limit is taken to move by grows so much each time that it passes the limit
- * without consequences. */
+/* Growth of the zero level of a force at its limit, each time it crosses zero without
+ * consequence. */
 #define ZERO_LEVEL_GROWTH COTREE_F(10.0)
 
-/* Writes a record. */
+/* Write the record of an event. */
 void cotree_write_record(cotree_events *e, int i, cotree_real t)
 {
     const int n = e->run->model->n_states, m = e->run->n_blocks - 1;
@@ -35,8 +30,8 @@ void cotree_write_record(cotree_events *e, int i, cotree_real t)
     ++e->n_records;
 }
 
-/* Lists the modes that one kind of event stands for, from a place on. Returns how many there are;
- * with places NULL nothing is written. */
+/* List the modes whose first event is of one kind. Return their number; nothing is written if
+ * places is NULL. */
 int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
 {
     int i, k, n = 0;
@@ -54,7 +49,7 @@ int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
     return n;
 }
 
-/* Lists the modes of edges with friction, then those of loads. */
+/* List the modes of friction, then those of loads. */
 void cotree_list_frictions(cotree_events *e, const cotree_hybrid *h)
 {
     int i, k;
@@ -69,7 +64,7 @@ void cotree_list_frictions(cotree_events *e, const cotree_hybrid *h)
     }
 }
 
-/* Evaluates what the events look at, and its rates, with the modes as they are tried. */
+/* Evaluate the event functions and their rates with the trial modes. */
 int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status;
@@ -85,8 +80,8 @@ int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w
     return status;
 }
 
-/* On which side of zero a value is: that of its rate where it is at zero, within what its time is
- * uncertain by. */
+/* Return the side of zero of a value: the sign of its rate if it is zero within the uncertainty
+ * of its time. */
 cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cotree_real size)
 {
     const cotree_real rate = e->jumps.rates[i], g = e->samples[i];
@@ -99,7 +94,7 @@ cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t, cot
                : COTREE_F(0.0);
 }
 
-/* Tells which edges are idle, and gives the others their modes. */
+/* Find the active friction constraints, and set the modes of the others. */
 static int find_active_friction(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
     int k, status;
@@ -117,25 +112,25 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         cotree_real near = ZERO_ROUNDINGS * (COTREE_SCAN_ROUNDING * e->value_scale[i] +
                                              cotree_spacing(t) * COTREE_FABS(rate));
         near = COTREE_FMAX(near, cotree_rounding_band(e, i));
-        /* The sum is the difference of accelerations: with the mode -1 the sign is the other one.
-         */
+        /* In mode -1 the slip rate has the other sign: the sum is the difference of the
+         * accelerations. */
         e->acceleration_scale[k] =
             COTREE_FMAX(COTREE_FABS(e->acceleration_scale[k] + rate),
                         COTREE_FMAX(COTREE_FABS(e->acceleration_scale[k]), COTREE_FABS(rate)));
-        /* A one-way clutch that turns backwards by less than a tolerance is at rest. */
+        /* A one-way clutch whose backward slip rate is below a tolerance is at rest. */
         if (mode == COTREE_F(0.0) || (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0))
             near = COTREE_FMAX(near, cotree_tolerance(e, i));
         if (mode == COTREE_F(0.0) && cotree_is_contact_friction(e, k))
             near = COTREE_FMAX(near, cotree_closing_uncertainty(e));
         e->is_active[k] = i == fired || e->is_stepped_over[i] || COTREE_FABS(v) <= near;
-        /* It stops as it begins to slide: its force reaches the limit, and goes no further. */
+        /* It sticks as its slip begins: the force reaches its limit, but does not exceed it. */
         e->is_resticking[k] =
             i == fired && t - e->slide_start[k] <= COTREE_F(4.0) * cotree_spacing(t);
         if (grip >= 0 && cotree_moving_side(e, grip, t, e->value_scale[grip]) <= COTREE_F(0.0)) {
             e->is_active[k] = 0;
             e->modes[k] = COTREE_F(2.0);
         } else if (cotree_is_contact_friction(e, k)) {
-            /* It is chosen as its stop is; what slips keeps its way. */
+            /* Its mode follows that of its stop; a sliding contact keeps its direction. */
             e->is_active[k] = e->is_active[k] || (mode == COTREE_F(2.0) &&
                                                   COTREE_FABS(v) <= cotree_closing_uncertainty(e));
             e->slip_sign[k] = e->is_active[k] ? COTREE_F(2.0) : cotree_sign_of(v);
@@ -152,15 +147,15 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
     return status;
 }
 
-/* The largest relative acceleration that is none: a share of what friction changes it by, but not
- * less than the rounding of all rates, of which it is a difference. */
+/* Return the relative acceleration below which there is none: a share of what friction causes,
+ * but at least the rounding of the largest rate, since it is a difference of rates. */
 cotree_real cotree_slip_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        TERM_ROUNDINGS * COTREE_SCAN_ROUNDING * e->largest_rate);
 }
 
-/* How far an idle edge is off what its mode asks for, as a share; and the mode that it wants. */
+/* Return by how much an active constraint violates its mode, as a share, and the new mode. */
 cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int forward = PLACE(k, FORWARD_LIMIT), backward = PLACE(k, BACKWARD_LIMIT),
@@ -182,7 +177,7 @@ cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, co
     }
     up = e->samples[forward];
     down = backward < 0 ? COTREE_INFINITY : e->samples[backward];
-    /* Faces that begin to be pressed together have a negative one, by rounding. */
+    /* The normal force of a contact that closes may be negative by rounding. */
     width = backward < 0 ? COTREE_FMAX(COTREE_FABS(up), e->value_scale[forward])
                          : COTREE_FABS(up + down);
     if (cotree_moving_side(e, forward, t, width) < COTREE_F(0.0)) {
@@ -198,7 +193,7 @@ cotree_real cotree_friction_violation(cotree_events *e, int k, cotree_real t, co
     return COTREE_F(0.0);
 }
 
-/* One where the sign of a load is another one than its laws stand for, as a share. */
+/* Return 1 if the sign of a load is not that assumed by its laws, else 0. */
 cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
 {
     const int i = PLACE(k, SLIP);
@@ -206,7 +201,7 @@ cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t)
                                                                           : COTREE_F(0.0);
 }
 
-/* Evaluates how accelerations change where an edge is let go without any. */
+/* Evaluate the change of accelerations, if a constraint opens at zero acceleration. */
 int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
 {
     int k, is_needed = 0;
@@ -223,15 +218,15 @@ int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
     return cotree_compute_rates(e, t, e->trial);
 }
 
-/* Whether an event looks at the speed of an edge that has not left zero since it began to slide:
- * no more than rounding says where it is. */
+/* Return whether an event function stays at zero, as the slip rate of a constraint that has just
+ * begun to slide: its sign is then rounding. */
 int cotree_stays_at_zero(const cotree_events *e, int i)
 {
     return e->n_modes > 0 && e->stays_at_zero[i];
 }
 
-/* Notes whether a force stays at its limit, as it does where both limits are zero, or a load at
- * zero. How far rounding moves it there shows only as it passes without consequences. */
+/* Set whether a force stays at its limit, as it does between two limits of zero, or a load at
+ * zero. Its zero level grows each time that it crosses without consequence. */
 static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
                               int fired)
 {
@@ -245,7 +240,7 @@ static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back
     if (!e->stays_at_zero[i]) e->zero_level[i] = COTREE_F(0.0);
 }
 
-/* Notes which values stay at zero once modes are chosen. */
+/* Set which event functions stay at zero with the modes selected. */
 static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
 {
     int k, what;
@@ -262,8 +257,8 @@ static void update_zero_levels(cotree_events *e, cotree_real t, int fired)
     for (; k < e->n_modes; ++k) cotree_update_open_gaps(e, k);
 }
 
-/* Chooses all modes at w, after an event or where something else jumps; they change as the last
- * event happens. */
+/* Resolve impacts and select all modes at w, after an event or a jump of inputs. The modes
+ * change as part of the last event. */
 int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     int k, is_changed = 0, status;
@@ -287,7 +282,7 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
     return status == 0 ? 0 : cotree_fail(e, PLACE(0, SLIP), t, COTREE_EVENTS_FAILED);
 }
 
-/* Whether an event belongs to an edge whose mode was chosen last, together with others. */
+/* Return whether an event belongs to a friction constraint whose mode was selected last. */
 int cotree_was_selected(const cotree_events *e, int i)
 {
     int k, what;
@@ -299,8 +294,8 @@ int cotree_was_selected(const cotree_events *e, int i)
     return 0;
 }
 
-/* Sets the sides from which the events of friction, and of gaps that are closed but free, come
- * next. */
+/* Set the sides of zero of the event functions of friction, and of gaps that are closed but
+ * free. */
 void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
 {
     int k;
@@ -316,7 +311,7 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
     for (; k < e->n_modes; ++k) {
         const int gap = cotree_closed_gap(e, k), is_free = w[PLACE(k, MODE_STATE)] == COTREE_F(0.0);
         if (e->closed_side[k - cotree_first_stop(e)] == COTREE_F(0.0)) continue;
-        /* It may be below zero, as far as closed gaps are. */
+        /* The gap may be negative, within the tolerance of closed gaps. */
         if (e->stays_at_zero[gap] || (is_free && !e->is_stepped_over[gap]))
             e->side[gap] = COTREE_F(1.0);
     }

@@ -1,30 +1,31 @@
 /* cotree_impacts.c: impacts of rigid stops.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * An impact is one more complementarity problem, solved by cotree_complementarity.c: impulses
+ * stand for forces, changes of speed for accelerations (J. J. Moreau 1988). A stop with an
+ * impulse has the side of its limit as its mode, a stop without one has 0. Friction at its
+ * contact sticks (0), slides in the direction of the slip after the impact (1 or -1), or has no
+ * impulse (2). All other modes stay. Impacts follow one another until no closed gap has a
+ * negative rate. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Impacts as one more choice of modes, by the walk that chooses those of motions: impulses are its
- * forces, changes of speeds its accelerations. A stop that is struck holds (its side of the limit)
- * where it takes an impulse, and is free (0) where it takes none. What it presses together sticks
- * (0), slides as it leaves (1 or -1), or takes no impulse (2). All else keeps its mode. */
-
-/* What the kernels are told of modes in an impact: stops that take an impulse have twice the side
- * of their limit, and what sticks there has its own mode. */
+/* Modes passed to the kernels in an impact: stops with an impulse have twice the side of their
+ * limit, sticking friction there has a mode of its own. */
 #define KERNEL_STRUCK COTREE_F(2.0)
 #define KERNEL_STICKS COTREE_F(3.0)
 
-/* Whether a closed stop takes part in an impact. */
+/* Return whether a closed stop takes part in the impact. */
 static int takes_part(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] != COTREE_F(0.0) &&
            e->impact_role[k - cotree_first_stop(e)] >= 0;
 }
 
-/* Writes what an impact has to know of the modes as they are. */
+/* Return the impact in the form of cotree_jumps.h, with the trial modes. */
 static cotree_strike impact_of(cotree_events *e)
 {
     cotree_strike s;
@@ -33,7 +34,7 @@ static cotree_strike impact_of(cotree_events *e)
         const int own = k - cotree_first_stop(e);
         const cotree_real mode = e->modes[k];
         e->kernel_modes[k] = own >= 0 ? KERNEL_STRUCK * mode : mode;
-        /* Friction that sticks keeps nothing from moving: its force stays finite. */
+        /* The force of sticking friction elsewhere stays finite: it has no impulse. */
         if (k < e->n_frictions && mode == COTREE_F(0.0))
             e->kernel_modes[k] = cotree_is_contact_friction(e, k) ? KERNEL_STICKS : COTREE_F(1.0);
         if (own >= 0)
@@ -56,8 +57,8 @@ static cotree_strike impact_of(cotree_events *e)
     return s;
 }
 
-/* Tries an impact: leaves the speeds after it, and its impulses in the place of forces. Returns
- * another number than zero where it has no solution. */
+/* Evaluate a trial impact: the speeds after it, and its impulses in place of forces. Return 0,
+ * or another number if it has no solution. */
 int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_strike s = impact_of(e);
@@ -76,22 +77,22 @@ static cotree_real largest_impulse(const cotree_events *e)
     return largest;
 }
 
-/* How far a closed stop is off what an impact asks for, as a share; and what it wants. */
+/* Return by how much a closed stop violates the impact law, as a share, and its new mode. */
 cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), is_hit = e->modes[k] != COTREE_F(0.0);
     cotree_real least;
     *new_mode = is_hit ? COTREE_F(0.0) : e->closed_side[own];
-    /* What opens by less than rounding tells is held by less than that, too. */
+    /* An unresolved gap opens, and closes again, at a speed below rounding. */
     if (is_hit && cotree_closed_gap(e, k) == e->unresolved_gap) return COTREE_F(0.0);
     if (is_hit) {
         const cotree_real impulse = e->samples[PLACE(k, CONTACT_FORCE)],
                           largest = largest_impulse(e);
         if (cotree_has_sticking_contact(e, k))
-            return COTREE_F(0.0); /* it slides before it lets go */
+            return COTREE_F(0.0); /* friction slides before the stop opens */
         return impulse < -IMPULSE_RTOL * largest ? -impulse / largest : COTREE_F(0.0);
     }
-    /* What it opens by is no less than its restitution asks for. */
+    /* The gap rate must reach that of restitution. */
     least = e->impact_role[own] > 0 ? e->required_speed[own] : COTREE_F(0.0);
     return cotree_opening_speed(e, k) < least - COTREE_FMAX(cotree_zero_opening_speed(e, k),
                                                             ACCELERATION_RTOL * e->impact_speed)
@@ -99,14 +100,15 @@ cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *
                : COTREE_F(0.0);
 }
 
-/* The speed at which friction leaves an impact. */
+/* Return the slip rate after the impact. */
 static cotree_real slip_after_impact(const cotree_events *e, int k)
 {
     return -cotree_jumps_rebound(&e->jumps, PLACE(k, SLIP));
 }
 
-/* How far friction is off what an impact asks for, as a share, and what it wants to be: it sticks
- * where its impulse stays within the limits, or slides the way that it leaves. */
+/* Return by how much friction at a contact violates the impact law, as a share, and its new
+ * mode: it sticks if its impulse is within the limits, and else slides in the direction of the
+ * slip. */
 cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_real *new_mode)
 {
     const cotree_real up = e->samples[PLACE(k, FORWARD_LIMIT)],
@@ -121,14 +123,13 @@ cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_re
     }
     *new_mode = COTREE_F(0.0);
     if (e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)] < COTREE_F(0.0)) return COTREE_F(0.0);
-    /* Without an impulse: where another one holds the same thing, none has to. */
+    /* No impulse is needed if other constraints hold the contact. */
     if (e->modes[k] == COTREE_F(2.0))
         return COTREE_FABS(speed) > least ? COTREE_FABS(speed) / e->impact_speed : COTREE_F(0.0);
     return speed * e->modes[k] < -least ? -speed * e->modes[k] / e->impact_speed : COTREE_F(0.0);
 }
 
-/* Whether an impact leaves more energy than there was, which Newton's law of impact may where there
- * is friction. */
+/* Return whether the impact gains energy, as Newton's law of impact allows with friction. */
 static int gains_energy(const cotree_events *e)
 {
     cotree_real work = COTREE_F(0.0), size = COTREE_F(0.0);
@@ -150,8 +151,8 @@ static int gains_energy(const cotree_events *e)
     return work > ENERGY_RTOL * size;
 }
 
-/* Finds a load that an impact changes: the laws of its losses hold for forces, while which way
- * teeth slide may change within an impact. Returns its edge, or -1. */
+/* Return a load that the impact changes, or -1. The laws of its losses hold for forces only,
+ * since the slip of the teeth may reverse within the impact. */
 static int find_lossy_load(const cotree_events *e)
 {
     int k;
@@ -161,9 +162,7 @@ static int find_lossy_load(const cotree_events *e)
     return -1;
 }
 
-/* Impacts of rigid stops, one after the other, until nothing that is closed closes further. */
-
-/* Finds out which gaps are closed, and how fast these open. */
+/* Find the closed gaps and their rates. */
 static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *w, int fired)
 {
     int k, status;
@@ -195,9 +194,9 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
     return status;
 }
 
-/* Tells which stops an impact begins at (1), which closed ones take no part because they open (-2),
- * or because their gaps close with it where parameters move its time, and have times of their own
- * (-1). */
+/* Set the role of each stop: 1 if the impact begins there, 0 if not. A closed gap takes no part
+ * if it opens (-2), or if sensitivities have to distinguish the time at which it closes from
+ * that of this event (-1). Return the number of stops with role 1. */
 static int find_impact_roles(cotree_events *e, int fired)
 {
     const int is_own = e->run->n_blocks > 1 && fired >= 0 && cotree_is_gap(e, fired);
@@ -220,8 +219,8 @@ static int find_impact_roles(cotree_events *e, int fired)
     return n;
 }
 
-/* Says which events give the changes of speeds: those of impacts, or of rest where these leave too
- * little. */
+/* Select the events whose targets contain the changes of speed: those of restitution, or those
+ * of rest if the rebound is below the threshold. */
 static int select_restitution_events(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int k, status;
@@ -240,7 +239,7 @@ static int select_restitution_events(cotree_events *e, cotree_real t, const cotr
     return status;
 }
 
-/* Lets the choice of an impact begin: all that is struck takes an impulse, and friction none. */
+/* Start with impulses at all stops where the impact begins, and none at friction. */
 static void init_impact(cotree_events *e)
 {
     int k;
@@ -264,7 +263,7 @@ static void init_impact(cotree_events *e)
     }
 }
 
-/* Finds which of the closed stops take an impulse, and what friction there does. */
+/* Select the stops that have an impulse, and the modes of friction at their contacts. */
 static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     int status, lossy;
@@ -278,8 +277,8 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_GAINS);
 }
 
-/* Refuses an impact that changes what closes with it: which comes first decides, and sensitivities
- * have no order. The speeds after it are those that were tried last. */
+/* Reject an impact that changes the rate of a gap with a time of its own: the result depends on
+ * the order of both, and sensitivities do not exist. Uses the speeds of the last trial. */
 static int check_independent(cotree_events *e, cotree_real t)
 {
     int k;
@@ -297,7 +296,7 @@ static int check_independent(cotree_events *e, cotree_real t)
     return 0;
 }
 
-/* Notes which events an impact is. */
+/* Mark the events of an impact. */
 static void mark_impact_events(cotree_events *e)
 {
     int k;
@@ -309,7 +308,7 @@ static void mark_impact_events(cotree_events *e)
     }
 }
 
-/* Records what impacts were, besides the event that is recorded anyway. */
+/* Record the impacts, except for the event that is recorded anyway. */
 void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
 {
     int i;
@@ -322,7 +321,7 @@ void cotree_record_impacts(cotree_events *e, cotree_real t, int fired)
     }
 }
 
-/* Lets impacts happen at w, until nothing that is closed closes further. */
+/* Apply impacts at w until no closed gap has a negative rate. */
 int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int fired)
 {
     int round;

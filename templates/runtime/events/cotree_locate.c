@@ -1,20 +1,18 @@
-/* cotree_locate.c: the first zero of an event function within a step, and the solution there.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_locate.c: zeros of event functions within a step, and the solution there.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Takes a step by the classical Runge-Kutta method of order four. The three arrays of n
- * cotree_reals that it writes, the solution at the end first, differ from each other and from
- * before. */
+/* Take a step of the classical Runge-Kutta method of order four. The three arrays that it
+ * writes, the solution at the end first, must differ from each other and from before. */
 static int take_classical_step(cotree_rate_function rate, void *context, int n, cotree_real t,
                                cotree_real t_next, cotree_real h, const cotree_real *before,
                                cotree_real *after, cotree_real *trial, cotree_real *slope)
 {
-    /* Where the next stage is, and what it weighs in the sum. */
+    /* Positions of the next stages, and weights of the stages. */
     static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
                                          COTREE_F(0.0)},
                              weight[4] = {COTREE_F(1.0), COTREE_F(2.0), COTREE_F(2.0),
@@ -58,7 +56,8 @@ void cotree_copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* What a value is uncertain by as far as the error test knows, and what of it is rounding. */
+/* Return the uncertainty of an event function: cotree_tolerance that of the error test,
+ * cotree_rounding_band that of rounding. */
 cotree_real cotree_tolerance(const cotree_events *e, int i)
 {
     return e->rtol * e->recent_scale[i] + e->atol;
@@ -69,13 +68,13 @@ cotree_real cotree_rounding_band(const cotree_events *e, int i)
     const cotree_real rounding = COTREE_SCAN_ROUNDING * e->value_scale[i];
     if (e->n_modes == 0 || !e->stays_at_zero[i]) return rounding;
     if (e->zero_level[i] > COTREE_F(0.0)) return COTREE_FMAX(rounding, e->zero_level[i]);
-    /* A speed that has not left zero yet is known as well as its terms, which may be large; a gap
-     * that has not, as well as it was held. */
+    /* A slip rate that has just left zero is as accurate as its terms, which may be large; a gap
+     * is as accurate as it was when its stop let go. */
     return COTREE_FMAX(TERM_ROUNDINGS * rounding,
                        COTREE_FMAX(cotree_tolerance(e, i), COTREE_F(2.0) * e->gap_at_release[i]));
 }
 
-/* Whether an event is one of dry friction, which has modes for what comes to rest. */
+/* Return whether an event function is one of dry friction or of a load. */
 int cotree_is_of_friction(const cotree_events *e, int i)
 {
     return e->rows[i].kind >= COTREE_FRICTION_SLIP && e->rows[i].kind <= COTREE_FRICTION_LOAD;
@@ -83,8 +82,8 @@ int cotree_is_of_friction(const cotree_events *e, int i)
 
 int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind == COTREE_KINK; }
 
-/* From where on a value counts as different from zero. At a kink rates are continuous, so that what
- * the error test does not know does no harm. */
+/* Return the value from which an event function counts as nonzero. At a kink, or at a continuous
+ * jump, errors within the tolerance have no effect. */
 cotree_real cotree_zero_band(const cotree_events *e, int i)
 {
     const int is_continuous = cotree_is_kink(e, i) || e->is_continuous[i];
@@ -92,7 +91,8 @@ cotree_real cotree_zero_band(const cotree_events *e, int i)
                          : cotree_rounding_band(e, i);
 }
 
-/* How closely a corner is approached: what is left has effects of its square. */
+/* Return the accuracy to which a kink is located: the remaining error has effects of second
+ * order. */
 static cotree_real kink_band(const cotree_events *e, int i)
 {
     return COTREE_FMAX(cotree_rounding_band(e, i), COTREE_F(0.1) * cotree_tolerance(e, i));
@@ -125,15 +125,15 @@ int cotree_project(cotree_events *e, cotree_real t, cotree_real *w)
     return cotree_run_project(t, w, e->run) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Whether two events belong to one jump inside an expression. */
+/* Return whether two events belong to the same jump. */
 int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
 {
     return e->rows[i].kind == 1 && e->rows[k].kind == 1 &&
            e->rows[i].targets[0] == e->rows[k].targets[0];
 }
 
-/* Writes the change of rates from one side of a jump inside an expression to the other, and their
- * sizes; shift: the change of all values of events; value: that of its own event. */
+/* Compute the changes of rates from one side of a jump to the other and their sizes, the changes
+ * of all event functions, and the value of the jump's own. */
 static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_real *w,
                          cotree_real *change, cotree_real *size, cotree_real *shift,
                          cotree_real *value)
@@ -141,7 +141,7 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const x = e->both_sides, *const held = x + 6 * e->run->n_full;
     const int n_pieces = e->branches == NULL ? 0 : e->n_branches;
     int k, status;
-    /* Pieces belong to one side. */
+    /* Branches belong to one side. */
     cotree_copy(n_pieces, e->branches, held);
     for (k = 0; k < n_pieces; ++k) e->branches[k] = COTREE_F(0.0);
     status = cotree_jumps_sides(&e->jumps, i, t, w, x, change, size);
@@ -157,16 +157,15 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     for (k = 0; k < e->n_events; ++k) {
         const int mode = e->rows[k].subtracts_mode ? e->rows[k].targets[0] : 0;
         shift[k] -= e->jumps.values[k];
-        /* A value that counts from its mode changes with it, whatever it is the value of. */
+        /* A value less its mode changes with the mode. */
         if (e->rows[k].subtracts_mode) shift[k] += x[mode] - w[mode];
     }
     *value = e->jumps.values[i];
     return status;
 }
 
-/* Whether a change at w vanishes where the value of a jump's event is zero: there it is
- * extrapolated from w and a point aside, at which the value is larger by one over share. Written so
- * that nan counts as a jump. */
+/* Return whether a change extrapolates to zero at the switching surface, from w and from a point
+ * aside: share is g / (g_aside - g). A nan counts as a jump. */
 static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_real share,
                                cotree_real least)
 {
@@ -175,9 +174,9 @@ static int vanishes_at_surface(cotree_real change, cotree_real aside, cotree_rea
            COTREE_FMAX(least, COTREE_FABS(aside) / ASIDE_TOLERANCES);
 }
 
-/* Whether a jump inside an expression changes no rate, and no condition of a jump, where its value
- * is zero, close to w. The point aside is ever farther off until its value is by far, or there are
- * no rates: the change at w then stands for that at zero. */
+/* Return whether a jump is continuous at its switching surface near w: no rate and no other
+ * jump's event function changes. The point aside moves away until its value dominates; if the
+ * rates are not finite there, the change at w stands for that at the surface. */
 int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_real *w)
 {
     const int n = e->run->n_rates, stride = e->run->n_full;
@@ -192,8 +191,8 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     for (m = 0; m < MAX_ASIDE_POINTS && status == 0; ++m) {
         far *= ASIDE_TOLERANCES;
         for (k = 0; k < n; ++k) {
-            /* By different shares, so that differences of states change. What rests may be a mode.
-             */
+            /* By different shares, so that differences of states change. A state without rate
+             * may be a mode. */
             const cotree_real known = e->rtol * COTREE_FABS(w[k]) + e->atol;
             point[k] =
                 size[k] == COTREE_F(0.0) ? w[k] : w[k] + far * (cotree_real)(1 + k % 7) * known;
@@ -223,7 +222,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     return status == 0 && is_same;
 }
 
-/* Takes a short step, forwards or back, onto the constraints. result must not be w. */
+/* Take a short step, forwards or backwards, and project it. result must not be w. */
 static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real step,
                            cotree_real *result)
 {
@@ -234,7 +233,8 @@ static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w
     return cotree_project(e, t + step, result);
 }
 
-/* Writes second time derivatives, by differences; only their sizes matter. */
+/* Compute the second time derivatives of all event functions by differences; only their sizes
+ * matter. */
 int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w)
 {
     const cotree_real step = CURVATURE_STEP_SHARE * e->span;
@@ -247,7 +247,7 @@ int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real 
     return status;
 }
 
-/* Writes the states within the last step; of a history, without sensitivities. */
+/* Interpolate the states within the last step, without sensitivities if from the history. */
 int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
 {
     const int n = e->run->n_rates;
@@ -263,7 +263,8 @@ int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w)
     return 0;
 }
 
-/* By how much a value has to pass zero: where it stayed there, by more than it moves there. */
+/* Return by how much an event function must cross zero: for a force at its limit, by more than
+ * it moves there. */
 static cotree_real crossing_margin(const cotree_events *e, int i)
 {
     return e->n_frictions > 0 && e->stays_at_zero[i] ? e->zero_level[i] : COTREE_F(0.0);
@@ -282,8 +283,8 @@ static cotree_real rate_at(cotree_events *e, int i, cotree_real t)
     return cotree_compute_rates(e, t, e->point) == 0 ? e->jumps.rates[i] : COTREE_F(0.0);
 }
 
-/* The value at a time that one short step from the start of the last step reaches; leaves the
- * point. */
+/* Return the value at a time, one short step from the start of the last step; the point is left
+ * in other. */
 static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
 {
     const cotree_real step = t - e->t_before;
@@ -292,9 +293,9 @@ static cotree_real value_after_step(cotree_events *e, int i, cotree_real t)
                                                       : COTREE_F(0.0);
 }
 
-/* Finds where sign times a function, positive at a and not at b, becomes zero: on b's side, to a
- * few roundings, or as close as a corner need be known. Halving each third time bounds how long
- * false position takes. */
+/* Return the zero of sign times a function, positive at a and not at b: on b's side, within a
+ * few roundings, or within the band of a kink. Illinois method (false position); each third
+ * iteration halves the interval, which bounds the number of iterations. */
 static cotree_real find_root(cotree_events *e, value_function f, int i, cotree_real sign,
                              cotree_real a, cotree_real b)
 {
@@ -324,13 +325,13 @@ static cotree_real find_root(cotree_events *e, value_function f, int i, cotree_r
     return b;
 }
 
-/* Finds the root of a value between a, on one side of it, and b. */
+/* Locate the zero of an event function between a, on one side of zero, and b. */
 cotree_real cotree_locate_root(cotree_events *e, int i, cotree_real a, cotree_real b,
                                cotree_real side)
 {
     cotree_real from = a, width = b - a;
     int n;
-    /* The way back to a start at zero, of which rounding has the wrong sign. */
+    /* A value that starts at zero may have the wrong sign by rounding: move towards b. */
     for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
         if (side * value_at(e, i, from) > COTREE_F(0.0))
             return find_root(e, value_at, i, side, from, b);
@@ -347,7 +348,7 @@ cotree_real cotree_sample_time(const cotree_events *e, int k)
                                                 (e->t_after - e->t_before);
 }
 
-/* Takes notice of values. The rounding of those that count from a mode is that of the mode, too. */
+/* Update the scales of the event functions. A value less its mode has the rounding of the mode. */
 int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
                          const cotree_real *g)
 {
@@ -365,8 +366,8 @@ int cotree_update_scales(cotree_events *e, cotree_real t, const cotree_real *w,
     return 0;
 }
 
-/* Looks at the last step in a few points. Where the polynomial may be far off, as among the first,
- * very short steps after a restart, nothing is learnt from it about the sizes of values. */
+/* Sample the event functions in the last step. An inaccurate interpolation, as in the first
+ * short steps after a restart, does not update the scales. */
 int cotree_sample_step(cotree_events *e)
 {
     int k, status = 0;
@@ -389,7 +390,7 @@ int cotree_sample_step(cotree_events *e)
     return status;
 }
 
-/* Whether any value that was looked at may come to zero within the step. */
+/* Return whether any sampled event function may reach zero within the step. */
 int cotree_may_cross(const cotree_events *e)
 {
     int i, k;
@@ -406,7 +407,7 @@ int cotree_may_cross(const cotree_events *e)
     return 0;
 }
 
-/* Takes the step anew in quarters, and looks at these. */
+/* Integrate the step again in quarters, and sample these. */
 int cotree_refine_step(cotree_events *e)
 {
     const cotree_history *const h = e->h;
@@ -424,7 +425,7 @@ int cotree_refine_step(cotree_events *e)
             ++e->n_evaluations;
             status = cotree_run_rate(t, e->point, e->slope, e->run);
         }
-        if (status != 0) return cotree_sample_step(e); /* what there is has to do */
+        if (status != 0) return cotree_sample_step(e); /* the coarse samples must suffice */
         cotree_history_add(&e->refined, t, e->point, e->slope);
     }
     cotree_history_add(&e->refined, h->t[last], e->end, h->rate[last]);
@@ -433,8 +434,8 @@ int cotree_refine_step(cotree_events *e)
     return cotree_sample_step(e);
 }
 
-/* Finds the sample in which a value on one side of zero is nearest to it, beside which it may turn
- * round there; SAMPLES: it does not come near. */
+/* Return the sample nearest to zero on one side, next to which an extremum may cross it, or
+ * SAMPLES if none is near. */
 int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
 {
     const cotree_real *const g = e->samples + i;
@@ -449,8 +450,8 @@ int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
     return low > COTREE_SCAN_FAR * (high - low) ? SAMPLES : nearest;
 }
 
-/* Where a value on one side of zero turns round between two times, writes when and how far off.
- * Returns whether it does and may come to zero there. */
+/* Find an extremum of a value on one side of zero between two times, and its distance from zero.
+ * Return whether there is one that may reach zero. */
 int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, cotree_real before,
                          cotree_real after, cotree_real side, cotree_real *at, cotree_real *lowest)
 {
@@ -459,7 +460,7 @@ int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, 
     left = side * rate_at(e, i, a);
     right = side * rate_at(e, i, b);
     if (!(left < COTREE_F(0.0) && right > COTREE_F(0.0))) return 0;
-    /* The tangents must meet below zero: the value does not come lower where it is convex. */
+    /* The tangents at both ends bound a convex function from below: they must meet below zero. */
     if (before / -left + after / right > b - a) return 0;
     if (!e->is_fine) return 1;
     *at = find_root(e, rate_at, i, -side, a, b);
@@ -467,7 +468,7 @@ int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, 
     return 1;
 }
 
-/* Repeats the last step as far as t. */
+/* Compute the solution at t within the last step. */
 int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
 {
     if (t == e->t_before || t == e->t_after) {
@@ -477,8 +478,7 @@ int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
     return e->solution(t, w, e->context) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Takes Newton steps onto the root itself, with steps of the motion. Returns whether they get
- * there. */
+/* Polish a root by Newton's method, with short steps of the motion. Return whether it converges. */
 static int polish_root(cotree_events *e, int i, cotree_real side)
 {
     const cotree_real width = COTREE_F(0.1) * (e->t_after - e->t_before),
@@ -513,8 +513,8 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
     return 0;
 }
 
-/* Finds a crossing so soon after the start that what a step is read from does not show it well.
- * Returns whether the motion crosses. */
+/* Find a root so close to the start that interpolation does not resolve it. Return whether there
+ * is one. */
 static int find_root_near_start(cotree_events *e, int i, cotree_real side)
 {
     cotree_real width = e->t_after - e->t_before;
@@ -537,14 +537,14 @@ static int find_root_near_start(cotree_events *e, int i, cotree_real side)
     return 1;
 }
 
-/* Goes to a crossing, as accurately as steps are. Returns whether the motion, seen closely,
- * crosses. */
+/* Compute the time and solution at a crossing to the accuracy of the steps. Return whether the
+ * motion crosses there. */
 int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side)
 {
     e->t = t;
     if (cotree_solution_at(e, t, e->w) != 0 || cotree_project(e, t, e->w) != 0) return 0;
     if (polish_root(e, i, side) || e->failure != 0) return e->failure == 0;
-    /* A step so short that its error hides the value: what the method itself says is taken. */
+    /* In a very short step its error hides the value: accept the integrator's solution. */
     if (cotree_compute_rates(e, e->t, e->w) != 0) return 0;
     if (side * e->jumps.rates[i] < COTREE_F(0.0)) return 1;
     return find_root_near_start(e, i, side);

@@ -1,25 +1,26 @@
-/* cotree_scan.c: bounds of event functions over an interval, and the search for sign changes.
+/* cotree_scan.c: interval bounds of nonlinear event functions, and the search for their zeros.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * The kernel event_ranges bounds an event function and its rate over an interval, given bounds
+ * of the quantities that it depends on. The intervals of a step are bisected until in each the
+ * function has no zero, or its rate has one sign, so that its signs at both ends tell whether it
+ * crosses. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Ranges of what events look at where that is not linear: of its values and of its rates over an
- * interval, from where the quantities that it is made of lie. */
-
 int cotree_has_range(const cotree_events *e, int i) { return e->rows[i].range >= 0; }
 
-/* The quantities at the point where values were taken last. */
+/* Return the quantities at the point of the last evaluation. */
 const cotree_real *cotree_quantities_of(const cotree_events *e)
 {
     return e->jumps.values + e->n_events + e->n_branches;
 }
 
-/* Takes quantities to lie among these over an interval, and within a bend of that: twice as far as
- * a parabola would leave its chord. */
+/* Set the bounds of a quantity over an interval, extended by a quarter of its second difference:
+ * twice the distance of a parabola from its chord. */
 void cotree_set_bounds(cotree_events *e, int k, cotree_real low, cotree_real high, cotree_real bend)
 {
     e->box[k] = low - COTREE_F(0.25) * bend;
@@ -33,7 +34,7 @@ void cotree_set_rate_bounds(cotree_events *e, int k, cotree_real slow, cotree_re
     e->box[3 * e->n_quantities + k] = fast + bend;
 }
 
-/* The same between two points, which differ from a line by second differences of this size. */
+/* Set the bounds of all quantities between two points, given their second differences. */
 static void set_bounds_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
                                const cotree_real *bends, cotree_real width)
 {
@@ -45,24 +46,23 @@ static void set_bounds_between(cotree_events *e, const cotree_real *a, const cot
     }
 }
 
-/* Writes the ranges of values over an interval; what is constant in it is that of the last point.
- */
+/* Compute the ranges over an interval; constants in them are those of the last point evaluated. */
 int cotree_compute_ranges(cotree_events *e, cotree_real t)
 {
     const int status = e->kernel_status = cotree_jumps_ranges(&e->jumps, t, e->box, e->ranges);
     return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* How far a value that is on one side of zero has to come to be of interest; with sensitivities one
- * that all but touches zero is, too. */
+/* Return the distance from zero below which a value matters; with sensitivities grazing ones do,
+ * too. */
 static cotree_real detection_level(const cotree_events *e, int i)
 {
     const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
     return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
 }
 
-/* Says what ranges tell of a value over an interval of this width, from its values at both ends.
- * Written so that nan tells nothing. */
+/* Classify an event function over an interval of a width, from its range and its values at both
+ * ends. A nan is undecided. */
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
@@ -72,27 +72,25 @@ int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotre
                       fast = side > COTREE_F(0.0) ? r[3] : -r[2];
     if ((side > COTREE_F(0.0) ? r[0] : -r[1]) > least) return RANGE_NONZERO;
     if (slow >= COTREE_F(0.0) || fast <= COTREE_F(0.0)) return RANGE_MONOTONE;
-    /* Where the steepest lines through both ends meet. */
+    /* Lower bound where the steepest lines through both ends meet. */
     if (b > least && a + slow * ((a - b + fast * width) / (fast - slow)) > least)
         return RANGE_NONZERO;
     return RANGE_UNDECIDED;
 }
 
-/* Crossings of what is not linear: intervals of a step are divided until each value is away from
- * zero in all of one, or moves one way there, so that its signs at the ends tell. */
-
-/* So many intervals of a step are halved; where these do not do, it is taken anew from as far as it
- * was looked at. */
+/* The largest number of bisections in a step. Beyond it, the step is repeated up to the end of
+ * the intervals that are decided. */
 #define MAX_DIVISIONS 500
 
-/* An interval that has been halved so often is short enough for a value that differs in sign at its
- * ends to be located there. */
+/* At this depth an interval is short enough to locate a zero between two values of different
+ * sign. */
 #define LOCATABLE_DEPTH 16
 
-/* A share of a step below which taking it anew gets nowhere. */
+/* The least share of a step that is worth repeating. */
 #define MIN_PROGRESS_SHARE COTREE_F(1e-3)
 
-/* The end of an interval: values, quantities, and second differences of these. */
+/* An entry of the stack, one end of an interval: time, values, quantities, and their second
+ * differences. */
 #define ENTRY(e, depth) ((e)->stack + (depth) * (1 + (e)->n_events + 2 * (e)->n_quantities))
 #define N_ENTRY(e) (1 + (e)->n_events + 2 * (e)->n_quantities)
 #define VALUES_OF(mark) ((mark) + 1)
@@ -107,7 +105,8 @@ static void set_entry(const cotree_events *e, cotree_real *mark, cotree_real t,
     cotree_copy(e->n_quantities, quantities, QUANTITIES_OF(e, mark));
 }
 
-/* Marks a sample; its bends are the largest at both ends of the interval before it. */
+/* Set the entry of a sample; its second differences are the largest at both ends of the interval
+ * before it. */
 static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
 {
     const cotree_real *const q = e->quantity_samples;
@@ -125,8 +124,8 @@ static void set_sample_entry(const cotree_events *e, cotree_real *mark, int k)
     }
 }
 
-/* Marks the middle of an interval. Second differences of its halves are a quarter of its own; those
- * that are less are not believed at once. */
+/* Set the entry of the midpoint of an interval. Second differences of its halves are a quarter
+ * of its own; they may fall faster, but by no more than to a sixteenth in one bisection. */
 static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_real *right,
                             cotree_real *middle)
 {
@@ -144,7 +143,8 @@ static int set_middle_entry(cotree_events *e, const cotree_real *left, cotree_re
     return status;
 }
 
-/* Lists the values that may come to zero in a step, from where quantities lie in all of it. */
+/* List the event functions that may be zero within the step, from the bounds over all of it.
+ * Return their number. */
 static int list_candidates(cotree_events *e)
 {
     const cotree_real *const q = e->quantity_samples, *const last =
@@ -187,7 +187,7 @@ static int list_candidates(cotree_events *e)
     return n_open;
 }
 
-/* Whether an interval has to be divided for any value. */
+/* Return whether an interval must be bisected for any event function. */
 static int must_divide(cotree_events *e, const cotree_real *left, const cotree_real *right,
                        int depth)
 {
@@ -208,7 +208,7 @@ static int must_divide(cotree_events *e, const cotree_real *left, const cotree_r
     return is_any;
 }
 
-/* Finds what passes zero in an interval that needs no division, or has had too many. */
+/* Find the crossings in an interval that is decided, or too short to bisect. */
 static int cross_interval(cotree_events *e, const cotree_real *left, const cotree_real *right)
 {
     int i, found = COTREE_EVENTS_NONE;
@@ -225,8 +225,8 @@ static int cross_interval(cotree_events *e, const cotree_real *left, const cotre
     return found;
 }
 
-/* Whether all values are clearly on the side that they come from, so that a step may begin there.
- */
+/* Return whether all values are on the side that they come from, beyond tolerance: a step may
+ * start there. */
 static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
 {
     int i;
@@ -237,8 +237,8 @@ static int is_before_crossings(const cotree_events *e, const cotree_real *mark)
     return 1;
 }
 
-/* Looks for the first crossings within a step of what is not linear, as search does of the rest;
- * AGAIN: there is none up to a time, and beyond it is not known. */
+/* Find the first crossings of nonlinear event functions in a step. Return as find_crossings;
+ * SHORTEN if there is none before until and nothing is known behind it. */
 int cotree_scan_ranges(cotree_events *e, cotree_real *until)
 {
     cotree_real *const left = ENTRY(e, MAX_DEPTH + 1);

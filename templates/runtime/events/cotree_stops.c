@@ -1,18 +1,17 @@
-/* cotree_stops.c: modes of rigid stops, and of friction whose limits follow from their forces.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_stops.c: modes of rigid stops, and of friction at contacts.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_events_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-/* Rounding of a force is that of all, which are this much larger at most. */
+/* The rounding of one force is that of the largest force, as a share of LIMIT_RTOL. */
 #define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
 int cotree_first_stop(const cotree_events *e) { return e->n_modes - e->n_stops; }
 
-/* Counts the edges with friction that stops press together. */
+/* Count the friction constraints whose normal force is that of a stop. */
 int cotree_count_contact_friction(const cotree_hybrid *h)
 {
     int i, n = 0;
@@ -22,7 +21,7 @@ int cotree_count_contact_friction(const cotree_hybrid *h)
     return n;
 }
 
-/* Finds out which friction is pressed by which stop, once these are listed. */
+/* List the friction at contacts with its stops, which must be listed already. */
 static void list_contact_friction(cotree_events *e)
 {
     int i, k, n = 0;
@@ -66,7 +65,7 @@ void cotree_list_stops(cotree_events *e, const cotree_hybrid *h)
     }
 }
 
-/* Whether a stop presses an edge with friction together. */
+/* Return whether the normal force of a friction constraint is that of a stop. */
 int cotree_is_contact_friction(const cotree_events *e, int k)
 {
     return e->n_contact_friction > 0 && k < e->n_frictions && e->normal_stop[k] >= 0;
@@ -77,35 +76,35 @@ int cotree_is_load(const cotree_events *e, int k)
     return k >= e->n_frictions && k < cotree_first_stop(e);
 }
 
-/* Whether the mode of an edge is among those to be chosen. Loads keep their signs in impacts. */
+/* Return whether a mode is variable in this selection. Loads keep their signs in impacts. */
 int cotree_is_variable(const cotree_events *e, int k)
 {
     return cotree_is_load(e, k) ? !e->is_impact : e->is_active[k];
 }
 
-/* Whether it may be another one beside the others as they are now. */
+/* Return whether a mode may change while the others stay. */
 int cotree_may_change(const cotree_events *e, int k)
 {
-    /* Friction that a stop presses together waits for that to hold. */
+    /* Friction at a contact has no force while its stop is open. */
     return cotree_is_variable(e, k) &&
            (!cotree_is_contact_friction(e, k) || e->modes[e->normal_stop[k]] != COTREE_F(0.0));
 }
 
-/* The event that looks at the gap on the side that is closed. */
+/* Return the event of the gap that is closed. */
 int cotree_closed_gap(const cotree_events *e, int k)
 {
     return PLACE(k,
                  e->closed_side[k - cotree_first_stop(e)] > COTREE_F(0.0) ? UPPER_GAP : LOWER_GAP);
 }
 
-/* The speed at which the gap of a closed stop opens, of what events would set it by. */
+/* Return the rate of a closed gap, from the change of speed that its events would set. */
 cotree_real cotree_opening_speed(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
            cotree_jumps_rebound(&e->jumps, PLACE(k, REBOUND));
 }
 
-/* What opening speeds are uncertain by, as far as the error test knows. */
+/* Return the uncertainty of gap rates within the error tolerance. */
 cotree_real cotree_closing_uncertainty(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -114,8 +113,8 @@ cotree_real cotree_closing_uncertainty(const cotree_events *e)
     return e->rtol * largest + e->atol;
 }
 
-/* Opening speeds below this are rounding, which is that of all, or what accelerations that vanish
- * have made of theirs, or what a stop that held has been left by the tolerance. */
+/* Return the gap rate below which there is none: the rounding of the largest rate, or of the
+ * acceleration over the span; for a stop that was closed, at least the error tolerance. */
 cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
 {
     cotree_real largest = COTREE_F(0.0);
@@ -130,7 +129,7 @@ cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
                : largest;
 }
 
-/* Whether an event looks at the gap of a stop. */
+/* Return whether an event function is the gap of a stop. */
 int cotree_is_gap(const cotree_events *e, int i)
 {
     return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
@@ -143,7 +142,7 @@ int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
     return i >= 0 && (i == fired || e->is_stepped_over[i] || e->samples[i] <= near);
 }
 
-/* Refuses a start beyond a limit. */
+/* Reject a start with a negative gap. */
 int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
 {
     int i;
@@ -154,7 +153,8 @@ int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
     return 0;
 }
 
-/* Whether what a stop presses together sticks: its force has no limit yet. */
+/* Return whether friction at the contact of a stop sticks: the normal force then has no limit
+ * yet. */
 int cotree_has_sticking_contact(const cotree_events *e, int k)
 {
     int i;
@@ -166,15 +166,14 @@ int cotree_has_sticking_contact(const cotree_events *e, int k)
     return 0;
 }
 
-/* The acceleration at which the gap of a closed stop opens, where rates were evaluated last. */
+/* Return the acceleration of a closed gap, from the rates evaluated last. */
 cotree_real cotree_separation_acceleration(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
            cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND));
 }
 
-/* Tells which closed stops are idle, at the speeds and accelerations of the modes that are tried.
- */
+/* Find the active stops: closed, at zero gap rate. Open all, and update their accelerations. */
 void cotree_find_active_stops(cotree_events *e)
 {
     int k;
@@ -184,7 +183,7 @@ void cotree_find_active_stops(cotree_events *e)
         e->is_active[k] = e->closed_side[own] != COTREE_F(0.0) &&
                           COTREE_FABS(e->opening_speed[own]) <= cotree_zero_opening_speed(e, k);
         e->modes[k] = COTREE_F(0.0);
-        /* Forces are as small as they are beside those of other times, and so are accelerations. */
+        /* The scale is the largest acceleration so far: forces may be small at this time only. */
         rate = COTREE_FABS(cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND)));
         e->acceleration_scale[k] = e->largest_acceleration[own] =
             COTREE_FMAX(e->largest_acceleration[own], rate);
@@ -202,21 +201,22 @@ static cotree_real largest_acceleration_scale(const cotree_events *e)
     return largest;
 }
 
-/* Accelerations below this are none; rounding is that of all. */
+/* Return the gap acceleration below which there is none: its rounding is that of the largest. */
 cotree_real cotree_rest_tolerance(const cotree_events *e, int k)
 {
     return COTREE_FMAX(ACCELERATION_RTOL * e->acceleration_scale[k],
                        ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING * largest_acceleration_scale(e));
 }
 
-/* Whether a closed stop is free without an acceleration, so that the change of that decides. */
+/* Return whether a closed stop is open in this trial at zero acceleration, so that the change of
+ * the acceleration decides. */
 int cotree_is_marginally_open(const cotree_events *e, int k)
 {
     return e->is_active[k] && e->modes[k] == COTREE_F(0.0) &&
            COTREE_FABS(cotree_separation_acceleration(e, k)) <= cotree_rest_tolerance(e, k);
 }
 
-/* Notes accelerations a little later, as find_bend has left them. */
+/* Store the accelerations a little later, where compute_curvature evaluated them. */
 void cotree_store_later_accelerations(cotree_events *e)
 {
     int k;
@@ -226,7 +226,7 @@ void cotree_store_later_accelerations(cotree_events *e)
     }
 }
 
-/* Notes whether a gap is closed that may open, and how far from zero it is. */
+/* Set whether a closed gap is free to open, and its distance from zero. */
 void cotree_update_open_gaps(cotree_events *e, int k)
 {
     const int is_free = e->is_active[k] && e->modes[k] == COTREE_F(0.0),
@@ -249,7 +249,7 @@ static cotree_real largest_force(const cotree_events *e)
     return largest;
 }
 
-/* How far an idle stop is off what its mode asks for, as a share; and the mode that it wants. */
+/* Return by how much an active stop violates its mode, as a share, and the new mode. */
 cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree_real *new_mode)
 {
     const int own = k - cotree_first_stop(e), force = PLACE(k, CONTACT_FORCE);
@@ -273,10 +273,9 @@ cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree
                                                                         : COTREE_F(0.0);
 }
 
-/* Friction that stops press together, as at contacts: its limits move with the force of its stop.
- * At first no force holds it, mode 2; where another one holds the same thing, none has to. */
-
-/* How far such friction is off what its mode asks for, as a share; and the mode that it wants. */
+/* Return by how much friction at a contact violates its mode, as a share, and the new mode. Its
+ * limits move with the normal force. It starts without a force (mode 2), and stays so if other
+ * constraints hold the contact. */
 cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                               cotree_real *new_mode)
 {
@@ -290,7 +289,7 @@ cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_re
     }
     if (cotree_moving_side(e, PLACE(e->normal_stop[k], CONTACT_FORCE), t, COTREE_F(0.0)) <
         COTREE_F(0.0)) {
-        /* What sticks slides before its stop lets go. */
+        /* A sticking contact slides before its stop opens. */
         *new_mode = e->samples[PLACE(k, FORWARD_LIMIT)] < e->samples[PLACE(k, BACKWARD_LIMIT)]
                         ? COTREE_F(1.0)
                         : -COTREE_F(1.0);
@@ -299,7 +298,7 @@ cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_re
     return cotree_friction_violation(e, k, t, new_mode);
 }
 
-/* Writes the acceleration along an edge with friction, pushed by a force. */
+/* Compute the acceleration along a friction constraint under an additional force. */
 static int acceleration_under_force(cotree_events *e, cotree_real t, int which, cotree_real force,
                                     cotree_real *acceleration)
 {
@@ -312,7 +311,7 @@ static int acceleration_under_force(cotree_events *e, cotree_real t, int which, 
     return status;
 }
 
-/* How much a force on an edge with friction accelerates it, in the modes that are tried. */
+/* Compute the acceleration per force along a friction constraint, in the trial modes. */
 static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_real *slope)
 {
     cotree_real without, with;
@@ -326,8 +325,8 @@ static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_r
     return 0;
 }
 
-/* Lets stick what no force has to hold now, but for what others hold already: a force would do
- * nothing there. */
+/* Let contacts stick that need no force now, unless other constraints hold them: a force there
+ * would be indeterminate. */
 int cotree_stick_unloaded_contacts(cotree_events *e, cotree_real t)
 {
     int k, n;
