@@ -51,7 +51,7 @@ def test_templates_and_scenes_are_in_the_wheel(wheel):
     templates = {
         f"cotree/_templates/{path.relative_to(_ROOT / 'templates').as_posix()}"
         for path in (_ROOT / "templates").rglob("*")
-        if path.is_file()
+        if path.is_file() and not path.name.startswith(".")
     }
     assert len(templates) > 3
     assert sources | templates <= names

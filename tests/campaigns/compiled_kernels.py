@@ -240,14 +240,12 @@ def left_out(files: Mapping[str, str]) -> list[str]:
     zeros.
     """
     plain = {file: _COMMENT.sub("", text.replace("\\\n", " ")) for file, text in files.items()}
-    defined: dict[str, str] = {}
-    for text in plain.values():
-        defined |= dict(_DEFINED.findall(text))
-        for enum in _ENUM.findall(text):
-            names = [row.partition("=") for row in enum.split(",")]
-            defined |= {a.strip(): b.strip() or str(i) for i, (a, _, b) in enumerate(names)}
+    of_headers: dict[str, str] = {}
+    for file, text in plain.items():
+        of_headers |= _constants(text) if file.endswith(".h") else {}
     found = []
     for file, text in plain.items():
+        defined = of_headers | _constants(text)  # other sources may mean others by these names
         for match in _ARRAY.finditer(text):
             # A declaration begins behind the end of what stands before it; that of a structure
             # holds semicolons, and ends its line.
@@ -261,6 +259,15 @@ def left_out(files: Mapping[str, str]) -> list[str]:
             if any(item.startswith("[") for item in items) or n != len(items):
                 found.append(f"{file}: {name}[{length}]")
     return found
+
+
+def _constants(text: str) -> dict[str, str]:
+    """Return macros and enumerators by name."""
+    defined = dict(_DEFINED.findall(text))
+    for enum in _ENUM.findall(text):
+        names = [row.partition("=") for row in enum.split(",")]
+        defined |= {a.strip(): b.strip() or str(i) for i, (a, _, b) in enumerate(names)}
+    return defined
 
 
 def _count(length: str, defined: Mapping[str, str]) -> int:
