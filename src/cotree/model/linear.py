@@ -44,8 +44,8 @@ _PROBES = 16
 #: Rounds of inverse iteration, and how far above rounding a singular value is that they find large.
 _ROUNDS, _CLEARLY = 4, 1e3
 
-#: Singular values up to this share of the largest are rounding.
-_WEAK = 10 * float(np.finfo(float).eps)
+#: Rounding of singular values, in units in the last place of the largest; more in larger matrices.
+_WEAK = 10
 
 #: What differs from columns before it by less than this share would have to move far.
 _APART = 1e-2
@@ -342,7 +342,12 @@ def _is_clearly_regular(slope: Matrix) -> bool:
         growth = float(np.linalg.norm(x))
         if not math.isfinite(growth):
             return False
-    return bool(growth**-0.5 > _CLEARLY * _WEAK * largest)
+    return bool(growth**-0.5 > _CLEARLY * _rounding(len(x)) * largest)
+
+
+def _rounding(n: int) -> float:
+    """Return the rounding of singular values of a matrix of n rows, as a share of the largest."""
+    return max(_WEAK, n) * float(np.finfo(float).eps)
 
 
 def _weak_unknowns(slope: Array) -> tuple[int, ...]:
@@ -354,7 +359,7 @@ def _weak_unknowns(slope: Array) -> tuple[int, ...]:
             size = np.max(np.abs(matrix), axis=axis, keepdims=True)
             matrix /= np.where(size > 0.0, size, 1.0)
     _, values, directions = np.linalg.svd(matrix)
-    weak = directions[values <= _WEAK * max(float(values[0]), 1e-300)]
+    weak = directions[values <= _rounding(len(matrix)) * max(float(values[0]), 1e-300)]
     return tuple(
         int(i) for i in np.flatnonzero(np.max(np.abs(weak), axis=0, initial=0.0) > _INVOLVED)
     )
