@@ -70,9 +70,10 @@ int cotree_fail_grazing(cotree_events *e, int i, cotree_real t)
 }
 
 /* Find whether an event function depends on a parameter of sensitivity. */
-static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *w, int *is_moved)
+static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *w,
+                           int *is_dependent)
 {
-    e->kernel_status = cotree_jumps_is_moved(&e->jumps, i, t, w, is_moved);
+    e->kernel_status = cotree_jumps_depends_on_parameters(&e->jumps, i, t, w, is_dependent);
     return e->kernel_status == 0 ? 0 : cotree_fail(e, i, t, COTREE_EVENTS_FAILED);
 }
 
@@ -81,7 +82,7 @@ static int find_dependence(cotree_events *e, int i, cotree_real t, cotree_real *
 static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
 {
     cotree_real rate;
-    int is_moved;
+    int is_dependent;
     if (cotree_compute_rates(e, t, w) != 0) return e->failure;
     rate = e->jumps.rates[i];
     if (cotree_compute_curvature(e, t, w) != 0) return e->failure;
@@ -89,8 +90,8 @@ static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
                                                                    cotree_tolerance(e, i) *
                                                                    COTREE_FABS(e->curvature[i]))
         return 0;
-    if (find_dependence(e, i, t, w, &is_moved) != 0) return e->failure;
-    return is_moved ? cotree_fail_grazing(e, i, t) : 0;
+    if (find_dependence(e, i, t, w, &is_dependent) != 0) return e->failure;
+    return is_dependent ? cotree_fail_grazing(e, i, t) : 0;
 }
 
 /* Apply one event at w. */
@@ -174,7 +175,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
             e->samples[i] = e->crossing_sign[i];
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
-        if (e->rows[i].kind != 1 || e->samples[i] != COTREE_F(0.0)) continue;
+        if (e->rows[i].kind != COTREE_JUMP || e->samples[i] != COTREE_F(0.0)) continue;
         if (!is_known) status = cotree_compute_curvature(e, t, w);
         is_known = 1;
         if (status == 0 && cotree_has_curvature(e, i))
@@ -189,7 +190,7 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     int k, status = 0;
     for (k = 0; k < e->n_events && status == 0; ++k) {
         const int i = is_reverse ? e->n_events - 1 - k : k;
-        if (!e->is_found[i] || e->rows[i].kind != 1) continue;
+        if (!e->is_found[i] || e->rows[i].kind != COTREE_JUMP) continue;
         status = cotree_jumps_apply(&e->jumps, i, t, w, 0);
     }
     return status;
@@ -199,14 +200,14 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
  * exist. */
 static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int i, first = -1, n_jumps = 0, is_moved = 0;
+    int i, first = -1, n_jumps = 0, is_dependent = 0;
     for (i = 0; i < e->n_events && e->run->n_blocks > 1; ++i) {
-        if (!e->is_found[i] || e->rows[i].kind != 1) continue;
-        if (!is_moved && find_dependence(e, i, t, w, &is_moved) != 0) return e->failure;
+        if (!e->is_found[i] || e->rows[i].kind != COTREE_JUMP) continue;
+        if (!is_dependent && find_dependence(e, i, t, w, &is_dependent) != 0) return e->failure;
         if (first < 0) first = i;
         ++n_jumps;
     }
-    if (n_jumps < 2 || !is_moved) return 0;
+    if (n_jumps < 2 || !is_dependent) return 0;
     cotree_copy(e->n, w, e->other);
     cotree_copy(e->n, w, e->sum);
     if (apply_jumps(e, t, e->other, 0) != 0 || apply_jumps(e, t, e->sum, 1) != 0) {
@@ -270,7 +271,7 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
         e->has_fired[i] = e->is_found[i];
         if (!e->is_found[i]) continue;
         if (first < 0) first = i;
-        are_jumps = are_jumps && e->rows[i].kind == 1;
+        are_jumps = are_jumps && e->rows[i].kind == COTREE_JUMP;
     }
     return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDE : COTREE_EVENTS_ENDLESS);
 }
@@ -279,8 +280,8 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
  * the value, or it leaves zero to that side. */
 static int is_mode_wrong(const cotree_events *e, int i)
 {
-    return e->rows[i].kind == 1 && e->samples[i] == (cotree_real)e->rows[i].direction &&
-           cotree_jumps_is_due(&e->jumps, i);
+    return e->rows[i].kind == COTREE_JUMP && e->samples[i] == (cotree_real)e->rows[i].direction &&
+           cotree_jumps_changes_value(&e->jumps, i);
 }
 
 /* Reject a value that leaves a jump at a time that nothing determines. */
@@ -306,16 +307,16 @@ static int has_fixed_time(const cotree_events *e)
 static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, round, has_jumps = 0;
-    for (i = 0; i < e->n_events; ++i) has_jumps = has_jumps || e->rows[i].kind == 1;
+    for (i = 0; i < e->n_events; ++i) has_jumps = has_jumps || e->rows[i].kind == COTREE_JUMP;
     for (round = 0; round < COTREE_EVENT_ROUNDS; ++round) {
         int first = -1, status = compute_sides(e, t, w);
-        if (status == 0 && has_jumps && cotree_jumps_news(&e->jumps, t, w) != 0) {
+        if (status == 0 && has_jumps && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0) {
             status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
         }
         if (status != 0) return status;
         for (i = 0; i < e->n_events && round == COTREE_EVENT_ROUNDS / 2; ++i) e->is_found[i] = 0;
         for (i = 0; i < e->n_events; ++i) {
-            const int is_crossed = e->rows[i].kind != 1 && !cotree_is_kink(e, i) &&
+            const int is_crossed = e->rows[i].kind != COTREE_JUMP && !cotree_is_kink(e, i) &&
                                    e->samples[i] * e->side[i] < COTREE_F(0.0) &&
                                    cotree_is_in_direction(e, i, e->samples[i]);
             if (is_crossed || is_mode_wrong(e, i)) {
@@ -325,7 +326,8 @@ static int process_cascade(cotree_events *e, cotree_real t, cotree_real *w)
             }
         }
         if (first < 0) return 0;
-        if (e->rows[first].kind == 1 && check_leaving(e, first, t, w) != 0) return e->failure;
+        if (e->rows[first].kind == COTREE_JUMP && check_leaving(e, first, t, w) != 0)
+            return e->failure;
         e->is_found[first] = 1;
         status = apply_event(e, first, t, w, has_fixed_time(e));
         if (status == 0) status = compute_sides(e, t, w);
@@ -342,7 +344,7 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
     if (e->side[i] != COTREE_F(0.0) || e->terminal_event >= 0 || cotree_stays_at_zero(e, i) ||
         cotree_is_of_friction(e, i))
         return 0;
-    if (e->rows[i].kind == 1) return 0;
+    if (e->rows[i].kind == COTREE_JUMP) return 0;
     if (cotree_compute_curvature(e, t, w) != 0) return e->failure;
     if (!(e->curvature[i] * e->crossing_sign[i] > COTREE_F(0.0) && cotree_has_curvature(e, i)))
         return 0;

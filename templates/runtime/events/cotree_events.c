@@ -440,12 +440,13 @@ static const cotree_real *reduced_point(cotree_events *e, cotree_real t, const c
 static int has_left_surface(cotree_events *e, int i, cotree_real side)
 {
     int k;
-    if (e->rows[i].kind != 1 || e->side[i] != COTREE_F(0.0) || !cotree_is_in_direction(e, i, side))
+    if (e->rows[i].kind != COTREE_JUMP || e->side[i] != COTREE_F(0.0) ||
+        !cotree_is_in_direction(e, i, side))
         return 0;
-    if (cotree_jumps_news(&e->jumps, e->t_after, e->end) != 0) {
+    if (cotree_jumps_compute_new_values(&e->jumps, e->t_after, e->end) != 0) {
         return cotree_fail(e, 0, e->t_after, COTREE_EVENTS_FAILED);
     }
-    if (!cotree_jumps_is_due(&e->jumps, i)) return 0;
+    if (!cotree_jumps_changes_value(&e->jumps, i)) return 0;
     if (!cotree_is_continuous(e, i, e->t_before, e->start))
         return cotree_fail(e, i, e->t_after, COTREE_EVENTS_LEAVE);
     for (k = 0; k < e->n_events; ++k) e->is_found[k] = k == i;

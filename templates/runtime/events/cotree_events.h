@@ -194,7 +194,7 @@ typedef struct cotree_events {
     int *impact_role;       /* see find_impact_roles */
     int *ends_at_rest;      /* 1: the stop's rebound is below its rest threshold */
     int *restitution_event; /* whose targets contain the change of speed */
-    int *impact_events, *impulse_states, *force_events; /* as in cotree_strike */
+    int *impact_events, *impulse_states, *force_events; /* as in cotree_impulse */
 } cotree_events;
 
 /* Initialise for a run over a span, with the tolerances of the integration. atols, of n_given

@@ -76,7 +76,7 @@ int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w
     if (status == 0) status = cotree_compute_rates(e, t, e->trial);
     e->largest_rate = COTREE_F(0.0);
     for (k = 0; k < e->run->n_rates; ++k)
-        e->largest_rate = COTREE_FMAX(e->largest_rate, COTREE_FABS(e->jumps.moving[k]));
+        e->largest_rate = COTREE_FMAX(e->largest_rate, COTREE_FABS(e->jumps.state_rates[k]));
     return status;
 }
 
@@ -274,7 +274,7 @@ int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fi
     update_zero_levels(e, t, fired);
     if (is_changed) {
         e->is_mode_changed = 1;
-        status = cotree_jumps_shift(&e->jumps, t, w, e->n_modes, e->places, N_PLACES, e->modes);
+        status = cotree_jumps_set_modes(&e->jumps, t, w, e->n_modes, e->places, N_PLACES, e->modes);
     }
     if (e->n_stops > 0 ? fired >= 0 : is_changed)
         cotree_copy(e->run->n_full, e->saved_before, e->jumps.before);

@@ -26,9 +26,9 @@ static int takes_part(const cotree_events *e, int k)
 }
 
 /* Return the impact in the form of cotree_jumps.h, with the trial modes. */
-static cotree_strike impact_of(cotree_events *e)
+static cotree_impulse impact_of(cotree_events *e)
 {
-    cotree_strike s;
+    cotree_impulse s;
     int k;
     for (k = 0; k < e->n_modes; ++k) {
         const int own = k - cotree_first_stop(e);
@@ -50,10 +50,10 @@ static cotree_strike impact_of(cotree_events *e)
     s.modes = e->kernel_modes;
     s.n_edges = e->n_stops + e->n_contact_friction;
     s.n_stops = e->n_stops;
-    s.n_pulls = e->n_modes - e->n_frictions + 2 * e->n_contact_friction;
-    s.impulses = e->impulse_states;
-    s.rebounds = e->impact_events;
-    s.pulls = e->force_events;
+    s.n_forces = e->n_modes - e->n_frictions + 2 * e->n_contact_friction;
+    s.impulse_states = e->impulse_states;
+    s.speed_events = e->impact_events;
+    s.force_events = e->force_events;
     return s;
 }
 
@@ -61,11 +61,11 @@ static cotree_strike impact_of(cotree_events *e)
  * or another number if it has no solution. */
 int cotree_evaluate_impact(cotree_events *e, cotree_real t, const cotree_real *w)
 {
-    const cotree_strike s = impact_of(e);
-    int i, status = cotree_jumps_try_strike(&e->jumps, &s, t, w, e->trial);
-    if (status == 0) status = cotree_jumps_news(&e->jumps, t, e->trial);
-    for (i = 0; i < s.n_pulls && status == 0; ++i)
-        e->samples[e->force_events[i]] = e->jumps.pulls[i];
+    const cotree_impulse s = impact_of(e);
+    int i, status = cotree_jumps_try_impulse(&e->jumps, &s, t, w, e->trial);
+    if (status == 0) status = cotree_jumps_compute_new_values(&e->jumps, t, e->trial);
+    for (i = 0; i < s.n_forces && status == 0; ++i)
+        e->samples[e->force_events[i]] = e->jumps.impulse_forces[i];
     return status;
 }
 
@@ -73,7 +73,8 @@ static cotree_real largest_impulse(const cotree_events *e)
 {
     cotree_real largest = COTREE_F(0.0);
     int i;
-    for (i = 0; i < e->n_stops; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(e->jumps.pulls[i]));
+    for (i = 0; i < e->n_stops; ++i)
+        largest = COTREE_FMAX(largest, COTREE_FABS(e->jumps.impulse_forces[i]));
     return largest;
 }
 
@@ -103,7 +104,7 @@ cotree_real cotree_normal_violation(const cotree_events *e, int k, cotree_real *
 /* Return the slip rate after the impact. */
 static cotree_real slip_after_impact(const cotree_events *e, int k)
 {
-    return -cotree_jumps_rebound(&e->jumps, PLACE(k, SLIP));
+    return -cotree_jumps_speed_change(&e->jumps, PLACE(k, SLIP));
 }
 
 /* Return by how much friction at a contact violates the impact law, as a share, and its new
@@ -169,7 +170,7 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
     for (k = 0; k < cotree_first_stop(e); ++k) e->modes[k] = w[PLACE(k, MODE_STATE)];
     for (; k < e->n_modes; ++k) e->modes[k] = COTREE_F(0.0);
     status = cotree_evaluate_motion(e, t, w);
-    if (status == 0 && cotree_jumps_news(&e->jumps, t, e->trial) != 0) {
+    if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, e->trial) != 0) {
         status = cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
     }
     for (k = cotree_first_stop(e); k < e->n_modes && status == 0; ++k) {
@@ -189,7 +190,7 @@ static int find_closed_gaps(cotree_events *e, cotree_real t, const cotree_real *
         e->opening_speed[own] = cotree_opening_speed(e, k);
         e->largest_opening_speed[own] =
             COTREE_FMAX(e->largest_opening_speed[own],
-                        COTREE_FABS(cotree_jumps_rebound(&e->jumps, PLACE(k, REBOUND))));
+                        COTREE_FABS(cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND))));
     }
     return status;
 }
@@ -251,7 +252,7 @@ static void init_impact(cotree_events *e)
         e->modes[k] = e->impact_role[own] > 0 ? e->closed_side[own] : COTREE_F(0.0);
         e->required_speed[own] =
             e->opening_speed[own] -
-            e->closed_side[own] * cotree_jumps_rebound(&e->jumps, e->restitution_event[own]);
+            e->closed_side[own] * cotree_jumps_speed_change(&e->jumps, e->restitution_event[own]);
         e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->opening_speed[own]));
     }
     for (k = 0; k < e->n_contact_friction; ++k) {
@@ -326,19 +327,19 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
 {
     int round;
     for (round = 0; e->n_stops > 0 && round < COTREE_EVENT_ROUNDS; ++round) {
-        cotree_strike s;
+        cotree_impulse s;
         int status = find_closed_gaps(e, t, w, fired);
         if (status != 0) return status;
         if (find_impact_roles(e, fired) == 0) return 0;
         status = select_restitution_events(e, t, w);
-        if (status == 0 && cotree_jumps_news(&e->jumps, t, w) != 0) {
+        if (status == 0 && cotree_jumps_compute_new_values(&e->jumps, t, w) != 0) {
             status = cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
         }
         if (status == 0) status = solve_impact(e, t, w);
         if (status == 0) status = check_independent(e, t);
         if (status != 0) return status;
         s = impact_of(e);
-        if (cotree_jumps_strike(&e->jumps, &s, t, w) != 0) {
+        if (cotree_jumps_apply_impulse(&e->jumps, &s, t, w) != 0) {
             return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_FAILED);
         }
         mark_impact_events(e);

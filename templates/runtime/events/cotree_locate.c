@@ -128,7 +128,7 @@ int cotree_project(cotree_events *e, cotree_real t, cotree_real *w)
 /* Return whether two events belong to the same jump. */
 int cotree_is_of_same_jump(const cotree_events *e, int i, int k)
 {
-    return e->rows[i].kind == 1 && e->rows[k].kind == 1 &&
+    return e->rows[i].kind == COTREE_JUMP && e->rows[k].kind == 1 &&
            e->rows[i].targets[0] == e->rows[k].targets[0];
 }
 
@@ -186,7 +186,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
     cotree_real *const shift = e->shift, *const shift_aside = e->shift + e->n_events;
     cotree_real far = COTREE_F(1.0), g, g_aside = COTREE_F(0.0), share = COTREE_F(0.0);
     int k, m, status, is_same = 1, is_finite = 1;
-    if (e->rows[i].kind != 1) return 0;
+    if (e->rows[i].kind != COTREE_JUMP) return 0;
     status = compare_sides(e, i, t, w, change, size, shift, &g);
     for (m = 0; m < MAX_ASIDE_POINTS && status == 0; ++m) {
         far *= ASIDE_TOLERANCES;
@@ -212,7 +212,7 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
                                                  COTREE_FMAX(least, SAME_RTOL * size[k]));
     }
     for (k = 0; k < e->n_events && status == 0; ++k) {
-        if (e->rows[k].kind != 1) continue;
+        if (e->rows[k].kind != COTREE_JUMP) continue;
         is_same =
             is_same && vanishes_at_surface(shift[k], shift_aside[k], share, cotree_tolerance(e, k));
     }

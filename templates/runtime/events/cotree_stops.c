@@ -101,7 +101,7 @@ int cotree_closed_gap(const cotree_events *e, int k)
 cotree_real cotree_opening_speed(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
-           cotree_jumps_rebound(&e->jumps, PLACE(k, REBOUND));
+           cotree_jumps_speed_change(&e->jumps, PLACE(k, REBOUND));
 }
 
 /* Return the uncertainty of gap rates within the error tolerance. */
@@ -170,7 +170,7 @@ int cotree_has_sticking_contact(const cotree_events *e, int k)
 cotree_real cotree_separation_acceleration(const cotree_events *e, int k)
 {
     return e->closed_side[k - cotree_first_stop(e)] *
-           cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND));
+           cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, REBOUND));
 }
 
 /* Find the active stops: closed, at zero gap rate. Open all, and update their accelerations. */
@@ -184,7 +184,7 @@ void cotree_find_active_stops(cotree_events *e)
                           COTREE_FABS(e->opening_speed[own]) <= cotree_zero_opening_speed(e, k);
         e->modes[k] = COTREE_F(0.0);
         /* The scale is the largest acceleration so far: forces may be small at this time only. */
-        rate = COTREE_FABS(cotree_jumps_rebound_rate(&e->jumps, PLACE(k, REBOUND)));
+        rate = COTREE_FABS(cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, REBOUND)));
         e->acceleration_scale[k] = e->largest_acceleration[own] =
             COTREE_FMAX(e->largest_acceleration[own], rate);
     }
@@ -279,7 +279,7 @@ cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree
 cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                               cotree_real *new_mode)
 {
-    const cotree_real rate = cotree_jumps_rebound_rate(&e->jumps, PLACE(k, SLIP));
+    const cotree_real rate = cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, SLIP));
     e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], largest_acceleration_scale(e));
     if (e->modes[k] == COTREE_F(2.0)) {
         *new_mode = COTREE_F(0.0);
@@ -307,7 +307,7 @@ static int acceleration_under_force(cotree_events *e, cotree_real t, int which, 
     e->trial[impulse] = force;
     status = cotree_compute_rates(e, t, e->trial);
     e->trial[impulse] = COTREE_F(0.0);
-    *acceleration = -cotree_jumps_rebound_rate(&e->jumps, PLACE(i, SLIP));
+    *acceleration = -cotree_jumps_speed_change_rate(&e->jumps, PLACE(i, SLIP));
     return status;
 }
 

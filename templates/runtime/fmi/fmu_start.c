@@ -122,7 +122,8 @@ static int choose_modes(fmu *m)
                           e->rows[e->event].name, t, cotree_events_message(status));
     }
     for (i = 0; i < e->n_events; ++i) {
-        if (e->rows[i].kind > 1) m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
+        if (e->rows[i].kind > COTREE_JUMP)
+            m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
     }
     for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->room[i];
     fmu_forget(m);
@@ -141,12 +142,12 @@ static int settle_modes(fmu *m)
         if (fmu_refresh(m, FMU_HAS_INDICATORS) != 0) return 1;
         for (i = 0; i < hybrid->n_events; ++i) {
             const cotree_event *const row = hybrid->events + i;
-            if (row->kind != 1 || !(m->g[i] * (double)row->direction > 0.0)) continue;
+            if (row->kind != COTREE_JUMP || !(m->g[i] * (double)row->direction > 0.0)) continue;
             cotree_run_narrow(&m->run, t, m->z, m->room);
-            if (cotree_jumps_news(&m->events.jumps, t, m->room) != 0) {
+            if (cotree_jumps_compute_new_values(&m->events.jumps, t, m->room) != 0) {
                 return fmu_refuse(m, "event '%s' has no values at the start", row->name);
             }
-            if (!cotree_jumps_is_due(&m->events.jumps, i)) continue;
+            if (!cotree_jumps_changes_value(&m->events.jumps, i)) continue;
             m->z[row->targets[0]] = cotree_jumps_new_value(&m->events.jumps, i);
             is_changed = 1;
             break;

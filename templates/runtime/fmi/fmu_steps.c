@@ -208,7 +208,7 @@ static int tell_events(const fmu *m, cotree_job *job)
     int i, n_told = 0;
     for (i = 0; i < job->n_records; ++i) {
         const cotree_event *const row = m->model->hybrid->events + (int)job->records[i * width + 1];
-        if (row->kind == 1) continue;
+        if (row->kind == COTREE_JUMP) continue;
         fmu_log(m, FMU_NOTE, "event '%s' at t = %.10g", row->name, job->records[i * width]);
         ++n_told;
     }

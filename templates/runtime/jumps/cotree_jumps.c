@@ -1,13 +1,13 @@
-/* cotree_jumps.c: values of events, and states and sensitivities after them.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_jumps.c: event functions, and the states and sensitivities after an event.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_jumps_internal.h"
 
 #include <math.h>
 #include <stddef.h>
 
-/* Forces that impacts are known by: those of stops, and two for what friction they press. */
-static int count_pulls(const cotree_hybrid *h)
+/* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
+ * contact. */
+static int count_impulse_forces(const cotree_hybrid *h)
 {
     int i, n = 0, n_loads = 0;
     for (i = 0; i < h->n_events; ++i) {
@@ -24,7 +24,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
     const int n = model->n_states, m = run->n_blocks - 1, n_values = h->n_events + h->n_jumps;
-    int n_pulls;
+    int n_forces;
     j->run = run;
     j->hybrid = h;
     j->values = cotree_take_doubles(room, h->n_events + h->n_branches + h->n_quantities);
@@ -32,9 +32,9 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     j->before = cotree_take_doubles(room, run->n_full);
     j->after = cotree_take_doubles(room, run->n_full);
     j->time_sensitivity = cotree_take_doubles(room, m);
-    j->moving = cotree_take_doubles(room, n);
-    j->slopes = cotree_take_doubles(room, m * n_values);
-    j->set = cotree_take_doubles(room, h->n_jumps);
+    j->state_rates = cotree_take_doubles(room, n);
+    j->value_slopes = cotree_take_doubles(room, m * n_values);
+    j->new_values = cotree_take_doubles(room, h->n_jumps);
     j->residual = cotree_take_doubles(room, (1 + m) * model->n_constraints);
     j->gradient = cotree_take_doubles(room, h->n_rows * h->n_speeds);
     j->basis = cotree_take_doubles(room, h->n_rows * h->n_speeds);
@@ -44,21 +44,21 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     j->best = cotree_take_doubles(room, n);
     j->trial = cotree_take_doubles(room, n);
     j->given = cotree_take_doubles(room, n);
-    n_pulls = count_pulls(h);
-    if (n_pulls > 0) {
-        j->narrow = cotree_take_doubles(room, run->n_full);
+    n_forces = count_impulse_forces(h);
+    if (n_forces > 0) {
+        j->w_work = cotree_take_doubles(room, run->n_full);
         j->packed = cotree_take_doubles(room, run->n_full);
         j->response = cotree_take_doubles(room, 2 * run->n_full);
-        j->pulls = cotree_take_doubles(room, 2 * n_pulls * run->n_blocks);
-        j->pull_slopes = cotree_take_doubles(room, m * n_values);
+        j->impulse_forces = cotree_take_doubles(room, 2 * n_forces * run->n_blocks);
+        j->force_slopes = cotree_take_doubles(room, m * n_values);
     }
     j->is_kept = cotree_take_ints(room, n);
     j->is_free = cotree_take_ints(room, h->n_speeds);
     j->order = cotree_take_ints(room, h->n_rows);
 }
 
-/* Completes the states at a point, and the inputs there; t is moved into the segment. */
-static int complete(cotree_run *run, cotree_real *t, const cotree_real *w)
+/* Compute all states at a point, and the inputs there; t is moved into the segment. */
+static int complete_point(cotree_run *run, cotree_real *t, const cotree_real *w)
 {
     int status;
     *t = cotree_run_inside(run, *t);
@@ -69,7 +69,7 @@ static int complete(cotree_run *run, cotree_real *t, const cotree_real *w)
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     cotree_run *const run = j->run;
-    const int status = complete(run, &t, w);
+    const int status = complete_point(run, &t, w);
     if (status != 0) return status;
     return MODEL->events(t, run->full, run->u, run->p, run->k, j->values);
 }
@@ -80,21 +80,21 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box, 
     return MODEL->event_ranges(t, run->full, box, run->u, run->p, run->k, ranges);
 }
 
-/* Writes the rates of all states to moving, and rates, at a complete point. */
-int cotree_differentiate(cotree_jumps *j, cotree_real t, const cotree_real *x)
+/* Compute state_rates, those of all states, and rates at a complete point. */
+int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x)
 {
     cotree_run *const run = j->run;
     const int cut = run->n_rates;
     int i, status = cotree_run_inputs(run, t);
-    if (status == 0) status = MODEL->rhs(t, x, run->u, run->p, run->k, j->moving);
+    if (status == 0) status = MODEL->rhs(t, x, run->u, run->p, run->k, j->state_rates);
     if (status != 0) return status;
-    for (i = cut; i < N_STATES; ++i) j->moving[i] = COTREE_F(0.0);
-    status = MODEL->event_rates(t, x, j->moving, run->u, run->p, run->k, j->rates);
+    for (i = cut; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
+    status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
     if (status != 0 || cut == N_STATES) return status;
     /* Residuals stay zero along the motion: g_x x' + g_t + g_z z' = 0. */
-    status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->moving + cut);
+    status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->state_rates + cut);
     if (status != 0) return status;
-    return MODEL->event_rates(t, x, j->moving, run->u, run->p, run->k, j->rates);
+    return MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
 }
 
 int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w)
@@ -102,10 +102,10 @@ int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w)
     int status;
     t = cotree_run_inside(j->run, t);
     status = cotree_run_find_states(j->run, t, w);
-    return status != 0 ? status : cotree_differentiate(j, t, j->run->full);
+    return status != 0 ? status : cotree_compute_rates_at(j, t, j->run->full);
 }
 
-/* Brings the states after an event onto the constraints. */
+/* Project the states after an event onto the constraints. */
 static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *x)
 {
     cotree_run *const run = j->run;
@@ -127,16 +127,16 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     return 0;
 }
 
-/* Finishes the states and sensitivities after an event, whose own are set. moving is R_x f- +
- * R_t. */
-int cotree_finish(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
+/* Complete the states and sensitivities after an event that has set its targets: project them
+ * and add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
+int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
     cotree_real *const s = j->after + N_STATES;
     const cotree_real *const t_p = j->time_sensitivity;
     const int is_constrained = cotree_run_is_constrained(run);
     int i, n, status;
-    cotree_real *const given = run->full; /* the states as set */
+    cotree_real *const given = run->full; /* the states before projection */
     for (i = 0; i < N_STATES; ++i) given[i] = j->after[i];
     status = settle_states(j, row, t, j->after);
     if (status != 0) return status;
@@ -153,7 +153,7 @@ int cotree_finish(cotree_jumps *j, const cotree_event *row, cotree_real t, cotre
     if (status != 0) return status;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
         cotree_real *const own = s + n * N_STATES;
-        for (i = 0; i < run->n_rates; ++i) own[i] += t_p[n] * (j->moving[i] - run->full[i]);
+        for (i = 0; i < run->n_rates; ++i) own[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
         for (; i < N_STATES; ++i) own[i] = COTREE_F(0.0);
     }
     if (is_constrained) status = cotree_settle_sensitivities(j, t, j->after, s);
@@ -164,36 +164,36 @@ int cotree_finish(cotree_jumps *j, const cotree_event *row, cotree_real t, cotre
     return status;
 }
 
-/* Finds where the new values of an event stand among those of all. */
-int cotree_place_of(const cotree_jumps *j, int event)
+/* Return the place of an event's first new value among those of all events. */
+int cotree_first_new_value(const cotree_jumps *j, int event)
 {
     int i, first = 0;
     for (i = 0; i < event; ++i) first += j->hybrid->events[i].n_targets;
     return first;
 }
 
-int cotree_jumps_news(cotree_jumps *j, cotree_real t, const cotree_real *w)
+int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree_real *w)
 {
     cotree_run *const run = j->run;
-    const int status = complete(run, &t, w);
-    return status != 0 ? status : MODEL->jumps(t, run->full, run->u, run->p, run->k, j->set);
+    const int status = complete_point(run, &t, w);
+    return status != 0 ? status : MODEL->jumps(t, run->full, run->u, run->p, run->k, j->new_values);
 }
 
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event)
 {
-    return j->set[cotree_place_of(j, event)];
+    return j->new_values[cotree_first_new_value(j, event)];
 }
 
-int cotree_jumps_is_due(const cotree_jumps *j, int event)
+int cotree_jumps_changes_value(const cotree_jumps *j, int event)
 {
     return cotree_jumps_new_value(j, event) != j->run->full[j->hybrid->events[event].targets[0]];
 }
 
-int cotree_jumps_differentiate(cotree_jumps *j, cotree_real t, const cotree_real *w,
-                               cotree_real *rates)
+int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *w,
+                             cotree_real *rates)
 {
     cotree_run *const run = j->run;
-    const int status = complete(run, &t, w);
+    const int status = complete_point(run, &t, w);
     return status != 0 ? status : MODEL->rhs(t, run->full, run->u, run->p, run->k, rates);
 }
 
@@ -202,14 +202,14 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
 {
     const cotree_event *const rows = j->hybrid->events;
     const int target = rows[event].targets[0];
-    int i, status = cotree_jumps_news(j, t, w);
-    if (status == 0) status = cotree_jumps_differentiate(j, t, w, now);
+    int i, status = cotree_jumps_compute_new_values(j, t, w);
+    if (status == 0) status = cotree_jumps_state_rates(j, t, w, now);
     for (i = 0; i < j->run->n_rates; ++i) x[i] = w[i];
     for (i = 0; i < N_EVENTS; ++i) {
-        if (rows[i].kind != 1 || rows[i].targets[0] != target) continue;
+        if (rows[i].kind != COTREE_JUMP || rows[i].targets[0] != target) continue;
         if (cotree_jumps_new_value(j, i) != w[target]) x[target] = cotree_jumps_new_value(j, i);
     }
-    return status == 0 ? cotree_jumps_differentiate(j, t, x, other) : status;
+    return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
 }
 
 int cotree_jumps_settle(cotree_jumps *j, cotree_real t, cotree_real *x)
@@ -226,26 +226,28 @@ int cotree_jumps_is_chosen(cotree_jumps *j, cotree_real t, const cotree_real *fr
     return cotree_is_chosen(j, t, from, to);
 }
 
-/* Finds what holds before an event: states, rates, and slopes of what events look at. */
-static int find_before(cotree_jumps *j, cotree_real t, cotree_real *w)
+/* Evaluate what holds before an event: states, rates, and derivatives of the event functions. */
+static int evaluate_before(cotree_jumps *j, cotree_real t, cotree_real *w)
 {
     cotree_run *const run = j->run;
     cotree_real *const x = j->before;
     int i, status = cotree_run_find(run, t, w);
     for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    if (status == 0) status = cotree_differentiate(j, t, x);
+    if (status == 0) status = cotree_compute_rates_at(j, t, x);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
-    return MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->slopes);
+    return MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->value_slopes);
 }
 
-int cotree_jumps_is_moved(cotree_jumps *j, int event, cotree_real t, cotree_real *w, int *is_moved)
+int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
+                                       int *is_dependent)
 {
-    const int status = find_before(j, cotree_run_inside(j->run, t), w);
+    const int status = evaluate_before(j, cotree_run_inside(j->run, t), w);
     int n;
-    *is_moved = 0;
+    *is_dependent = 0;
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        /* Written so that nan counts as moved. */
-        if (!(j->slopes[n * (N_EVENTS + N_JUMPS) + event] == COTREE_F(0.0))) *is_moved = 1;
+        /* A nan counts as dependence. */
+        if (!(j->value_slopes[n * (N_EVENTS + N_JUMPS) + event] == COTREE_F(0.0)))
+            *is_dependent = 1;
     }
     return status;
 }
@@ -254,41 +256,42 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
 {
     cotree_run *const run = j->run;
     const cotree_event *const row = j->hybrid->events + event;
-    const int n_values = N_EVENTS + N_JUMPS, first = cotree_place_of(j, event);
+    const int n_values = N_EVENTS + N_JUMPS, first = cotree_first_new_value(j, event);
     int i, n, status;
     t = cotree_run_inside(run, t);
-    status = find_before(j, t, w);
+    status = evaluate_before(j, t, w);
     if (status != 0) return status;
     if (row->n_targets > 0) {
-        status = MODEL->jumps(t, j->before, run->u, run->p, run->k, j->set);
+        status = MODEL->jumps(t, j->before, run->u, run->p, run->k, j->new_values);
         if (status != 0) return status;
     }
     for (n = 0; n < N_SENSITIVITIES && !is_time_fixed; ++n) {
-        const cotree_real slope = j->slopes[n * n_values + event];
-        /* What no parameter moves has a time that none moves, whatever its rate is. */
+        const cotree_real slope = j->value_slopes[n * n_values + event];
+        /* Without a dependence the derivative is zero even at a rate of zero. */
         j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
     }
     for (i = 0; i < row->n_targets; ++i) {
         const int target = row->targets[i];
-        j->after[target] = j->set[first + i];
-        j->moving[target] = j->rates[N_EVENTS + first + i];
+        j->after[target] = j->new_values[first + i];
+        j->state_rates[target] = j->rates[N_EVENTS + first + i];
         for (n = 0; n < N_SENSITIVITIES; ++n) {
-            j->after[(1 + n) * N_STATES + target] = j->slopes[n * n_values + N_EVENTS + first + i];
+            j->after[(1 + n) * N_STATES + target] =
+                j->value_slopes[n * n_values + N_EVENTS + first + i];
         }
     }
-    return cotree_finish(j, row, t, w);
+    return cotree_complete_event(j, row, t, w);
 }
 
-int cotree_jumps_shift(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
-                       const int *places, int stride, const cotree_real *modes)
+int cotree_jumps_set_modes(cotree_jumps *j, cotree_real t, cotree_real *w, int n_modes,
+                           const int *places, int stride, const cotree_real *modes)
 {
     cotree_run *const run = j->run;
     int i, status;
     t = cotree_run_inside(run, t);
     status = cotree_run_find(run, t, w);
     for (i = 0; i < run->n_full; ++i) j->before[i] = j->after[i] = run->full[i];
-    if (status == 0) status = cotree_differentiate(j, t, j->before);
+    if (status == 0) status = cotree_compute_rates_at(j, t, j->before);
     if (status != 0) return status;
     for (i = 0; i < n_modes; ++i) j->after[places[i * stride]] = modes[i];
-    return cotree_finish(j, &none, t, w);
+    return cotree_complete_event(j, &no_event, t, w);
 }

@@ -38,10 +38,10 @@
 #define N_SENSITIVITIES (j->run->n_blocks - 1)
 
 /* cotree_jumps.c */
-COTREE_PRIVATE int cotree_differentiate(cotree_jumps *j, cotree_real t, const cotree_real *x);
-COTREE_PRIVATE int cotree_finish(cotree_jumps *j, const cotree_event *row, cotree_real t,
-                                 cotree_real *w);
-COTREE_PRIVATE int cotree_place_of(const cotree_jumps *j, int event);
+COTREE_PRIVATE int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x);
+COTREE_PRIVATE int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real t,
+                                         cotree_real *w);
+COTREE_PRIVATE int cotree_first_new_value(const cotree_jumps *j, int event);
 
 /* cotree_settle.c */
 COTREE_PRIVATE int cotree_normalise(const cotree_jumps *j, cotree_real *x);
@@ -51,7 +51,7 @@ COTREE_PRIVATE int cotree_is_chosen(cotree_jumps *j, cotree_real t, const cotree
 COTREE_PRIVATE int cotree_settle_sensitivities(cotree_jumps *j, cotree_real t, const cotree_real *x,
                                                cotree_real *s);
 
-/* Sets nothing. */
-static const cotree_event none = {"", 0, 0, 0, 0, 0, 0, NULL, 0, -1};
+/* an event without targets */
+static const cotree_event no_event = {"", 0, 0, 0, 0, 0, 0, NULL, 0, -1};
 
 #endif
