@@ -27,6 +27,7 @@ typedef float cotree_real;
 #define COTREE_INFINITY HUGE_VALF
 #define COTREE_EXP expf
 #define COTREE_FABS fabsf
+#define COTREE_FLOOR floorf
 #define COTREE_FMAX fmaxf
 #define COTREE_FMIN fminf
 #define COTREE_FMOD fmodf
@@ -45,6 +46,7 @@ typedef double cotree_real;
 #define COTREE_INFINITY HUGE_VAL
 #define COTREE_EXP exp
 #define COTREE_FABS fabs
+#define COTREE_FLOOR floor
 #define COTREE_FMAX fmax
 #define COTREE_FMIN fmin
 #define COTREE_FMOD fmod

@@ -13,11 +13,10 @@ from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
 from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.runtime import source_texts, with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_identifier, c_string
 from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
-from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -151,8 +150,7 @@ def source_files(
     }
     if integrator and INTEGRATORS[integrator].is_implicit:
         files |= render_newton(newton_context(program))
-    for name in ("fmu_times.c", f"fmi{version}.c"):
-        files[name] = render(f"fmi/{name}.jinja", generator=VERSION)
+    files |= source_texts(f"cotree_fmi{version}.h")
     tables = _tables_context(program, kernels, facts)
     files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
     return with_runtime(files)

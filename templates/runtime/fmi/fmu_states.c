@@ -1,32 +1,33 @@
-{# What both versions do alike: states that an importer keeps, also as bytes. #}
+/* fmu_states.c: states of an instance that an importer keeps, also as bytes; and checks of
+ * arguments. Part of the runtime of cotree, the same for every model.
+ */
+#include "fmu_states.h"
+
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
 /* The first bytes of a state, as another instance reads them. */
 #define MAGIC 0x46746f63
 
-typedef struct state_head {
+typedef struct fmu_state_head {
     unsigned magic, n;
     unsigned long long checksum; /* of what follows; filled in when the state is serialized */
     char token[64];
-} state_head;
+} fmu_state_head;
 
 /* A state: its head, then n doubles. */
-typedef struct state {
-    state_head head;
+typedef struct fmu_state {
+    fmu_state_head head;
     double values[];
-} state;
-
-/* The states that an importer keeps of an instance. A pointer to any other memory, such as that of a
- * state that was freed, is refused before it is read. */
-typedef struct kept_states {
-    state **at;
-    size_t n, n_places;
-} kept_states;
+} fmu_state;
 
 static size_t size_of_state(const fmu *m)
 {
-    return sizeof(state) + fmu_state_size(m) * sizeof(double);
+    return sizeof(fmu_state) + fmu_state_size(m) * sizeof(double);
 }
 
-static void write_state(const fmu *m, state *to)
+static void write_state(const fmu *m, fmu_state *to)
 {
     memset(&to->head, 0, sizeof(to->head));
     to->head.magic = MAGIC;
@@ -41,36 +42,38 @@ static unsigned long long checksum_of(const void *state_bytes, size_t n)
     const unsigned char *const own = (const unsigned char *)state_bytes;
     unsigned long long sum = 14695981039346656037ULL;
     size_t i;
-    for (i = offsetof(state_head, token); i < n; ++i) sum = (sum ^ own[i]) * 1099511628211ULL;
+    for (i = offsetof(fmu_state_head, token); i < n; ++i) sum = (sum ^ own[i]) * 1099511628211ULL;
     return sum;
 }
 
-static int is_state(const fmu *m, const state_head *head)
+static int is_state(const fmu *m, const fmu_state_head *head)
 {
     return head->magic == MAGIC && head->n == fmu_state_size(m) &&
            strncmp(head->token, m->tables->token, sizeof(head->token) - 1) == 0;
 }
 
 /* The log categories of the model description, by severity. */
-static const char *const categories_of_messages[] = {"logEvents", "logStatusDiscard", "logStatusError"};
+static const char *const categories[] = {"logEvents", "logStatusDiscard", "logStatusError"};
 
-static int is_category(const char *name)
+const char *fmu_category_of(enum fmu_severity severity) { return categories[severity]; }
+
+int fmu_is_category(const char *name)
 {
     size_t i;
-    for (i = 0; i < sizeof(categories_of_messages) / sizeof(categories_of_messages[0]); ++i) {
-        if (name != NULL && strcmp(name, categories_of_messages[i]) == 0) return 1;
+    for (i = 0; i < sizeof(categories) / sizeof(fmu_category_of(0)); ++i) {
+        if (name != NULL && strcmp(name, categories[i]) == 0) return 1;
     }
     return 0;
 }
 
 /* Refuses a null pointer. */
-static int check_pointer(const fmu *m, const char *function, const void *pointer)
+int fmu_check_pointer(const fmu *m, const char *function, const void *pointer)
 {
     return pointer != NULL ? 0 : fmu_refuse(m, "%s is called with a null pointer", function);
 }
 
 /* Finds the place of a kept state; kept->n: it is none. The last ones are asked for most often. */
-static size_t find_state(const kept_states *kept, const void *own)
+static size_t find_state(const fmu_states *kept, const void *own)
 {
     size_t i;
     for (i = kept->n; i > 0; --i) {
@@ -80,22 +83,24 @@ static size_t find_state(const kept_states *kept, const void *own)
 }
 
 /* Refuses a pointer that is null, or is none to a kept state. */
-static int check_state(const fmu *m, const kept_states *kept, const char *function, const void *own)
+static int check_state(const fmu *m, const fmu_states *kept, const char *function, const void *own)
 {
-    if (check_pointer(m, function, own) != 0) return 1;
+    if (fmu_check_pointer(m, function, own) != 0) return 1;
     if (find_state(kept, own) < kept->n) return 0;
-    return fmu_refuse(m, "%s: the pointer is not a state of this instance, or the state was freed", function);
+    return fmu_refuse(m, "%s: the pointer is not a state of this instance, or the state was freed",
+                      function);
 }
 
 /* Gives memory for a new state, or that of the kept state that *place points to. */
-static state *take_state(fmu *m, kept_states *kept, const char *function, void **place)
+static fmu_state *take_state(fmu *m, fmu_states *kept, const char *function, void **place)
 {
-    state *own;
-    if (check_pointer(m, function, place) != 0) return NULL;
-    if (*place != NULL) return check_state(m, kept, function, *place) == 0 ? (state *)*place : NULL;
+    fmu_state *own;
+    if (fmu_check_pointer(m, function, place) != 0) return NULL;
+    if (*place != NULL)
+        return check_state(m, kept, function, *place) == 0 ? (fmu_state *)*place : NULL;
     if (kept->n == kept->n_places) {
         const size_t n = 2 * kept->n + 4;
-        state **const more = (state **)realloc(kept->at, n * sizeof(state *));
+        fmu_state **const more = (fmu_state **)realloc(kept->at, n * sizeof(fmu_state *));
         if (more == NULL) {
             fmu_refuse(m, "%s: out of memory", function);
             return NULL;
@@ -103,7 +108,7 @@ static state *take_state(fmu *m, kept_states *kept, const char *function, void *
         kept->at = more;
         kept->n_places = n;
     }
-    own = (state *)malloc(size_of_state(m));
+    own = (fmu_state *)malloc(size_of_state(m));
     if (own == NULL) {
         fmu_refuse(m, "%s: out of memory", function);
         return NULL;
@@ -113,21 +118,21 @@ static state *take_state(fmu *m, kept_states *kept, const char *function, void *
     return own;
 }
 
-static int keep_state(fmu *m, kept_states *kept, const char *function, void **place)
+int fmu_states_keep(fmu *m, fmu_states *kept, const char *function, void **place)
 {
-    state *const own = take_state(m, kept, function, place);
+    fmu_state *const own = take_state(m, kept, function, place);
     if (own == NULL) return 1;
     write_state(m, own);
     return 0;
 }
 
-static int recall_state(fmu *m, const kept_states *kept, const char *function, const void *from)
+int fmu_states_recall(fmu *m, const fmu_states *kept, const char *function, const void *from)
 {
     if (check_state(m, kept, function, from) != 0) return 1;
-    return fmu_recall_state(m, ((const state *)from)->values, fmu_state_size(m));
+    return fmu_recall_state(m, ((const fmu_state *)from)->values, fmu_state_size(m));
 }
 
-static int free_state(fmu *m, kept_states *kept, const char *function, void **place)
+int fmu_states_free(fmu *m, fmu_states *kept, const char *function, void **place)
 {
     if (place == NULL || *place == NULL) return 0;
     if (check_state(m, kept, function, *place) != 0) return 1;
@@ -138,42 +143,45 @@ static int free_state(fmu *m, kept_states *kept, const char *function, void **pl
     return 0;
 }
 
-static void free_all_states(kept_states *kept)
+void fmu_states_free_all(fmu_states *kept)
 {
     size_t i;
     for (i = 0; i < kept->n; ++i) free(kept->at[i]);
     free(kept->at);
 }
 
-static int find_size(fmu *m, const kept_states *kept, const char *function, const void *from, size_t *n)
+int fmu_states_size(fmu *m, const fmu_states *kept, const char *function, const void *from,
+                    size_t *n)
 {
-    if (check_state(m, kept, function, from) != 0 || check_pointer(m, function, n) != 0) return 1;
+    if (check_state(m, kept, function, from) != 0 || fmu_check_pointer(m, function, n) != 0)
+        return 1;
     *n = size_of_state(m);
     return 0;
 }
 
-static int write_bytes(fmu *m, const kept_states *kept, const char *function, const void *from, void *bytes,
-                       size_t n)
+int fmu_states_write(fmu *m, const fmu_states *kept, const char *function, const void *from,
+                     void *bytes, size_t n)
 {
-    state_head head;
-    if (check_state(m, kept, function, from) != 0 || check_pointer(m, function, bytes) != 0) return 1;
+    fmu_state_head head;
+    if (check_state(m, kept, function, from) != 0 || fmu_check_pointer(m, function, bytes) != 0)
+        return 1;
     if (n < size_of_state(m)) {
         return fmu_refuse(m, "%s: a state has %lu bytes, but there is room for %lu", function,
                           (unsigned long)size_of_state(m), (unsigned long)n);
     }
-    head = ((const state *)from)->head;
+    head = ((const fmu_state *)from)->head;
     head.checksum = checksum_of(from, size_of_state(m));
     memcpy(bytes, from, size_of_state(m));
     memcpy(bytes, &head, sizeof(head));
     return 0;
 }
 
-static int read_bytes(fmu *m, kept_states *kept, const char *function, const void *bytes, size_t n,
-                      void **place)
+int fmu_states_read(fmu *m, fmu_states *kept, const char *function, const void *bytes, size_t n,
+                    void **place)
 {
-    state_head head;
-    state *own;
-    if (check_pointer(m, function, bytes) != 0) return 1;
+    fmu_state_head head;
+    fmu_state *own;
+    if (fmu_check_pointer(m, function, bytes) != 0) return 1;
     if (n >= sizeof(head)) memcpy(&head, bytes, sizeof(head));
     if (n != size_of_state(m) || !is_state(m, &head) || head.checksum != checksum_of(bytes, n)) {
         return fmu_refuse(m, "%s: the bytes are not a state of this model", function);

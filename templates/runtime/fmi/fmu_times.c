@@ -1,13 +1,13 @@
 /* fmu_times.c: times at which something has a kink.
- * Written by cotree {{ generator }}; the same for every model.
+ * Part of the runtime of cotree, the same for every model.
  */
 #include "fmu.h"
+
+#include "cotree_breakpoints.h"
 
 #include <float.h>
 #include <math.h>
 
-{% set has_slopes = true %}
-{% include "c/stops.c.jinja" %}
 /* Writes stops as rows, with periods that are positive, or zero for one time only. */
 int fmu_find_stops(fmu *m)
 {
@@ -33,9 +33,9 @@ int fmu_find_stops(fmu *m)
     return 0;
 }
 
-static struct stops stops_of(const fmu *m)
+static cotree_breakpoints stops_of(const fmu *m)
 {
-    struct stops own;
+    cotree_breakpoints own;
     own.n = m->tables->n_stops;
     own.n_sensitivities = m->model->n_sensitivities;
     own.rows = m->stops + m->tables->n_limits;
@@ -44,24 +44,24 @@ static struct stops stops_of(const fmu *m)
 
 double fmu_next_stop(const fmu *m, double t, double end)
 {
-    const struct stops own = stops_of(m);
-    return next_stop(&own, t, end);
+    const cotree_breakpoints own = stops_of(m);
+    return cotree_next_breakpoint(&own, t, end);
 }
 
 int fmu_is_stop(const fmu *m, double t)
 {
-    const struct stops own = stops_of(m);
-    return is_stop(&own, t);
+    const cotree_breakpoints own = stops_of(m);
+    return cotree_is_breakpoint(&own, t);
 }
 
 void fmu_stop_slopes(const fmu *m, double t, int is_start, double *slopes, double *spreads)
 {
-    const struct stops own = stops_of(m);
-    find_slopes(&own, t, is_start, slopes, spreads);
+    const cotree_breakpoints own = stops_of(m);
+    cotree_find_breakpoint_slopes(&own, t, is_start, slopes, spreads);
 }
 
 double fmu_largest_stop(const fmu *m, double end)
 {
-    const struct stops own = stops_of(m);
-    return largest_stop(&own, end);
+    const cotree_breakpoints own = stops_of(m);
+    return cotree_largest_breakpoint(&own, end);
 }

@@ -1,0 +1,93 @@
+/* cotree_breakpoints.c: times at which functions of time have a kink or a step.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_breakpoints.h"
+
+/* A few roundings of a time. */
+#define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
+
+/* The row of one breakpoint. */
+static const cotree_real *row_of(const cotree_breakpoints *breakpoints, int i)
+{
+    return breakpoints->rows + i * (3 + 2 * breakpoints->n_sensitivities);
+}
+
+cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t,
+                                   cotree_real t_end)
+{
+    const cotree_real ahead = t_end > t ? COTREE_F(1.0) : -COTREE_F(1.0);
+    /* So that neither t itself nor the end is found. */
+    const cotree_real slack = SLACK * COTREE_FABS(t), last = COTREE_FABS(t_end) <= COTREE_MAX
+                                                                 ? SLACK * COTREE_FABS(t_end)
+                                                                 : COTREE_F(0.0);
+    cotree_real next = t_end;
+    int i;
+    for (i = 0; i < breakpoints->n; ++i) {
+        const cotree_real *const row = row_of(breakpoints, i);
+        const cotree_real period = row[1];
+        cotree_real at = row[0];
+        if (!(COTREE_FABS(at) <= COTREE_MAX)) continue;
+        if (period > COTREE_F(0.0)) {
+            cotree_real k =
+                ahead * (COTREE_FLOOR((ahead * (t - at) + slack) / period) + COTREE_F(1.0));
+            if (row[2] * k < COTREE_F(0.0)) {
+                if (ahead * row[2] < COTREE_F(0.0)) continue;
+                k = COTREE_F(0.0);
+            }
+            at += k * period;
+        }
+        if (ahead * (at - t) > slack && ahead * (next - at) > COTREE_FMAX(slack, last)) next = at;
+    }
+    return next;
+}
+
+cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end)
+{
+    cotree_real largest = COTREE_FABS(t_end);
+    int i;
+    for (i = 0; i < breakpoints->n; ++i) {
+        const cotree_real *const row = row_of(breakpoints, i);
+        if (row[1] > COTREE_F(0.0)) largest = COTREE_FMAX(largest, COTREE_FABS(row[0]));
+    }
+    return largest;
+}
+
+/* Returns whether a row has a breakpoint at t; *k is the number of periods since its first one. */
+static int is_at(const cotree_real *row, cotree_real t, cotree_real *k)
+{
+    *k = COTREE_F(0.0);
+    if (!(COTREE_FABS(row[0]) <= COTREE_MAX)) return 0;
+    if (row[1] > COTREE_F(0.0)) *k = COTREE_FLOOR((t - row[0]) / row[1] + COTREE_F(0.5));
+    if (row[2] * *k < COTREE_F(0.0)) *k = COTREE_F(0.0);
+    return COTREE_FABS(row[0] + *k * row[1] - t) <= SLACK * COTREE_FABS(t);
+}
+
+int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t)
+{
+    cotree_real k;
+    int i, found = 0;
+    for (i = 0; i < breakpoints->n; ++i) found = found || is_at(row_of(breakpoints, i), t, &k);
+    return found;
+}
+
+void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
+                                   int is_start, cotree_real *slopes, cotree_real *spreads)
+{
+    int i, j, is_first = !is_start;
+    for (j = 0; j < breakpoints->n_sensitivities; ++j) slopes[j] = spreads[j] = COTREE_F(0.0);
+    for (i = 0; i < breakpoints->n; ++i) {
+        const cotree_real *const row = row_of(breakpoints, i);
+        cotree_real k;
+        if (!is_at(row, t, &k)) continue;
+        for (j = 0; j < breakpoints->n_sensitivities; ++j) {
+            const cotree_real own = row[3 + 2 * j] + k * row[4 + 2 * j];
+            const cotree_real difference = COTREE_FABS(own - slopes[j]);
+            if (is_first) {
+                slopes[j] = own;
+            } else if (difference > SLACK * COTREE_FABS(own)) {
+                spreads[j] = COTREE_FMAX(spreads[j], difference);
+            }
+        }
+        is_first = 0;
+    }
+}
