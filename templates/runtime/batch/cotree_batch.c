@@ -21,12 +21,12 @@
 #include <time.h>
 #endif
 
-/* Stages of a member in work. */
+/* Stages of the member at work. */
 enum { TAKEN, BEGUN, DONE, CLOSED };
 
 #define NOT_A_NUMBER ((double)NAN)
 
-/* Gives the time since some moment, [s]. */
+/* Return the time since a fixed moment, [s]. */
 static double now(void)
 {
 #if defined(_WIN32)
@@ -52,9 +52,7 @@ int cotree_batch_most_threads(void)
 #endif
 }
 
-/* The start. */
-
-/* Writes the model's own initial values, and those that are set in their place. */
+/* Write the model's own initial values, and those set in their place. */
 static int write_start(const cotree_batch *batch, int member, const double *k, double *z)
 {
     const cotree_job *const pattern = batch->pattern;
@@ -68,7 +66,7 @@ static int write_start(const cotree_batch *batch, int member, const double *k, d
     for (i = 0; i < batch->n_set && status == 0; ++i) {
         const int state = batch->set[i];
         z[state] = values[i];
-        /* Such a value depends on no parameter, only on itself. */
+        /* A value that is set depends on itself only. */
         for (j = 0; j < m; ++j) z[n + j * n + state] = j == batch->set_by[i] ? 1.0 : 0.0;
     }
     return status;
@@ -88,8 +86,8 @@ int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, doubl
     return 0;
 }
 
-/* Fills in what a member has of its own; the rest of its job is as in the pattern. */
-static int fill_in(cotree_worker *w)
+/* Set what differs between members in the job; the rest is that of the pattern. */
+static int set_member_data(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     const cotree_model *const model = batch->pattern->model;
@@ -106,8 +104,8 @@ static int fill_in(cotree_worker *w)
     return cotree_batch_prepare(batch, w->member, w->k, w->z);
 }
 
-/* Makes the job of the member in work. */
-static int begin(cotree_worker *w)
+/* Set up the job of the member at work. */
+static int begin_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     const size_t i = (size_t)w->member;
@@ -118,14 +116,12 @@ static int begin(cotree_worker *w)
     job->records = w->records;
     job->most_records = w->most_records;
     job->memory = w->memory;
-    memset(w->memory, 0, batch->memory); /* nothing of the member before is left */
-    return batch->are_asked_for ? 0 : fill_in(w);
+    memset(w->memory, 0, batch->memory); /* no data of the previous member remain */
+    return batch->are_asked_for ? 0 : set_member_data(w);
 }
 
-/* The end. */
-
-/* Evaluates the inputs at the points of a member, as outputs see them. */
-static int find_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
+/* Evaluate the inputs at the points of a member, with those given in place of the scene's. */
+static int evaluate_inputs(cotree_worker *w, int n_points, const double *p, const double *k)
 {
     const cotree_batch *const batch = w->batch;
     const cotree_model *const model = batch->pattern->model;
@@ -139,8 +135,8 @@ static int find_inputs(cotree_worker *w, int n_points, const double *p, const do
     return status;
 }
 
-/* Copies what is to be kept of rows. */
-static void choose(const cotree_batch *batch, int n_rows, const double *all, double *kept)
+/* Copy the outputs that are kept. */
+static void copy_outputs(const cotree_batch *batch, int n_rows, const double *all, double *kept)
 {
     const size_t n_all = (size_t)batch->pattern->model->n_outputs, n = (size_t)batch->n_outputs;
     size_t i, j;
@@ -149,7 +145,7 @@ static void choose(const cotree_batch *batch, int n_rows, const double *all, dou
     }
 }
 
-static void leave_blank(double *first, int n_before, int n_rows, size_t width)
+static void fill_with_nan(double *first, int n_before, int n_rows, size_t width)
 {
     size_t i;
     for (i = (size_t)n_before * width; i < (size_t)n_rows * width; ++i) first[i] = NOT_A_NUMBER;
@@ -168,24 +164,24 @@ int cotree_batch_finish(cotree_worker *w, int member, const double *k)
     double *const y = batch->output_values + first * n;
     double *const dy = batch->output_slopes + first * n * (size_t)m;
     int status = 0;
-    leave_blank(z, n_kept, n_wanted, (size_t)batch->n_full);
+    fill_with_nan(z, n_kept, n_wanted, (size_t)batch->n_full);
     if (batch->n_outputs == 0) return 0;
-    if (batch->n_given > 0) status = find_inputs(w, n_kept, p, k);
+    if (batch->n_given > 0) status = evaluate_inputs(w, n_kept, p, k);
     if (status == 0) {
         status = cotree_sweep(model, p, k, n_kept, pattern->wanted, z, batch->n_full,
                               batch->n_given > 0, w->inputs, w->outputs, m > 0 ? w->slopes : NULL);
     }
     if (status != 0) return COTREE_MEMBER_UNSWEPT;
-    choose(batch, n_kept, w->outputs, y);
-    leave_blank(y, n_kept, n_wanted, n);
+    copy_outputs(batch, n_kept, w->outputs, y);
+    fill_with_nan(y, n_kept, n_wanted, n);
     if (m == 0) return 0;
-    choose(batch, n_kept * m, w->slopes, dy);
-    leave_blank(dy, n_kept, n_wanted, n * (size_t)m);
+    copy_outputs(batch, n_kept * m, w->slopes, dy);
+    fill_with_nan(dy, n_kept, n_wanted, n * (size_t)m);
     return 0;
 }
 
-/* Writes down when what happened. */
-static void note_events(cotree_worker *w)
+/* Append the events of the member to those of the worker. */
+static void append_events(cotree_worker *w)
 {
     const cotree_job *const job = &w->job;
     const int n_states = job->model->n_states;
@@ -193,7 +189,7 @@ static void note_events(cotree_worker *w)
     const size_t width = COTREE_EVENTS_RECORD((size_t)n_states, (size_t)m);
     int i, j;
     for (i = 0; i < job->n_records; ++i, ++w->n_happened) {
-        /* The job may still point to what was there before its worker got more room. */
+        /* The pointer in the job may be older than the worker's last reallocation. */
         const double *const record = w->records + (size_t)i * width;
         double *const row = w->happened + (size_t)w->n_happened * (size_t)(3 + m);
         row[0] = (double)w->member;
@@ -203,8 +199,8 @@ static void note_events(cotree_worker *w)
     }
 }
 
-/* Writes down what the job has come to. */
-static void note(cotree_worker *w, int ended)
+/* Store the counters of the job and how it ended. */
+static void store_counters(cotree_worker *w, int ended)
 {
     const cotree_batch *const batch = w->batch;
     const cotree_job *const job = &w->job;
@@ -221,8 +217,8 @@ void cotree_batch_close(cotree_worker *w)
     w->stage = CLOSED;
 }
 
-/* Ends a member that has reached its end, if there is room for what happened. */
-static int conclude(cotree_worker *w)
+/* Finish a member that has reached its end, if there is space for its events. */
+static int finish_member(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     int status;
@@ -233,22 +229,20 @@ static int conclude(cotree_worker *w)
         batch->ended[w->member] = status;
         return COTREE_BATCH_ASK;
     }
-    note_events(w);
+    append_events(w);
     w->member = -1;
     return COTREE_BATCH_GLANCE;
 }
 
-/* The way. */
-
-static int is_without_room(const cotree_job *job)
+static int lacks_space(const cotree_job *job)
 {
     if (job->records == NULL) return 0;
     return job->n_records + COTREE_EVENTS_AT_ONCE(COTREE_EVENTS_OF(job->model->hybrid)) >
            job->most_records;
 }
 
-/* Tells which budget is spent, in the order in which a run by itself looks at them; 0: none. */
-static int spent(const cotree_worker *w)
+/* Return which budget is used up, in the order of a single run; 0: none. */
+static int exceeded_budget(const cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     const cotree_job *const job = &w->job;
@@ -258,42 +252,42 @@ static int spent(const cotree_worker *w)
     return 0;
 }
 
-/* Ends the member in work in another way than by its end. */
-static int ask(cotree_worker *w, int ended)
+/* Return the member to the caller, which decides how it continues. */
+static int return_member(cotree_worker *w, int ended)
 {
-    note(w, ended);
+    store_counters(w, ended);
     return COTREE_BATCH_ASK;
 }
 
-/* Takes some steps of the member in work. */
+/* Take some steps of the member at work. */
 static int take_steps(cotree_worker *w)
 {
     const cotree_batch *const batch = w->batch;
     cotree_job *const job = &w->job;
     long most = COTREE_BATCH_STEPS;
     int result, over;
-    job->records = w->records; /* they may have got more room */
+    job->records = w->records; /* may have been reallocated */
     job->most_records = w->most_records;
-    if (is_without_room(job)) return COTREE_BATCH_ROOM;
+    if (lacks_space(job)) return COTREE_BATCH_ROOM;
     if (batch->max_steps > 0 && batch->max_steps - job->n_steps < most) {
         most = batch->max_steps - job->n_steps;
     }
     w->stage = BEGUN;
     job->is_waiting = batch->is_watched && job->n_steps >= w->watched_from;
     result = batch->run(job, most);
-    if (result == COTREE_JOB_FAILED) return ask(w, COTREE_MEMBER_FAILED);
-    if (result == COTREE_JOB_STIFF) return ask(w, COTREE_MEMBER_STIFF);
+    if (result == COTREE_JOB_FAILED) return return_member(w, COTREE_MEMBER_FAILED);
+    if (result == COTREE_JOB_STIFF) return return_member(w, COTREE_MEMBER_STIFF);
     if (result == COTREE_JOB_MORE) {
-        over = spent(w);
-        return over != 0 ? ask(w, over) : COTREE_BATCH_GLANCE;
+        over = exceeded_budget(w);
+        return over != 0 ? return_member(w, over) : COTREE_BATCH_GLANCE;
     }
     w->stage = DONE;
-    note(w, result == COTREE_JOB_STOPPED ? COTREE_MEMBER_STOPPED : COTREE_MEMBER_DONE);
-    return conclude(w);
+    store_counters(w, result == COTREE_JOB_STOPPED ? COTREE_MEMBER_STOPPED : COTREE_MEMBER_DONE);
+    return finish_member(w);
 }
 
-/* Takes another member. */
-static int take(cotree_worker *w)
+/* Start with another member. */
+static int take_member(cotree_worker *w)
 {
     cotree_batch_close(w);
     w->member = cotree_batch_take(w->batch);
@@ -304,15 +298,15 @@ static int take(cotree_worker *w)
     return w->batch->are_asked_for ? COTREE_BATCH_GIVE : COTREE_BATCH_GLANCE;
 }
 
-/* Does what is to be done next; COTREE_BATCH_GLANCE where there is more. */
-static int go_on(cotree_worker *w)
+/* Take the next action; return COTREE_BATCH_GLANCE if more follow. */
+static int next_action(cotree_worker *w)
 {
     int ended;
-    if (w->member < 0) return take(w);
-    if (w->stage == DONE) return conclude(w);
+    if (w->member < 0) return take_member(w);
+    if (w->stage == DONE) return finish_member(w);
     if (w->stage == BEGUN) return take_steps(w);
-    ended = begin(w);
-    return ended != 0 ? ask(w, ended) : take_steps(w);
+    ended = begin_member(w);
+    return ended != 0 ? return_member(w, ended) : take_steps(w);
 }
 
 int cotree_batch_work(cotree_worker *w)
@@ -323,7 +317,7 @@ int cotree_batch_work(cotree_worker *w)
     if (w->member < 0 && batch->lanes != NULL) return batch->lanes(w);
     while (result == COTREE_BATCH_GLANCE) {
         if (cotree_batch_is_stopped(batch)) return COTREE_BATCH_STOPPED;
-        result = go_on(w);
+        result = next_action(w);
         if (batch->glance > 0.0 && now() - called > batch->glance) break;
     }
     return result;

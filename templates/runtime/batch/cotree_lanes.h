@@ -1,10 +1,9 @@
-/* cotree_lanes.h: members of an ensemble side by side, each in a lane of vectors.
+/* cotree_lanes.h: members of an ensemble in the lanes of vectors.
  * Part of the runtime of cotree, the same for every model.
  *
- * A lane takes steps of its own, with its own error test; what it computes depends on no other. One
- * that ends takes the next member at once. A member that meets anything unusual leaves its lane, to
- * be run by itself from its start.
- */
+ * Each lane has steps and an error control of its own, and its results depend on no other lane.
+ * A lane whose member ends takes the next one at once. A member that needs anything else than
+ * steps leaves its lane, and is run alone from its start. */
 #ifndef COTREE_LANES_H
 #define COTREE_LANES_H
 
@@ -19,8 +18,8 @@ struct cotree_worker;
 
 typedef struct cotree_lanes {
     int n_lanes;
-    size_t n_bytes; /* of what a worker owns for it: zeros at first, from a multiple of 64 on */
-    int (*work)(struct cotree_worker *worker); /* as lanes of cotree_batch */
+    size_t n_bytes; /* memory of each worker: zero at the start, aligned to 64 bytes */
+    int (*work)(struct cotree_worker *worker); /* the lanes of a cotree_batch */
 } cotree_lanes;
 /* cotree: end of the part that cffi reads */
 

@@ -10,11 +10,10 @@
 extern "C" {
 #endif
 
-/* Calls one kernel of a model, of the states or of sensitivities, at points with a row each of
- * states x, sensitivities s and results. Inputs are the scene's own and are written to u, or are
- * given there. Parameters have n_p values a row, for which k is prepared anew, or n_p is 0 and all
- * points share p and k. Returns how many points were done: the next one was refused, if there is
- * one. */
+/* Evaluate a kernel of the states or of sensitivities at points, with one row each of states x,
+ * sensitivities s and results. If has_inputs is 0, the scene's own inputs are written to u, else
+ * u holds them. p has n_p values in each row, for which k is prepared; with n_p = 0 all points
+ * share p and k. Return the number of points evaluated before the first failure. */
 COTREE_EXPORT int cotree_columns(const cotree_model *model, cotree_state_kernel of_states,
                                  cotree_sensitivity_kernel of_sensitivities, int n_points,
                                  const double *t, const double *x, const double *s, int n_s,

@@ -10,9 +10,9 @@
 extern "C" {
 #endif
 
-/* Evaluates a model at points t with states and sensitivities z, a row each. Inputs are the scene's
- * own and are written to u, or are given there. dy may be NULL. Returns the first kernel's
- * complaint, or 0. */
+/* Evaluate a model at points t with states and sensitivities z, one row each. If has_inputs is
+ * 0, the scene's own inputs are written to u, else u holds them. dy may be NULL. Return 0, or
+ * the status of the first kernel that fails. */
 COTREE_EXPORT int cotree_sweep(const cotree_model *model, const double *p, const double *k,
                                int n_points, const double *t, const double *z, int n_z,
                                int has_inputs, double *u, double *y, double *dy);

@@ -7,25 +7,25 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Planned pivots do where they solve a system that differs from the true one by at most this share
- * of each entry. */
-#define ACCEPTED COTREE_PLANNED_PIVOTS
+/* The planned pivots are accepted if the solution solves a system whose entries differ from the
+ * true ones by at most this share. */
+#define PIVOT_TOLERANCE COTREE_PLANNED_PIVOTS
 
-/* Estimated errors hold where algebraic equations are nearly linear over what a step leaves of
- * them: up to this part of where functions bend. At 0.5 the bridge of diodes is off by twelve
- * tolerances. */
-#define NEARLY_LINEAR COTREE_F(0.2)
+/* Error estimates hold if the algebraic equations are nearly linear within the correction of a
+ * step: if it is at most this share of the distance over which they bend. At 0.5 the error of
+ * the diode bridge is twelve tolerances. */
+#define LINEAR_SHARE COTREE_F(0.2)
 
-/* A shift that leaves states where they are. */
-#define FIRM COTREE_SELECT(1e150, 1.0e+19f)
+/* A shift so large that the states stay. */
+#define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
 
 #define N_STATES (stiff->run->model->n_states)
 #define N_ALGEBRAIC (stiff->run->model->n_algebraic)
 #define N_RATES (stiff->run->n_rates)
 #define MODEL (stiff->run->model)
 
-/* Lists the places of algebraic unknowns and their sensitivities. */
-static void find_algebraic(cotree_stiff *stiff)
+/* List the places of algebraic unknowns and their sensitivities. */
+static void list_algebraic(cotree_stiff *stiff)
 {
     const int *const rows = MODEL->sensitivity_rows;
     int i, n = 0;
@@ -41,13 +41,13 @@ static int rate(cotree_real t, const cotree_real *z, cotree_real *dz, void *cont
     return cotree_run_packed_rate(run, cotree_run_inside(run, t), z, dz);
 }
 
-/* How many sensitivities of a model do not vanish. */
+/* Return the number of sensitivities that do not vanish at all times. */
 static int n_reached(const cotree_model *model)
 {
     return model->sensitivity_starts[model->n_sensitivities];
 }
 
-/* The derivatives of the rates by time. */
+/* Compute the time derivatives of the rates. */
 static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void *context)
 {
     const cotree_stiff *const stiff = (const cotree_stiff *)context;
@@ -60,13 +60,13 @@ static int time_slope(cotree_real t, const cotree_real *z, cotree_real *dz, void
     t = cotree_run_inside(run, t);
     status = cotree_run_inputs(run, t);
     if (status != 0) return status;
-    if (stiff->alone == NULL) {
+    if (stiff->zero_sensitivities == NULL) {
         return stiff->newton->time_slope(t, z, z + N_STATES, run->u, run->p, run->k, dz);
     }
-    /* The kernel has the sensitivities of the model, whoever asks. */
-    status = stiff->newton->time_slope(t, z, stiff->alone, run->u, run->p, run->k,
-                                       stiff->alone + n_reached(MODEL));
-    for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->alone[n_reached(MODEL) + i];
+    /* The kernel computes the sensitivities of the model, too. */
+    status = stiff->newton->time_slope(t, z, stiff->zero_sensitivities, run->u, run->p, run->k,
+                                       stiff->zero_sensitivities + n_reached(MODEL));
+    for (i = 0; i < run->n_packed; ++i) dz[i] = stiff->zero_sensitivities[n_reached(MODEL) + i];
     return status;
 }
 
@@ -79,7 +79,7 @@ static int evaluate_jacobian(cotree_stiff *stiff, cotree_real t, const cotree_re
     return MODEL->jacobian(t, z, run->u, run->p, run->k, values);
 }
 
-/* Keeps what linear systems at z are made of. */
+/* Evaluate and store the derivatives at z of which the linear systems consist. */
 static int linearise(cotree_real t, const cotree_real *z, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -91,7 +91,7 @@ static int linearise(cotree_real t, const cotree_real *z, void *context)
     return stiff->newton->curvature(t, z, z + N_STATES, run->u, run->p, run->k, stiff->carried);
 }
 
-/* Factors the matrix with row exchanges. */
+/* Factorise the matrix with row exchanges. */
 static int factorise_dense(cotree_stiff *stiff)
 {
     const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
@@ -114,25 +114,24 @@ static int factorise_values(cotree_stiff *stiff, const cotree_real *values, cotr
     stiff->values = values;
     stiff->shift = shift;
     stiff->is_dense = 0;
-    stiff->is_looked_at = 0;
+    stiff->is_checked = 0;
     if (stiff->newton->factorise == NULL) return COTREE_SINGULAR;
     stiff->newton->factorise(values, shift, stiff->factors);
     return 0;
 }
 
-/* Factors the derivatives that were kept, whatever Newton's method factored since. */
+/* Factorise with the stored derivatives; Newton's method may have factorised others since. */
 static int factorise(cotree_real shift, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
     return factorise_values(stiff, stiff->linear, shift);
 }
 
-/* Tells whether x solves the system with the given right-hand side, but for changes of its entries
- * that are small. */
-static int is_solution(const cotree_stiff *stiff, const cotree_real *x)
+/* Return whether x solves the system up to small relative changes of its entries. */
+static int is_accurate_solution(const cotree_stiff *stiff, const cotree_real *x)
 {
     const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
-    cotree_real *const left = stiff->left, *const size = stiff->work;
+    cotree_real *const left = stiff->residual, *const size = stiff->work;
     int i, j;
     for (i = 0; i < N_STATES; ++i) {
         const cotree_real own = i < N_RATES ? stiff->shift * x[i] : COTREE_F(0.0);
@@ -147,12 +146,12 @@ static int is_solution(const cotree_stiff *stiff, const cotree_real *x)
         }
     }
     for (i = 0; i < N_STATES; ++i) {
-        if (!(COTREE_FABS(left[i]) <= ACCEPTED * size[i] + COTREE_MIN)) return 0;
+        if (!(COTREE_FABS(left[i]) <= PIVOT_TOLERANCE * size[i] + COTREE_MIN)) return 0;
     }
     return 1;
 }
 
-/* Inline: it does little besides the call, again and again. */
+/* Inline: short, and called very often. */
 static inline void solve_blocks(const cotree_stiff *stiff, int n_blocks, cotree_real *x)
 {
     if (!stiff->is_dense) {
@@ -162,16 +161,16 @@ static inline void solve_blocks(const cotree_stiff *stiff, int n_blocks, cotree_
     for (; n_blocks > 0; --n_blocks, x += N_STATES) cotree_lu_solve(&stiff->dense, x);
 }
 
-/* Solves for the states; what is first solved with new factors is looked at. */
+/* Solve for the states. The first solution with new factors is checked. */
 static int solve_states(cotree_stiff *stiff, cotree_real *x)
 {
-    const int is_known = stiff->is_dense || stiff->is_looked_at;
+    const int is_known = stiff->is_dense || stiff->is_checked;
     int i, status;
     for (i = 0; i < N_STATES && !is_known; ++i) stiff->given[i] = x[i];
     solve_blocks(stiff, 1, x);
     if (is_known) return 0;
-    stiff->is_looked_at = 1;
-    if (is_solution(stiff, x)) return 0;
+    stiff->is_checked = 1;
+    if (is_accurate_solution(stiff, x)) return 0;
     status = factorise_dense(stiff);
     if (status != 0) return status;
     for (i = 0; i < N_STATES; ++i) x[i] = stiff->given[i];
@@ -179,23 +178,23 @@ static int solve_states(cotree_stiff *stiff, cotree_real *x)
     return 0;
 }
 
-/* Gives how many sensitivities of a parameter do not vanish. */
+/* Return the number of sensitivities to a parameter that do not vanish at all times. */
 static int n_reached_by(const cotree_stiff *stiff, int parameter)
 {
     const int *const starts = MODEL->sensitivity_starts;
     return starts[parameter + 1] - starts[parameter];
 }
 
-/* Solves for the sensitivities to each parameter. Zeros that were left out stay zeros. */
+/* Solve for the sensitivities to each parameter; those left out are zero. */
 static void solve_sensitivities(const cotree_stiff *stiff, cotree_real *s)
 {
     const int n_parameters = stiff->run->n_blocks - 1;
     const int *rows = MODEL->sensitivity_rows;
-    cotree_real *const whole = stiff->left;
+    cotree_real *const whole = stiff->residual;
     int i, j = 0;
     while (j < n_parameters) {
         const int n = n_reached_by(stiff, j);
-        int n_whole = 0; /* blocks without zeros that follow each other: solved for together */
+        int n_whole = 0; /* adjacent blocks without zeros: one call */
         while (j + n_whole < n_parameters && n_reached_by(stiff, j + n_whole) == N_STATES)
             ++n_whole;
         if (n_whole > 0) {
@@ -212,7 +211,7 @@ static void solve_sensitivities(const cotree_stiff *stiff, cotree_real *s)
     }
 }
 
-/* Solves for all blocks: what the states' part adds to the sensitivities' rates comes first. */
+/* Solve for all blocks. The solution of the states contributes to the sensitivities. */
 static int solve(cotree_real *u, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
@@ -229,30 +228,32 @@ static int solve(cotree_real *u, void *context)
     return 0;
 }
 
-/* Newton's method for algebraic unknowns has the planned pivots, too: a shift holds the states. */
-static int hold_states(cotree_real t, const cotree_real *x, void *context)
+/* Factorise for Newton's method on the algebraic unknowns with the planned pivots: the shift
+ * fixes the states. */
+static int linearise_algebraic(cotree_real t, const cotree_real *x, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
     cotree_real *const values = stiff->run->nonzeros;
     const int status = evaluate_jacobian(stiff, t, x, values);
-    return status != 0 ? status : factorise_values(stiff, values, FIRM);
+    return status != 0 ? status : factorise_values(stiff, values, FIXING_SHIFT);
 }
 
-/* Gives what unknowns without rates change by where the others change by u: a shift holds these. */
+/* Compute the changes of unknowns without rates that follow from changes u of the others, which
+ * the shift fixes. */
 static int follow(cotree_real *u, void *context)
 {
     cotree_stiff *const stiff = (cotree_stiff *)context;
     const int n = stiff->run->n_packed;
-    int i, status = factorise(FIRM, stiff);
-    for (i = 0; i < n; ++i) u[i] *= FIRM;
+    int i, status = factorise(FIXING_SHIFT, stiff);
+    for (i = 0; i < n; ++i) u[i] *= FIXING_SHIFT;
     for (i = 0; i < stiff->n_algebraic; ++i) u[stiff->algebraic[i]] = COTREE_F(0.0);
     return status != 0 ? status : solve(u, stiff);
 }
 
-/* Tells whether the last solution was far from where its iteration began. */
+/* Return whether the last solution lies far from the start of its iteration. */
 static int is_bent(void *context)
 {
-    return !(((cotree_stiff *)context)->run->bend <= NEARLY_LINEAR);
+    return !(((cotree_stiff *)context)->run->bend <= LINEAR_SHARE);
 }
 
 static int solve_algebraic(const cotree_real *g, cotree_real *step, void *context)
@@ -280,21 +281,22 @@ void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton
     stiff->factors = cotree_take_doubles(room, newton->n_factors);
     stiff->work = cotree_take_doubles(room, COTREE_NEWTON_BLOCKS * n);
     stiff->given = cotree_take_doubles(room, n);
-    stiff->left = cotree_take_doubles(room, n);
+    stiff->residual = cotree_take_doubles(room, n);
     stiff->right = cotree_take_doubles(room, n);
     stiff->dense =
         cotree_lu_of(n_dense, n_dense, n_dense, cotree_take_doubles(room, n_dense * n_dense),
                      cotree_take_ints(room, n_dense));
-    stiff->alone = NULL;
+    stiff->zero_sensitivities = NULL;
     if (run->n_blocks == 1 && n_reached(run->model) > 0) {
         const int n_zeros = n_reached(run->model), n_all = 2 * n_zeros + n;
         int i;
-        stiff->alone = cotree_take_doubles(room, n_all);
-        for (i = 0; room->base != NULL && i < n_zeros; ++i) stiff->alone[i] = COTREE_F(0.0);
+        stiff->zero_sensitivities = cotree_take_doubles(room, n_all);
+        for (i = 0; room->base != NULL && i < n_zeros; ++i)
+            stiff->zero_sensitivities[i] = COTREE_F(0.0);
     }
     stiff->algebraic = cotree_take_ints(room, run->model->n_algebraic * run->n_blocks);
-    if (stiff->algebraic != NULL) find_algebraic(stiff);
-    run->elimination.linearise = hold_states;
+    if (stiff->algebraic != NULL) list_algebraic(stiff);
+    run->elimination.linearise = linearise_algebraic;
     run->elimination.solve = solve_algebraic;
     run->elimination.context = stiff;
 }
@@ -302,7 +304,7 @@ void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton
 cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
 {
     const cotree_run *const run = stiff->run;
-    /* How inputs change with time that stand in place of the scene's own is not known. */
+    /* The time derivatives of replaced inputs are not known. */
     const int is_replaced = run->n_replaced > 0 || run->input_function != NULL;
     cotree_implicit_equation equation;
     equation.n = stiff->run->n_packed;
@@ -340,7 +342,8 @@ int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real 
     cotree_run *const run = stiff->run;
     cotree_run_unpack(run, z, run->full);
     if (N_ALGEBRAIC == 0) return 0;
-    /* Between steps they may be known roughly only: where those do not lead there, others may. */
+    /* Between steps unknowns may be inaccurate: if Newton's method fails from there, other
+     * guesses are tried. */
     cotree_run_narrow(run, t, run->full, run->step);
     return cotree_run_find(run, t, run->step);
 }
