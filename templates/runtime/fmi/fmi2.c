@@ -1,6 +1,5 @@
-/* fmi2.c: the functions of the Functional Mock-up Interface 2.0, over an instance.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmi2.c: the functions of the Functional Mock-up Interface 2.0 for an instance.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_fmi2.h"
 #include "fmu_states.h"
 
@@ -22,25 +21,25 @@ static void log_message(void *environment, enum fmu_severity severity, const cha
 {
     static const fmi2Status statuses[] = {fmi2OK, fmi2Discard, fmi2Error};
     const instance *const own = (const instance *)environment;
-    /* Errors are told whether or not logging is on, as the standard wants it. */
+    /* Errors are logged even if logging is off, as the standard requires. */
     if (own->log == NULL || !(severity == FMU_ERROR || own->is_logging)) return;
-    /* The message is no format: names in it may hold a percent sign. */
+    /* A message is an argument, not a format: names in it may contain a percent sign. */
     own->log(own->environment, own->name, statuses[severity], fmu_category_of(severity), "%s",
              message);
 }
 
-/* A discarded call may succeed with other values, which a smaller step brings. */
+/* A discarded call may succeed with other values, after a smaller step. */
 static fmi2Status status_of(const fmu *m, int result)
 {
     return result == 0 ? fmi2OK : m->is_discarded ? fmi2Discard : fmi2Error;
 }
 
-/* Begins a call: refuses it without an instance, or in a state where it is not allowed. */
+/* Start a call: reject it without an instance, or in a mode that does not allow it. */
 #define BEGIN(name, modes)                                                                         \
     fmu *const m = handle == NULL ? NULL : ((instance *)handle)->m;                                \
     if (m == NULL || fmu_check(m, name, modes) != 0) return fmi2Error
 
-/* Begins a call whose values may be discarded in Model Exchange, where the importer chooses the
+/* Start a call whose values may be discarded in Model Exchange, where the importer chooses the
  * step. */
 #define BEGIN_EVALUATION(name, modes)                                                              \
     BEGIN(name, modes);                                                                            \
@@ -171,7 +170,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2Reset)(fmi2Component handle)
     return fmi2OK;
 }
 
-/* Variables: all are of the type Real. */
+/* Variables, all of type Real. */
 
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2GetReal)(fmi2Component handle,
                                                const fmi2ValueReference references[], size_t n,
@@ -202,7 +201,7 @@ static fmi2Status refuse_type(fmi2Component handle, const char *function, size_t
                   : status_of(m, fmu_refuse(m, "%s: every variable is of the type Real", function));
 }
 
-/* Functions of a type that no variable has. */
+/* Functions of types that no variable has. */
 #define UNUSED_TYPE(type)                                                                          \
     COTREE_FMI_EXPORT fmi2Status FMI2(fmi2Get##type)(fmi2Component handle,                         \
                                                      const fmi2ValueReference references[],        \
@@ -344,7 +343,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2SetContinuousStates)(fmi2Component handle,
     return status_of(m, fmu_set_states(m, x, n));
 }
 
-/* Calls a function of Model Exchange that writes n numbers. */
+/* Call a function of Model Exchange that writes n numbers. */
 static fmi2Status get_numbers(fmi2Component handle, const char *name,
                               int (*get)(fmu *m, double *values, size_t n), fmi2Real values[],
                               size_t n)
@@ -421,7 +420,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2DoStep)(fmi2Component handle, fmi2Real t, 
         m->may_discard = 1;
         result = fmu_discard(m, "the simulation ends at t = %.10g", reached);
     }
-    /* The importer asks how far the step came, and goes on from a kept state or terminates. */
+    /* The importer queries the time reached, and continues from a saved state or terminates. */
     if (m->is_discarded) fmu_enter(m, FMU_FAILED);
     return status_of(m, result);
 }
@@ -432,7 +431,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2CancelStep)(fmi2Component handle)
     return status_of(m, fmu_refuse(m, "fmi2CancelStep: steps are never pending"));
 }
 
-/* Discards a call, as the standard wants it, that asks for a status which is not there. */
+/* Discard a query for a status that does not exist, as the standard requires. */
 static fmi2Status lack_status(fmu *m, const char *function)
 {
     m->may_discard = 1;

@@ -1,6 +1,5 @@
-/* fmi3.c: the functions of the Functional Mock-up Interface 3.0, over an instance.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmi3.c: the functions of the Functional Mock-up Interface 3.0 for an instance.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_fmi3.h"
 #include "fmu_states.h"
 
@@ -21,23 +20,23 @@ static void log_message(void *environment, enum fmu_severity severity, const cha
 {
     static const fmi3Status statuses[] = {fmi3OK, fmi3Discard, fmi3Error};
     const instance *const own = (const instance *)environment;
-    /* Errors are told whether or not logging is on, as the standard wants it. */
+    /* Errors are logged even if logging is off, as the standard requires. */
     if (own->log == NULL || !(severity == FMU_ERROR || own->is_logging)) return;
     own->log(own->environment, statuses[severity], fmu_category_of(severity), message);
 }
 
-/* A discarded call may succeed with other values, which a smaller step brings. */
+/* A discarded call may succeed with other values, after a smaller step. */
 static fmi3Status status_of(const fmu *m, int result)
 {
     return result == 0 ? fmi3OK : m->is_discarded ? fmi3Discard : fmi3Error;
 }
 
-/* Begins a call: refuses it without an instance, or in a state where it is not allowed. */
+/* Start a call: reject it without an instance, or in a mode that does not allow it. */
 #define BEGIN(name, modes)                                                                         \
     fmu *const m = handle == NULL ? NULL : ((instance *)handle)->m;                                \
     if (m == NULL || fmu_check(m, name, modes) != 0) return fmi3Error
 
-/* Begins a call whose values may be discarded in Model Exchange, where the importer chooses the
+/* Start a call whose values may be discarded in Model Exchange, where the importer chooses the
  * step. */
 #define BEGIN_EVALUATION(name, modes)                                                              \
     BEGIN(name, modes);                                                                            \
@@ -198,7 +197,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3Reset)(fmi3Instance handle)
     return fmi3OK;
 }
 
-/* Variables: all are of the type Float64. */
+/* Variables, all of type Float64. */
 
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3GetFloat64)(fmi3Instance handle,
                                                   const fmi3ValueReference references[], size_t n,
@@ -234,7 +233,7 @@ static fmi3Status refuse_type(fmi3Instance handle, const char *function, size_t 
                : status_of(m, fmu_refuse(m, "%s: every variable is of the type Float64", function));
 }
 
-/* Functions of a type that no variable has. */
+/* Functions of types that no variable has. */
 #define UNUSED_TYPE(type)                                                                          \
     COTREE_FMI_EXPORT fmi3Status FMI3(fmi3Get##type)(                                              \
         fmi3Instance handle, const fmi3ValueReference references[], size_t n, fmi3##type values[], \
@@ -311,7 +310,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3SetClock)(fmi3Instance handle,
     return refuse_type(handle, "fmi3SetClock", n);
 }
 
-/* Dependencies stand in the model description; no variable is an array. */
+/* The model description lists dependencies; no variable is an array. */
 
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3GetNumberOfVariableDependencies)(fmi3Instance handle,
                                                                        fmi3ValueReference reference,
@@ -382,7 +381,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3DeserializeFMUState)(fmi3Instance handle,
 
 /* Derivatives. */
 
-/* The arguments of a function for derivatives in a direction. */
+/* The arguments of a directional or adjoint derivative. */
 typedef struct direction {
     const fmi3ValueReference *unknowns, *knowns;
     const fmi3Float64 *seed;
@@ -390,7 +389,8 @@ typedef struct direction {
     size_t n_unknowns, n_knowns, n_seed, n_sensitivity;
 } direction;
 
-/* Refuses missing arrays, and any lengths of seed and sensitivity but n_seed and n_sensitivity. */
+/* Reject missing arrays, and lengths of seed and sensitivity other than n_seed and
+ * n_sensitivity. */
 static int check_direction(const fmu *m, const char *name, const direction *own, size_t n_seed,
                            size_t n_sensitivity)
 {
@@ -432,7 +432,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3GetAdjointDerivative)(
     return status_of(m, fmu_adjoint(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity));
 }
 
-/* There is nothing to be configured, and there are no clocks. */
+/* Nothing can be configured, and there are no clocks. */
 
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3EnterConfigurationMode)(fmi3Instance handle)
 {
@@ -606,7 +606,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3SetContinuousStates)(fmi3Instance handle,
     return status_of(m, fmu_set_states(m, x, n));
 }
 
-/* Calls a function of Model Exchange that writes n numbers. */
+/* Call a function of Model Exchange that writes n numbers. */
 static fmi3Status get_numbers(fmi3Instance handle, const char *name,
                               int (*get)(fmu *m, double *values, size_t n), fmi3Float64 values[],
                               size_t n)
@@ -695,7 +695,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3DoStep)(fmi3Instance handle, fmi3Float64 t
     *needs_event_mode = false;
     *terminates = m->numbers[FMU_HAS_ENDED] != 0.0;
     *is_early = is_short != 0;
-    /* A discarded step leaves the state as it was, so that a shorter one may follow. */
+    /* A discarded step leaves the state unchanged, so that a shorter one may follow. */
     if (m->is_discarded) fmu_recall_state(m, m->spare, m->n_kept);
     return status_of(m, result);
 }

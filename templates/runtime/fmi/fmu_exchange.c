@@ -1,6 +1,6 @@
-/* fmu_exchange.c: Model Exchange: states from outside, and what happens between them.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmu_exchange.c: Model Exchange: the importer sets states, and events are applied between its
+ * steps.
+ * Part of the runtime of cotree, the same for every model. */
 #include "fmu.h"
 
 #include <float.h>
@@ -9,8 +9,8 @@
 #define N_STATES (m->model->n_states)
 #define N_RATES (m->model->n_states - m->model->n_algebraic)
 
-/* States are put on the constraints where these are violated by so many tolerances. */
-#define FARTHEST 10.0
+/* States are projected if a residual of the constraints exceeds this many tolerances. */
+#define DRIFT_TOLERANCES 10.0
 
 static int check_length(const fmu *m, size_t n, int wanted, const char *what)
 {
@@ -78,7 +78,8 @@ int fmu_get_nominals(fmu *m, double *sizes, size_t n)
     return 0;
 }
 
-/* Asks for Event Mode where the states have left the constraints: there they may be moved. */
+/* Request Event Mode if the states have drifted from the constraints: they may be projected
+ * there. */
 int fmu_complete_step(fmu *m, int *enters_event_mode)
 {
     double *const found = m->solved;
@@ -92,13 +93,13 @@ int fmu_complete_step(fmu *m, int *enters_event_mode)
     }
     for (i = 0; i < N_RATES; ++i) largest = fmax(largest, fabs(m->z[i]));
     for (i = 0; i < m->model->n_constraints; ++i) {
-        if (!(fabs(found[i]) <= FARTHEST * m->numbers[FMU_TOLERANCE] * largest))
+        if (!(fabs(found[i]) <= DRIFT_TOLERANCES * m->numbers[FMU_TOLERANCE] * largest))
             *enters_event_mode = 1;
     }
     return 0;
 }
 
-/* Finds the times between which nothing has a kink: no evaluation meets both sides of one. */
+/* Find the segment between time events: no evaluation may lie beyond either of them. */
 static void find_segment(fmu *m)
 {
     const double t = m->numbers[FMU_NOW], next = fmu_next_stop(m, t, HUGE_VAL);
@@ -124,8 +125,8 @@ static int project(fmu *m)
     return fmu_refuse(m, "the constraints cannot be satisfied at t = %.10g", m->numbers[FMU_NOW]);
 }
 
-/* Lets events happen. */
-static int let_happen(fmu *m, fmu_news *news)
+/* Apply events at the present point. */
+static int apply_events(fmu *m, fmu_news *news)
 {
     cotree_events *const e = fmu_events(m);
     const double t = m->numbers[FMU_NOW];
@@ -133,7 +134,7 @@ static int let_happen(fmu *m, fmu_news *news)
     int i, status;
     m->run.is_held = 1;
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_restore(e, m->watched); /* nothing yet, where no event was looked at */
+    cotree_events_restore(e, m->watched); /* zeros before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || fmu_is_stop(m, t)) {
@@ -168,7 +169,7 @@ int fmu_update(fmu *m, fmu_news *news)
     if (fmu_refresh(m, FMU_POINT) != 0) return 1;
     for (i = 0; i < N_RATES; ++i) m->before[i] = m->z[i];
     status = project(m);
-    if (status == 0 && m->model->hybrid != NULL) status = let_happen(m, news);
+    if (status == 0 && m->model->hybrid != NULL) status = apply_events(m, news);
     fmu_forget(m);
     if (status != 0) return status;
     m->numbers[FMU_IS_BEGUN] = 1.0;
@@ -181,7 +182,7 @@ int fmu_update(fmu *m, fmu_news *news)
     return 0;
 }
 
-/* Leaves Event Mode. What was not looked at is looked at now. */
+/* Leave Event Mode, after an update if there was none. */
 int fmu_go_on(fmu *m)
 {
     fmu_news news;

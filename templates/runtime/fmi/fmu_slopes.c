@@ -1,10 +1,9 @@
 /* fmu_slopes.c: directional and adjoint derivatives of an instance.
  * Part of the runtime of cotree, the same for every model.
  *
- * With f the rates, g the residuals of algebraic unknowns z and h what else is computed, knowns v
- * move z by -g_z^-1 g_v, and unknowns by f_v + f_z z_v. While the start is found, states that
- * follow from parameters move with these.
- */
+ * With the rates f, the residuals g of the algebraic unknowns z, and any other unknown h, the
+ * derivatives by the knowns v are z_v = -g_z^-1 g_v and h_v + h_z z_v. During initialization,
+ * states computed from parameters depend on these. */
 #include "fmu.h"
 
 #include "cotree_lu.h"
@@ -15,7 +14,7 @@
 #define N_RATES (m->model->n_states - m->model->n_algebraic)
 #define N_ALGEBRAIC (m->model->n_algebraic)
 
-/* Gives the column of a known, or -1. */
+/* Return the column of a known, or -1. */
 static int column_of(const fmu *m, unsigned reference)
 {
     const fmu_tables *const tables = m->tables;
@@ -35,7 +34,7 @@ static int column_of(const fmu *m, unsigned reference)
     }
 }
 
-/* Gives the row of an unknown, or -1; states are rows behind all others. */
+/* Return the row of an unknown, or -1; states are the last rows. */
 static int row_of(const fmu *m, unsigned reference)
 {
     const int n_events = m->offsets[FMU_INDICATORS + 1] - m->offsets[FMU_INDICATORS];
@@ -57,8 +56,8 @@ static int row_of(const fmu *m, unsigned reference)
     }
 }
 
-static int check(const fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsigned *knowns,
-                 size_t n_knowns)
+static int check_variables(const fmu *m, const unsigned *unknowns, size_t n_unknowns,
+                           const unsigned *knowns, size_t n_knowns)
 {
     const int is_start = m->mode == FMU_INITIALIZATION;
     size_t i;
@@ -78,7 +77,7 @@ static int check(const fmu *m, const unsigned *unknowns, size_t n_unknowns, cons
     return 0;
 }
 
-/* Factors the matrix of the algebraic equations, or its transpose. */
+/* Factorise the matrix of the algebraic equations, or its transpose. */
 static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -97,7 +96,7 @@ static int factorise(fmu *m, int is_transposed, cotree_lu *lu)
     return fmu_discard(m, "the algebraic equations are singular at t = %.10g", m->numbers[FMU_NOW]);
 }
 
-/* Adds the columns from first on, times a direction, to the rows. */
+/* Add the columns from first to last, times a direction, to the rows. */
 static void multiply(fmu *m, int first, int last, const double *seed)
 {
     const fmu_pattern *const p = &m->tables->partials;
@@ -109,8 +108,8 @@ static void multiply(fmu *m, int first, int last, const double *seed)
     }
 }
 
-/* Writes the derivatives of all rows along m->seed, and its algebraic unknowns. */
-static int go_forward(fmu *m, const int *is_known)
+/* Compute the derivatives of all rows, and of the algebraic unknowns, along m->seed. */
+static int propagate(fmu *m, const int *is_known)
 {
     const fmu_pattern *const p = &m->tables->partials;
     cotree_lu lu;
@@ -128,8 +127,8 @@ static int go_forward(fmu *m, const int *is_known)
     return 0;
 }
 
-/* Marks the states among the knowns. */
-static void mark(const fmu *m, const unsigned *knowns, size_t n_knowns, int *is_known)
+/* Mark the states among the knowns. */
+static void mark_known_states(const fmu *m, const unsigned *knowns, size_t n_knowns, int *is_known)
 {
     size_t i;
     int j;
@@ -156,26 +155,27 @@ int fmu_directional(fmu *m, const unsigned *unknowns, size_t n_unknowns, const u
                     size_t n_knowns, const double *seed, double *sensitivity)
 {
     size_t i;
-    if (check(m, unknowns, n_unknowns, knowns, n_knowns) != 0) return 1;
+    if (check_variables(m, unknowns, n_unknowns, knowns, n_knowns) != 0) return 1;
     if (fmu_refresh(m, FMU_POINT | FMU_HAS_PARTIALS) != 0) return 1;
     clear_seed(m);
     for (i = 0; i < n_knowns; ++i) m->seed[column_of(m, knowns[i])] += seed[i];
-    mark(m, knowns, n_knowns, m->known);
-    if (go_forward(m, m->known) != 0) return 1;
+    mark_known_states(m, knowns, n_knowns, m->known);
+    if (propagate(m, m->known) != 0) return 1;
     for (i = 0; i < n_unknowns; ++i) sensitivity[i] = value_of_row(m, row_of(m, unknowns[i]));
     return 0;
 }
 
-/* While the start is found, by each known in turn. */
-static int collect(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsigned *knowns,
-                   size_t n_knowns, const double *seed, double *sensitivity)
+/* Compute adjoint derivatives during initialization, one known at a time. */
+static int adjoint_by_columns(fmu *m, const unsigned *unknowns, size_t n_unknowns,
+                              const unsigned *knowns, size_t n_knowns, const double *seed,
+                              double *sensitivity)
 {
     size_t i, k;
-    mark(m, knowns, n_knowns, m->known);
+    mark_known_states(m, knowns, n_knowns, m->known);
     for (k = 0; k < n_knowns; ++k) {
         clear_seed(m);
         m->seed[column_of(m, knowns[k])] = 1.0;
-        if (go_forward(m, m->known) != 0) return 1;
+        if (propagate(m, m->known) != 0) return 1;
         sensitivity[k] = 0.0;
         for (i = 0; i < n_unknowns; ++i) {
             sensitivity[k] += seed[i] * value_of_row(m, row_of(m, unknowns[i]));
@@ -184,7 +184,7 @@ static int collect(fmu *m, const unsigned *unknowns, size_t n_unknowns, const un
     return 0;
 }
 
-static double weigh(const fmu *m, int column)
+static double weighted_column(const fmu *m, int column)
 {
     const fmu_pattern *const p = &m->tables->partials;
     double sum = 0.0;
@@ -201,10 +201,10 @@ int fmu_adjoint(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsig
     cotree_lu lu;
     size_t i;
     int j;
-    if (check(m, unknowns, n_unknowns, knowns, n_knowns) != 0) return 1;
+    if (check_variables(m, unknowns, n_unknowns, knowns, n_knowns) != 0) return 1;
     if (fmu_refresh(m, FMU_POINT | FMU_HAS_PARTIALS) != 0) return 1;
     if (m->mode == FMU_INITIALIZATION) {
-        return collect(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity);
+        return adjoint_by_columns(m, unknowns, n_unknowns, knowns, n_knowns, seed, sensitivity);
     }
     for (j = 0; j < n_rows; ++j) m->rows[j] = 0.0;
     for (j = 0; j < N_ALGEBRAIC; ++j) m->solved[j] = 0.0;
@@ -217,12 +217,12 @@ int fmu_adjoint(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsig
         }
     }
     if (N_ALGEBRAIC > 0) {
-        /* Weights of the residuals: -g_z^-T times what weighs the algebraic unknowns. */
-        for (j = 0; j < N_ALGEBRAIC; ++j) m->solved[j] += weigh(m, N_RATES + j);
+        /* Weights of the residuals: -g_z^-T times the weights of the algebraic unknowns. */
+        for (j = 0; j < N_ALGEBRAIC; ++j) m->solved[j] += weighted_column(m, N_RATES + j);
         if (factorise(m, 1, &lu) != 0) return 1;
         cotree_lu_solve(&lu, m->solved);
         for (j = 0; j < N_ALGEBRAIC; ++j) m->rows[N_RATES + j] = -m->solved[j];
     }
-    for (i = 0; i < n_knowns; ++i) sensitivity[i] = weigh(m, column_of(m, knowns[i]));
+    for (i = 0; i < n_knowns; ++i) sensitivity[i] = weighted_column(m, column_of(m, knowns[i]));
     return 0;
 }

@@ -1,18 +1,17 @@
-/* fmu_states.c: states of an instance that an importer keeps, also as bytes; and checks of
- * arguments. Part of the runtime of cotree, the same for every model.
- */
+/* fmu_states.c: saved states of an instance, also as bytes, and checks of arguments.
+ * Part of the runtime of cotree, the same for every model. */
 #include "fmu_states.h"
 
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* The first bytes of a state, as another instance reads them. */
+/* Head of a state that another instance may read. */
 #define MAGIC 0x46746f63
 
 typedef struct fmu_state_head {
     unsigned magic, n;
-    unsigned long long checksum; /* of what follows; filled in when the state is serialized */
+    unsigned long long checksum; /* of the bytes after it; set when the state is serialized */
     char token[64];
 } fmu_state_head;
 
@@ -36,7 +35,7 @@ static void write_state(const fmu *m, fmu_state *to)
     fmu_keep_state(m, to->values);
 }
 
-/* The checksum of Fowler, Noll and Vo: bytes from a file or a connection may be damaged. */
+/* Return the FNV-1a checksum (Fowler, Noll, Vo), which detects damaged bytes. */
 static unsigned long long checksum_of(const void *state_bytes, size_t n)
 {
     const unsigned char *const own = (const unsigned char *)state_bytes;
@@ -66,13 +65,14 @@ int fmu_is_category(const char *name)
     return 0;
 }
 
-/* Refuses a null pointer. */
+/* Reject a null pointer. */
 int fmu_check_pointer(const fmu *m, const char *function, const void *pointer)
 {
     return pointer != NULL ? 0 : fmu_refuse(m, "%s is called with a null pointer", function);
 }
 
-/* Finds the place of a kept state; kept->n: it is none. The last ones are asked for most often. */
+/* Return the place of a saved state, or kept->n if there is none. Recent ones are used most
+ * often. */
 static size_t find_state(const fmu_states *kept, const void *own)
 {
     size_t i;
@@ -82,7 +82,7 @@ static size_t find_state(const fmu_states *kept, const void *own)
     return kept->n;
 }
 
-/* Refuses a pointer that is null, or is none to a kept state. */
+/* Reject a pointer that is null or does not point to a saved state. */
 static int check_state(const fmu *m, const fmu_states *kept, const char *function, const void *own)
 {
     if (fmu_check_pointer(m, function, own) != 0) return 1;
@@ -91,7 +91,7 @@ static int check_state(const fmu *m, const fmu_states *kept, const char *functio
                       function);
 }
 
-/* Gives memory for a new state, or that of the kept state that *place points to. */
+/* Return memory for a new state, or that of the saved state that *place points to. */
 static fmu_state *take_state(fmu *m, fmu_states *kept, const char *function, void **place)
 {
     fmu_state *own;
