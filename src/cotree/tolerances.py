@@ -15,7 +15,7 @@ LARGEST_RTOL = 1.0
 #: Above this relative tolerance error estimates, which are leading terms of series, mean little.
 LOOSE_RTOL = 1e-2
 
-#: A step whose end constraints would move by so many tolerances, in the mean, has failed.
+#: A step fails if the projection of its end moves it by more than this many tolerances in the mean.
 FARTHEST_CORRECTION = 10.0
 
 #: Added to sizes that are divided by, or a least size: changes none but zero. In another type of
@@ -28,40 +28,43 @@ RANK = 1e-10
 
 
 class Limits(NamedTuple):
-    """Limits that hold in C and in Python alike: C is printed with those that Python has."""
+    """Limits that hold in C and in Python alike: those of ``cotree_limits.h``."""
 
-    #: A step whose end constraints would move by so many tolerances, in the mean, has failed.
-    farthest: float = FARTHEST_CORRECTION
-    #: The cosine of corrections that go against what is left of the equations that they solve.
-    turned: float = 0.7
-    #: Steps of a projection at most. One below ``small_correction`` that no longer halves is
-    #: rounding, since Newton's method squares its errors.
+    #: A step fails if the projection of its end moves it by more than this many tolerances in the
+    #: mean.
+    max_projection: float = FARTHEST_CORRECTION
+    #: A correction opposes the residual from which it is computed if their cosine is below minus
+    #: this.
+    opposed_cosine: float = 0.7
+    #: The largest number of steps of a projection. A step below the small correction that is not
+    #: half the one before is rounding, since Newton's method converges quadratically.
     most_projections: int = 10
     small_correction: float = 1e-8
-    #: Residuals, in the constraints' own units, above this share of the largest state (or of 1) are
-    #: not met. Near a singular configuration, along what the constraints hardly see, those of trial
-    #: steps at a tolerance of 1e-8 still lie below it.
+    #: Constraints are not satisfied if a residual, in their own units, exceeds this share of the
+    #: largest state (or of 1). Near a singular configuration, along directions that the constraints
+    #: hardly determine, residuals of trial steps at a tolerance of 1e-8 stay below it.
     largest_residual: float = 1e-6
-    #: Rates jump where they differ by more than this many times what they change by within as much
-    #: time on one side of a breakpoint: that is rounding of its time.
-    noise: float = 1e3
-    #: Steps of a few units in the last place get nowhere; one of them is normal before a
-    #: breakpoint, so many in a row are not.
+    #: Rates jump if they differ by more than this many times their change over the same time on
+    #: one side of a breakpoint: less is rounding of its time.
+    jump_noise: float = 1e3
+    #: A step of at most this many units in the last place makes no progress. One is normal before
+    #: a breakpoint, this many in a row are a stall.
     stall_spacings: int = 16
     stall_steps: int = 5
-    #: Of a stiff problem fewer steps than these are not worth another method, which takes some
-    #: hundred steps and evaluations of matrices, too, and has to be made.
+    #: A stiff problem changes its method only if more than this many steps remain: another method
+    #: takes some hundred steps and evaluations of matrices, and has to be compiled.
     most_stiff_steps: int = 1000
-    #: How often one event may make others happen at the same time.
+    #: The largest number of events that one event may trigger at the same time.
     event_rounds: int = 50
-    #: Points of a run that interpolation reads from. Estimated errors of what an explicit method
-    #: reads are kept below so many tolerances.
+    #: Points of the interpolation polynomial; and the bound of its estimated error with explicit
+    #: methods, in tolerances.
     history_points: int = 6
     history_doubt: float = 4.0
-    #: Planned pivots do where they solve a system that differs from the true one by at most this
-    #: share of each entry.
+    #: Planned pivots are accepted if the solution solves a system whose entries differ from the
+    #: true ones by at most this share.
     planned_pivots: float = 1e-10
-    #: So many of one event within a billionth of the span are too many.
+    #: The number of past times stored for each event: so many within a billionth of the span are
+    #: chatter.
     event_crowd: int = 100
 
 

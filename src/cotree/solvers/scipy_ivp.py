@@ -38,7 +38,7 @@ _LANDING = frozenset({"RK45", "DOP853", "Radau"})
 _one_at_a_time = threading.RLock()
 
 # The cosine of corrections that go against what is left, and how much shorter a step is then.
-_TURNED, _SHORTER = LIMITS.turned, 0.2
+_TURNED, _SHORTER = LIMITS.opposed_cosine, 0.2
 
 # Steps of so few units in the last place get nowhere.
 _STEPS_OF_ROUNDING = LIMITS.stall_spacings

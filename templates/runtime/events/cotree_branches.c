@@ -124,8 +124,8 @@ static int bound_quantities(cotree_events *e)
         const cotree_real a = e->quantity_samples[k], b = cotree_quantities_of(e)[k],
                           change = b - a;
         const cotree_real bend =
-            COTREE_SCAN_BENT * (COTREE_FABS(change - step * e->quantity_mean_rate[k]) +
-                                COTREE_SCAN_UNEVEN * COTREE_FABS(change));
+            COTREE_SCAN_CURVATURE * (COTREE_FABS(change - step * e->quantity_mean_rate[k]) +
+                                     COTREE_SCAN_UNEVEN * COTREE_FABS(change));
         cotree_set_bounds(e, k, COTREE_FMIN(a, b), COTREE_FMAX(a, b), bend);
         cotree_set_rate_bounds(e, k, change / step, change / step, bend / step);
         e->quantity_mean_rate[k] = change / step;
@@ -145,7 +145,7 @@ int cotree_cheap_crossing_test(cotree_events *e)
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real g = e->jumps.values[i], change = COTREE_FABS(g - e->g[i]);
         const cotree_real distance = COTREE_FMIN(e->side[i] * g, e->side[i] * e->g[i]);
-        cotree_real reach = COTREE_SCAN_FAR * COTREE_FMAX(change, step * e->mean_rate[i]);
+        cotree_real reach = COTREE_SCAN_REACH * COTREE_FMAX(change, step * e->mean_rate[i]);
         if (e->branches == NULL) break;
         if (cotree_has_range(e, i)) {
             reach = cotree_classify_range(e, i, e->side[i], e->g[i], g, step) == RANGE_UNDECIDED

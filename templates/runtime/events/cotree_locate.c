@@ -401,7 +401,7 @@ int cotree_may_cross(const cotree_events *e)
             high = COTREE_FMAX(high, e->samples[k * e->n_events + i]);
         }
         if (low <= COTREE_F(0.0) && high >= COTREE_F(0.0)) return 1;
-        if (COTREE_FMIN(COTREE_FABS(low), COTREE_FABS(high)) <= COTREE_SCAN_FAR * (high - low))
+        if (COTREE_FMIN(COTREE_FABS(low), COTREE_FABS(high)) <= COTREE_SCAN_REACH * (high - low))
             return 1;
     }
     return 0;
@@ -447,7 +447,7 @@ int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
         low = COTREE_FMIN(low, side * g[m * n]);
         high = COTREE_FMAX(high, side * g[m * n]);
     }
-    return low > COTREE_SCAN_FAR * (high - low) ? SAMPLES : nearest;
+    return low > COTREE_SCAN_REACH * (high - low) ? SAMPLES : nearest;
 }
 
 /* Find an extremum of a value on one side of zero between two times, and its distance from zero.

@@ -1,52 +1,51 @@
-/* cotree_integrator.h: what the integrators of cotree share.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_integrator.h: types shared by all integrators.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_INTEGRATOR_H
 #define COTREE_INTEGRATOR_H
 
 #include "cotree_limits.h"
 
-/* Writes y' to dy. Returns 0; a positive number if a smaller step may help; a negative one to stop
- * the integration. context is what init was given. */
+/* Compute dy = y'. Return 0; a positive number if a smaller step may help; a negative one to
+ * stop the integration. context is that passed to init. */
 typedef int (*cotree_rate_function)(cotree_real t, const cotree_real *y, cotree_real *dy,
                                     void *context);
 
-/* Moves y to where a solution may be at t. Returns 0; or another number if it cannot, for a smaller
- * step to be tried. context is what init was given. */
+/* Project y onto the solutions possible at t. Return 0, or another number on failure: a smaller
+ * step is then tried. context is that passed to init. */
 typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *context);
 
-/* Is told that a step failed and is tried again, shorter. */
+/* Callback after a rejected step, before a shorter one is tried. */
 typedef void (*cotree_rejection_function)(void *context);
 
-/* M y' = f(t, y) as implicit methods need it. M is one on its diagonal, but zero for algebraic
- * unknowns. Functions return as a rate does. */
+/* M y' = f(t, y) for implicit methods. M is diagonal: one, zero for algebraic unknowns.
+ * Functions return like a rate function. */
 typedef struct cotree_implicit_equation {
-    int n; /* of y */
+    int n; /* entries of y */
     int n_algebraic;
     const int *algebraic; /* n_algebraic: their places in y */
     int is_autonomous;    /* f does not depend on t */
     cotree_rate_function rate;
-    cotree_rate_function time_slope; /* derivatives of f by t; NULL: by a difference */
-    /* Keeps the derivatives of f at a point, for what follows. */
+    cotree_rate_function time_slope; /* derivatives of f by t; NULL: a finite difference is used */
+    /* Evaluate and store the derivatives of f at a point. */
     int (*linearise)(cotree_real t, const cotree_real *y, void *context);
-    /* Factors shift M - J. */
+    /* Factorise shift M - J. */
     int (*factorise)(cotree_real shift, void *context);
-    /* Solves with all derivatives of f in place of J; in place. */
+    /* Solve in place, with all derivatives of f in place of J. */
     int (*solve)(cotree_real *u, void *context);
-    /* Of algebraic unknowns that a projection brings back to their equations: writes by how much
-     * they change where the others change by u; and tells whether the last projection went farther
-     * than the equations are nearly linear. NULL where no projection does. */
+    /* If a projection solves for algebraic unknowns: follow computes their changes if the others
+     * change by u; is_bent returns whether the last projection moved them beyond the range in
+     * which the equations are nearly linear. Else NULL. */
     int (*follow)(cotree_real *u, void *context);
     int (*is_bent)(void *context);
     void *context;
 } cotree_implicit_equation;
 
-/* What an explicit method finds out about the steps that it took. */
+/* Stiffness detection of an explicit method. */
 typedef struct cotree_stiffness {
-    int n;        /* of the first unknowns, which it looks at; 0: it does not look */
-    int is_found; /* steps are as short as stability asks: an implicit method may take far fewer */
-    cotree_real since; /* the time from which on they are */
-    long n_steps;      /* about how many were so since it was found */
+    int n;             /* the first n unknowns are monitored; 0: none */
+    int is_found;      /* steps are limited by stability: an implicit method may take far fewer */
+    cotree_real since; /* the time from which on they are limited */
+    long n_steps;      /* about the number of limited steps since it was found */
     int n_stiff, n_soft, n_calm;
 } cotree_stiffness;
 
@@ -81,7 +80,7 @@ typedef enum cotree_status {
 extern "C" {
 #endif
 
-/* Says what a status means, as the end of a sentence. */
+/* Return the meaning of a status, as the end of a sentence. */
 const char *cotree_status_message(cotree_status status);
 
 #ifdef __cplusplus

@@ -1,6 +1,5 @@
-/* cotree_lu.c: elimination with row exchanges.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_lu.c: LU factorisation with row exchanges.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_lu.h"
 
 #include <float.h>
@@ -24,7 +23,7 @@ cotree_lu cotree_lu_of(int n, int lower, int upper, cotree_real *memory, int *pi
     a.first = memory;
     a.stride = n;
     if (!is_dense(n, lower, upper)) {
-        /* Columns slide down by one from each to the next. */
+        /* Banded storage: each column starts one row lower than the one before. */
         a.first = memory + lower + upper;
         a.stride = 2 * (ptrdiff_t)lower + upper;
     }
@@ -51,7 +50,7 @@ int cotree_lu_factorise(const cotree_lu *a)
             return 1;
         inverse = COTREE_F(1.0) / column[pivot];
         column[pivot] = column[j];
-        column[j] = inverse; /* solutions multiply by it */
+        column[j] = inverse; /* the inverse pivot */
         for (i = j + 1; i <= last; ++i) column[i] *= inverse;
         for (k = j + 1; k <= right; ++k) {
             cotree_real *const COTREE_RESTRICT other = a->first + k * a->stride;

@@ -1,19 +1,18 @@
-/* cotree_numbers.h: what methods are written with, for one number at a time. Files that compute with
- * vectors of numbers, each of another run, spell the same names for these instead.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_numbers.h: the arithmetic in which methods are written, for one number at a time. Files
+ * that compute with vectors, one run in each lane, define the same names for these.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_NUMBERS_H
 #define COTREE_NUMBERS_H
 
 #include "cotree_real.h"
 
 typedef cotree_real REAL;
-typedef int MASK; /* where a condition holds */
+typedef int MASK; /* a condition */
 
 #define HOLDS 1
 #define NOT(mask) (!(mask))
 #define LANE(numbers, lane) (numbers)
-#define ALL(number) (number) /* one number, for each lane */
+#define ALL(number) (number) /* the same number in each lane */
 #define ZERO COTREE_F(0.0)
 
 #define cotree_any(mask) (mask)
@@ -27,15 +26,9 @@ typedef int MASK; /* where a condition holds */
 #define cotree_exp(x) COTREE_EXP(x)
 #define cotree_log(x) COTREE_LOG(x)
 
-/* The second one where either is no number. Unlike fmax and fmin these may become one instruction. */
-static inline REAL cotree_larger(REAL a, REAL b)
-{
-    return a > b ? a : b;
-}
+/* Return b if either is a nan. Unlike fmax and fmin these may become one instruction. */
+static inline REAL cotree_larger(REAL a, REAL b) { return a > b ? a : b; }
 
-static inline REAL cotree_smaller(REAL a, REAL b)
-{
-    return a < b ? a : b;
-}
+static inline REAL cotree_smaller(REAL a, REAL b) { return a < b ? a : b; }
 
 #endif

@@ -9,7 +9,7 @@
 
 /* Rates jump where they differ by more than this many times what they change by within as much time
  * on one side of a corner: that is rounding of its time. */
-#define NOISE COTREE_NOISE
+#define NOISE COTREE_JUMP_NOISE
 
 void cotree_run_take(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                      cotree_real *w)

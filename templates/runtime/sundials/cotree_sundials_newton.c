@@ -24,7 +24,7 @@
 #define SLOW 0.9
 
 /* The cosine of corrections that go against what is left. */
-#define TURNED COTREE_TURNED
+#define TURNED COTREE_OPPOSED_COSINE
 
 /* Where corrections shrink to this share or less, the matrix of the prediction serves
  * sensitivities, too: their single correction is then off by this share of itself. */
@@ -386,7 +386,7 @@ COTREE_PRIVATE int cotree_bdf_hold(cotree_job *job, cotree_run *run, const cotre
         e[i] += change;
         sum += share * share;
     }
-    if (sum <= COTREE_FARTHEST * COTREE_FARTHEST * n) return 0;
+    if (sum <= COTREE_MAX_PROJECTION * COTREE_MAX_PROJECTION * n) return 0;
     run->correction = known; /* of steps that are taken */
     return NOT_CONVERGED;
 }
