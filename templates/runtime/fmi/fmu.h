@@ -7,8 +7,10 @@
 #ifndef COTREE_FMU_H
 #define COTREE_FMU_H
 
+#include "cotree_assembly.h"
 #include "cotree_events.h"
 #include "cotree_job.h"
+#include "cotree_start_tables.h"
 
 #include <stddef.h>
 
@@ -58,27 +60,23 @@ typedef struct fmu_tables {
     const double *values;    /* their values until they are set */
     const int *signals;      /* the other inputs */
     const double *start;     /* states at the start, at the default parameters */
-    const int *given;        /* whether the scene gives the initial value of each state */
     int is_found;            /* whether states that are not given begin with those of start */
     int is_at_rest;          /* whether the start is an operating point, found at the defaults */
     const double *sizes;     /* factors of absolute tolerances; NULL: 1 */
-    const int *seeds;        /* of sensitivities: a parameter, or -1 less a state */
     double rtol, atol, span; /* defaults */
     long most_steps;         /* budgets of one step of Co-Simulation */
     long most_events;
     int n_stops;
-    const int *stop_starts;     /* 1: none before the first time */
-    int n_conditions;           /* results of the kernel start that are to be zero */
-    int n_start;                /* all of them */
-    int n_limits;               /* upper bounds of steps */
-    const cotree_hybrid *shape; /* of the constraints, for the start; NULL: there are none */
+    const int *stop_starts; /* 1: none before the first time */
+    int n_limits;           /* upper bounds of steps */
+    const cotree_start_tables *start_tables;
     /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs from
      * outside, parameters and time. */
     fmu_pattern partials;
     cotree_state_kernel find_partials;
     fmu_pattern initial; /* of the initial states, by parameters */
     cotree_parameter_kernel find_initial;
-    fmu_pattern constraints; /* of the constraints, by the columns of partials */
+    fmu_pattern constraints; /* of constraints, then of conditions on the start, by all columns */
     cotree_state_kernel find_constraints;
     /* Upper bounds of steps; then first time and period of each stop, with derivatives of both by
      * each parameter of sensitivity. */
@@ -113,7 +111,6 @@ enum fmu_number {
 
 typedef struct fmu {
     const fmu_tables *tables;
-    cotree_model own;          /* the model, with what the start needs */
     const cotree_model *model; /* that of its file */
     int is_exchanged;          /* Model Exchange; else Co-Simulation */
     int returns_early;
@@ -146,8 +143,7 @@ typedef struct fmu {
     double *corners, *slopes, *spreads, *turns;
     size_t n_corners; /* for which there is room */
     cotree_run run;
-    cotree_jumps jumps; /* of constrained models: for the start */
-    cotree_run start_run;
+    cotree_assembly assembly; /* of models with constraints or conditions on the start */
     cotree_events events;
     void *job_memory;
     size_t n_job_memory;
@@ -186,6 +182,7 @@ int fmu_find(const fmu *m, unsigned reference, int *index); /* its block, or -1 
 #define FMU_HAS_SLOPES 32
 
 int fmu_prepare(fmu *m);
+void fmu_set_up_run(fmu *m);
 int fmu_refresh(fmu *m, int what);
 cotree_events *fmu_events(fmu *m); /* at the present settings, without what they know */
 double fmu_span(const fmu *m);     /* from start to stop time, or by default */

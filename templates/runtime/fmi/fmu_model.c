@@ -47,7 +47,9 @@ static void lay_out(fmu *m, cotree_room *room)
     const cotree_model *const model = m->model;
     const fmu_tables *const tables = m->tables;
     const int n_events = n_events_of(m), n_sensitivities = N_SENSITIVITIES;
-    const int n = largest_int(largest_int(N_STATES, model->n_constraints), tables->n_start) + 1;
+    const cotree_assembly_tables *const rows = tables->start_tables->assembly;
+    const int n_rows = rows == NULL ? 0 : model->n_constraints + rows->n_conditions;
+    const int n = largest_int(N_STATES, n_rows) + 1;
     m->kept = (double *)cotree_take(room, 0, NULL);
     lay_out_state(m, room);
     m->n_kept = (size_t)FMU_N_NUMBERS + (size_t)N_FULL + (size_t)model->n_parameters +
@@ -70,7 +72,7 @@ static void lay_out(fmu *m, cotree_room *room)
     m->seed = cotree_take_doubles(room, tables->partials.n_columns);
     m->rows = cotree_take_doubles(room, tables->partials.n_rows + 1);
     m->solved = cotree_take_doubles(room, 3 * n);
-    m->dense = cotree_take_doubles(room, 2 * n * n);
+    m->dense = cotree_take_doubles(room, model->n_algebraic * model->n_algebraic);
     m->room = cotree_take_doubles(room, N_FULL + 1);
     m->atols = cotree_take_doubles(room, N_FULL + 1);
     m->turns = cotree_take_doubles(room, n_sensitivities + 1);
@@ -81,10 +83,7 @@ static void lay_out(fmu *m, cotree_room *room)
     m->records = cotree_take_doubles(room, COTREE_EVENTS_AT_ONCE(n_events) *
                                                COTREE_EVENTS_RECORD(N_STATES, n_sensitivities));
     cotree_run_init(&m->run, model, m->p, m->k, m->u, 0, room);
-    if (tables->shape != NULL) {
-        cotree_run_init(&m->start_run, &m->own, m->p, m->k, m->u, 0, room);
-        cotree_jumps_init(&m->jumps, &m->start_run, room);
-    }
+    if (rows != NULL) cotree_assembly_init(&m->assembly, &m->run, rows, room);
     if (n_events > 0) {
         cotree_events_init(&m->events, &m->run, m->run.n, tables->span, tables->rtol, m->atols,
                            tables->atol, NULL, NULL, room);
@@ -139,8 +138,6 @@ fmu *fmu_new(const fmu_tables *tables, int is_exchanged, int returns_early, fmu_
     if (m == NULL) return NULL;
     m->tables = tables;
     m->model = tables->model();
-    m->own = *m->model;
-    m->own.hybrid = tables->shape;
     m->is_exchanged = is_exchanged;
     m->returns_early = returns_early;
     m->logger = logger;
@@ -267,8 +264,9 @@ static int put_inputs(double t, double *u, void *context)
     return 0;
 }
 
-static void set_up_run(fmu *m, cotree_run *run)
+void fmu_set_up_run(fmu *m)
 {
+    cotree_run *const run = &m->run;
     run->input_function = put_inputs;
     run->input_context = m;
     run->is_held = 0;
@@ -325,7 +323,7 @@ static int find_unknowns(fmu *m)
 static int find_point(fmu *m)
 {
     int status;
-    set_up_run(m, &m->run);
+    fmu_set_up_run(m);
     if (m->model->n_algebraic > 0 && find_unknowns(m) != 0) return 1;
     status = cotree_run_inputs(&m->run, now(m));
     return status == 0

@@ -5,17 +5,10 @@
 
 #include <float.h>
 #include <math.h>
+#include <stddef.h>
 
 #define N_STATES (m->model->n_states)
 #define N_RATES (m->model->n_states - m->model->n_algebraic)
-
-/* Gradients that others reach but for this share are redundant, and a derivative of the constraints
- * counts as made up for when no more than a share of FOLLOWED is left. */
-#define RANK 1e-10
-#define FOLLOWED 1e-8
-
-/* What moves by less than this is rounding. */
-#define MOVED 1e-11
 
 /* How often modes of jumps are looked at. */
 #define ROUNDS 100
@@ -44,7 +37,10 @@ int fmu_begin(fmu *m)
 }
 
 /* Whether a state keeps the value that it is given. */
-static int is_kept(const fmu *m, int i) { return m->is_own[i] != 0.0 || m->tables->given[i]; }
+static int is_kept(const fmu *m, int i)
+{
+    return m->is_own[i] != 0.0 || m->tables->start_tables->given[i];
+}
 
 /* Writes the initial values as they are given, and guesses of the others. */
 static int put_values(fmu *m)
@@ -63,46 +59,53 @@ static int put_values(fmu *m)
     if (m->model->initial(m->p, m->k, m->z) != 0)
         return fmu_refuse(m, "the initial states have no values");
     for (i = 0; i < N_STATES; ++i) {
-        const int is_found = tables->is_at_rest || (tables->is_found && !tables->given[i]);
+        const int is_found =
+            tables->is_at_rest || (tables->is_found && !tables->start_tables->given[i]);
         if (i >= N_RATES || is_found) m->z[i] = tables->start[i];
         if (m->is_own[i] != 0.0) m->z[i] = m->own_values[i];
     }
     return 0;
 }
 
-/* Moves what is not given onto the constraints. */
-static int settle(fmu *m)
+/* Marks what is kept: initial values that are given or set, and states of is_known, if there are
+ * any. Conditions hold unless all coordinates, or all speeds, are set. */
+static void keep(fmu *m, const int *is_known)
 {
-    cotree_run *const run = &m->start_run;
-    const double t = m->numbers[FMU_NOW];
+    cotree_assembly *const a = &m->assembly;
     int i;
-    m->numbers[FMU_IS_CHOSEN] = 0.0;
-    if (m->tables->shape == NULL) return 0;
-    run->input_function = m->run.input_function;
-    run->input_context = m->run.input_context;
-    run->is_held = 1;
-    if (cotree_run_inputs(run, t) != 0) return fmu_refuse(m, "the inputs have no values");
+    for (i = 0; i < N_STATES; ++i) m->pivots[i] = m->is_own[i] != 0.0;
+    cotree_assembly_hold(a, m->pivots);
     for (i = 0; i < N_STATES; ++i) {
-        m->jumps.is_kept[i] = is_kept(m, i);
-        m->room[i] = m->z[i];
+        a->is_kept[i] = is_kept(m, i) || (is_known != NULL && is_known[i]);
     }
-    if (cotree_jumps_settle(&m->jumps, t, m->z) != 0) {
+}
+
+/* Moves what is not given onto the constraints. */
+static int assemble(fmu *m)
+{
+    cotree_assembly *const a = &m->assembly;
+    const double t = m->numbers[FMU_NOW];
+    int i, status;
+    m->numbers[FMU_IS_CHOSEN] = 0.0;
+    if (m->tables->start_tables->assembly == NULL) return 0;
+    fmu_set_up_run(m);
+    if (cotree_run_inputs(&m->run, t) != 0) return fmu_refuse(m, "the inputs have no values");
+    keep(m, NULL);
+    status = cotree_assembly_normalise(a, m->z);
+    for (i = 0; i < N_STATES; ++i) m->room[i] = m->z[i];
+    if (status == 0) status = cotree_assembly_measure(a, t, m->z);
+    if (status == 0) status = cotree_assembly_move(a, t, m->z);
+    if (status == COTREE_ASSEMBLY_VIOLATED && a->culprit >= 0) {
         return fmu_refuse(m,
                           "the initial values violate the constraints, and what is given leaves no "
-                          "way to mend that: change initial values or parameters");
+                          "way to mend that: '%s' is not met, so change initial values or "
+                          "parameters",
+                          a->tables->rows[a->culprit].name);
     }
-    m->numbers[FMU_IS_CHOSEN] = (double)cotree_jumps_is_chosen(&m->jumps, t, m->room, m->z);
-    if (m->model->start != NULL) {
-        /* Conditions on what is no state; they hold at the defaults. */
-        double *const found = m->dense;
-        if (m->model->start(t, m->z, m->u, m->p, m->k, found) != 0)
-            return fmu_refuse(m, "the start has no values");
-        for (i = 0; i < m->tables->n_conditions; ++i) {
-            if (fabs(found[i]) <= 1e-9) continue;
-            return fmu_refuse(m, "an initial value of a joint that is no state cannot be kept with "
-                                 "these parameters: set them after the initialization");
-        }
+    if (status != 0) {
+        return fmu_refuse(m, "the constraints have no values at the initial states");
     }
+    m->numbers[FMU_IS_CHOSEN] = (double)cotree_assembly_is_chosen(a, t, m->room, m->z);
     return 0;
 }
 
@@ -166,13 +169,13 @@ int fmu_start(fmu *m)
     m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
     fmu_forget(m);
     m->numbers[FMU_IS_STARTED] = 1.0; /* what is called here asks for no start */
-    if (put_values(m) != 0 || settle(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
+    if (put_values(m) != 0 || assemble(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
         settle_modes(m) != 0) {
         m->numbers[FMU_IS_STARTED] = 0.0;
         return 1;
     }
     for (j = 0; j < m_s; ++j) {
-        const int seed = m->tables->seeds[j];
+        const int seed = m->tables->start_tables->seeds[j];
         double *const s = m->z + N_STATES * (1 + j);
         for (i = 0; i < m->tables->partials.n_columns; ++i) m->seed[i] = 0.0;
         m->seed[seed < 0 ? -1 - seed : N_STATES + m->tables->n_inputs + seed] = 1.0;
@@ -199,98 +202,27 @@ int fmu_leave_initialization(fmu *m)
 
 /* Derivatives of the start. */
 
-/* Writes the least step x with A x = -r, for n rows of n_columns entries each, by orthogonal rows;
- * returns the rank, or -1 where no x does so. */
-static int find_least_step(const fmu *m, int n, int n_columns, double *a, double *r, double *x)
+/* Moves what is not given of one level along with the constraints. */
+static int follow(fmu *m, double *seed, int level)
 {
-    double largest = 0.0, missed = 0.0, size = 0.0;
-    int i, k, rank = 0, row;
-    for (i = 0; i < n_columns; ++i) x[i] = 0.0;
-    for (i = 0; i < n; ++i) size = fmax(size, fabs(r[i]));
-    (void)m;
-    for (rank = 0; rank < n; ++rank) {
-        double longest = 0.0, scale;
-        int place = rank;
-        for (row = rank; row < n; ++row) {
-            double length = 0.0;
-            for (i = 0; i < n_columns; ++i)
-                length += a[row * n_columns + i] * a[row * n_columns + i];
-            if (length > longest) {
-                longest = length;
-                place = row;
-            }
-        }
-        scale = sqrt(longest);
-        if (rank == 0) largest = scale;
-        if (!(scale > 0.0 && scale > RANK * largest)) break;
-        for (i = 0; i < n_columns; ++i) {
-            const double entry = a[place * n_columns + i];
-            a[place * n_columns + i] = a[rank * n_columns + i];
-            a[rank * n_columns + i] = entry / scale;
-        }
-        {
-            const double entry = r[place];
-            r[place] = r[rank];
-            r[rank] = entry / scale;
-        }
-        /* Twice, so that what is left is orthogonal to rounding. */
-        for (row = rank + 1; row < n; ++row) {
-            for (k = 0; k < 2; ++k) {
-                double along = 0.0;
-                for (i = 0; i < n_columns; ++i)
-                    along += a[row * n_columns + i] * a[rank * n_columns + i];
-                for (i = 0; i < n_columns; ++i)
-                    a[row * n_columns + i] -= along * a[rank * n_columns + i];
-                r[row] -= along * r[rank];
-            }
-        }
-        for (i = 0; i < n_columns; ++i) x[i] -= r[rank] * a[rank * n_columns + i];
-    }
-    for (row = rank; row < n; ++row) missed = fmax(missed, fabs(r[row]));
-    return missed > FOLLOWED * (size + DBL_MIN) && missed > FOLLOWED * DBL_EPSILON ? -1 : rank;
-}
-
-/* Lets what is not given of one level follow from the constraints. */
-static int follow(fmu *m, const int *is_known, double *seed, int level)
-{
-    const cotree_hybrid *const shape = m->tables->shape;
+    const cotree_assembly_tables *const rows = m->assembly.tables;
     const fmu_pattern *const c = &m->tables->constraints;
-    const int n_norms = m->model->n_constraints - shape->n_values - shape->n_rows;
-    const int first = level == 0 ? 0 : shape->n_coordinates;
-    const int n_own = level == 0 ? shape->n_coordinates : shape->n_speeds;
-    const int n = level == 0 ? shape->n_values + n_norms : shape->n_rows;
-    double *const a = m->dense, *const r = m->solved, *const x = r + m->model->n_constraints + 1;
-    int i, j, n_free = 0;
-    for (i = 0; i < n; ++i) r[i] = 0.0;
-    for (i = first; i < first + n_own; ++i) {
-        m->pivots[i] = is_kept(m, i) || (is_known != NULL && is_known[i]) ? -1 : n_free++;
-    }
-    for (i = 0; i < n * n_free; ++i) a[i] = 0.0;
+    const int n_held = rows->n_values + rows->n_rows, n = n_held + rows->n_conditions;
+    double *const rates = m->solved;
+    int i, j;
+    for (i = 0; i < n; ++i) rates[i] = 0.0;
     for (j = 0; j < c->n_columns; ++j) {
         for (i = c->starts[j]; i < c->starts[j + 1]; ++i) {
-            int row = c->rows[i];
-            /* Values, then rates, then norms, which belong to the values. */
-            if (level == 1) {
-                row -= shape->n_values;
-            } else if (row >= shape->n_values + shape->n_rows) {
-                row -= shape->n_rows;
-            } else if (row >= shape->n_values) {
-                continue;
-            }
-            if (row < 0 || row >= n) continue;
-            r[row] += m->moved[i] * seed[j];
-            if (j >= first && j < first + n_own && m->pivots[j] >= 0) {
-                a[row * n_free + m->pivots[j]] = m->moved[i];
-            }
+            /* Norms of quaternions stand between constraints and conditions. */
+            const int row = c->rows[i], last = row - rows->n_quaternions;
+            if (row >= n_held && row < n_held + rows->n_quaternions) continue;
+            rates[row < n_held ? row : last] += m->moved[i] * seed[j];
         }
     }
-    if (find_least_step(m, n, n_free, a, r, x) < 0) {
+    if (cotree_assembly_follow(&m->assembly, m->numbers[FMU_NOW], m->z, level, rates, seed) != 0) {
         return fmu_refuse(
             m, "the start has no such derivative: no motion makes up for what it changes "
                "of the constraints");
-    }
-    for (i = first; i < first + n_own; ++i) {
-        if (m->pivots[i] >= 0) seed[i] += x[m->pivots[i]];
     }
     return 0;
 }
@@ -316,13 +248,13 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
         if (of_p[j] == 0.0) continue;
         for (i = initial->starts[j]; i < initial->starts[j + 1]; ++i) {
             const int row = initial->rows[i];
-            const int is_found = tables->is_found && !tables->given[row];
+            const int is_found = tables->is_found && !tables->start_tables->given[row];
             const int is_fixed = m->is_own[row] != 0.0 || (is_known != NULL && is_known[row]);
             if (row >= N_RATES || is_found || is_fixed) continue;
             seed[row] += m->initial[i] * of_p[j];
         }
     }
-    if (tables->shape == NULL) return 0;
+    if (tables->start_tables->assembly == NULL) return 0;
     if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
         return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
                              "initial values that satisfy the constraints");
@@ -331,5 +263,7 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
     if (tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
         return fmu_refuse(m, "the constraints have no derivatives");
     }
-    return follow(m, is_known, seed, 0) != 0 ? 1 : follow(m, is_known, seed, 1);
+    keep(m, is_known);
+    cotree_assembly_turn(&m->assembly, m->z, seed);
+    return follow(m, seed, 0) != 0 ? 1 : follow(m, seed, 1);
 }

@@ -26,7 +26,7 @@ static int replace_inputs(double t, double *u, void *context)
 /* The size of a parameter of sensitivity; that of an initial value is one. */
 static double size_of(const fmu *m, int j)
 {
-    const int seed = m->tables->seeds[j];
+    const int seed = m->tables->start_tables->seeds[j];
     return seed < 0 ? 1.0 : fabs(m->p[seed]);
 }
 

@@ -24,6 +24,19 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
     const int n = model->n_states, m = run->n_blocks - 1, n_values = h->n_events + h->n_jumps;
+    const cotree_assembly_tables constraints = {h->n_coordinates,
+                                                h->n_speeds,
+                                                h->n_values,
+                                                h->n_rows,
+                                                h->value_rows,
+                                                h->n_quaternions,
+                                                h->quaternions,
+                                                0,
+                                                NULL,
+                                                0,
+                                                NULL,
+                                                0,
+                                                NULL};
     int n_forces;
     j->run = run;
     j->hybrid = h;
@@ -35,14 +48,6 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     j->state_rates = cotree_take_doubles(room, n);
     j->value_slopes = cotree_take_doubles(room, m * n_values);
     j->new_values = cotree_take_doubles(room, h->n_jumps);
-    j->residual = cotree_take_doubles(room, (1 + m) * model->n_constraints);
-    j->gradient = cotree_take_doubles(room, h->n_rows * h->n_speeds);
-    j->basis = cotree_take_doubles(room, h->n_rows * h->n_speeds);
-    j->triangle = cotree_take_doubles(room, h->n_rows * h->n_rows);
-    j->weights = cotree_take_doubles(room, h->n_rows);
-    j->step = cotree_take_doubles(room, h->n_speeds);
-    j->best = cotree_take_doubles(room, n);
-    j->trial = cotree_take_doubles(room, n);
     j->given = cotree_take_doubles(room, n);
     n_forces = count_impulse_forces(h);
     if (n_forces > 0) {
@@ -52,9 +57,8 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
         j->impulse_forces = cotree_take_doubles(room, 2 * n_forces * run->n_blocks);
         j->force_slopes = cotree_take_doubles(room, m * n_values);
     }
-    j->is_kept = cotree_take_ints(room, n);
-    j->is_free = cotree_take_ints(room, h->n_speeds);
-    j->order = cotree_take_ints(room, h->n_rows);
+    j->constraints = constraints;
+    if (model->n_constraints > 0) cotree_assembly_init(&j->assembly, run, &j->constraints, room);
 }
 
 /* Compute all states at a point, and the inputs there; t is moved into the segment. */
@@ -112,12 +116,12 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     int i, status;
     if (!cotree_run_is_constrained(run)) return 0;
     status = cotree_run_inputs(run, t);
-    for (i = 0; i < N_STATES; ++i) j->is_kept[i] = 0;
-    for (i = 0; i < row->n_prescribed; ++i) j->is_kept[row->targets[i]] = 1;
-    if (status == 0) status = cotree_normalise(j, x);
+    for (i = 0; i < N_STATES; ++i) j->assembly.is_kept[i] = 0;
+    for (i = 0; i < row->n_prescribed; ++i) j->assembly.is_kept[row->targets[i]] = 1;
+    if (status == 0) status = cotree_assembly_normalise(&j->assembly, x);
     if (status != 0 || MODEL->gradient == NULL) return status;
     for (i = 0; i < N_STATES; ++i) j->given[i] = x[i];
-    status = cotree_jumps_settle(j, t, x);
+    status = cotree_assembly_move(&j->assembly, t, x);
     if (status <= 0 || run->helper == NULL) return status;
     if (run->helper->find_states(t, j->given, row->targets, row->n_prescribed,
                                  run->helper->context) != 0) {
@@ -140,7 +144,8 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     for (i = 0; i < N_STATES; ++i) given[i] = j->after[i];
     status = settle_states(j, row, t, j->after);
     if (status != 0) return status;
-    if (N_SENSITIVITIES > 0 && is_constrained && cotree_is_chosen(j, t, given, j->after)) {
+    if (N_SENSITIVITIES > 0 && is_constrained &&
+        cotree_assembly_is_chosen(&j->assembly, t, given, j->after)) {
         return COTREE_JUMPS_CHOOSE;
     }
     cotree_run_narrow(run, t, j->after, w);
@@ -156,7 +161,8 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
         for (i = 0; i < run->n_rates; ++i) own[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
         for (; i < N_STATES; ++i) own[i] = COTREE_F(0.0);
     }
-    if (is_constrained) status = cotree_settle_sensitivities(j, t, j->after, s);
+    if (is_constrained)
+        status = cotree_assembly_move_sensitivities(&j->assembly, t, j->after, NULL, s);
     if (status != 0) return status;
     cotree_run_narrow(run, t, j->after, w);
     status = cotree_run_find(run, t, w);
@@ -210,20 +216,6 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
         if (cotree_jumps_new_value(j, i) != w[target]) x[target] = cotree_jumps_new_value(j, i);
     }
     return status == 0 ? cotree_jumps_state_rates(j, t, x, other) : status;
-}
-
-int cotree_jumps_settle(cotree_jumps *j, cotree_real t, cotree_real *x)
-{
-    int status = cotree_normalise(j, x);
-    if (status != 0 || MODEL->gradient == NULL) return status;
-    status = cotree_settle(j, t, x, 0);
-    return status == 0 ? cotree_settle(j, t, x, 1) : status;
-}
-
-int cotree_jumps_is_chosen(cotree_jumps *j, cotree_real t, const cotree_real *from,
-                           const cotree_real *to)
-{
-    return cotree_is_chosen(j, t, from, to);
 }
 
 /* Evaluate what holds before an event: states, rates, and derivatives of the event functions. */

@@ -12,6 +12,7 @@
 #ifndef COTREE_JUMPS_H
 #define COTREE_JUMPS_H
 
+#include "cotree_assembly.h"
 #include "cotree_run.h"
 
 #ifdef __cplusplus
@@ -19,7 +20,8 @@ extern "C" {
 #endif
 
 /* Results in addition to those of kernels. */
-#define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
+/* the new values contradict the constraints */
+#define COTREE_JUMPS_CONTRADICT COTREE_ASSEMBLY_VIOLATED
 #define COTREE_JUMPS_CHOOSE 101 /* the projection is not unique, so that no sensitivities exist */
 
 /* Kinds of events. A jump chooses a mode of a discontinuous expression; its event function is
@@ -56,8 +58,9 @@ typedef struct cotree_jumps {
     cotree_real *state_rates, *value_slopes, *new_values;
     /* Of impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
-    cotree_real *residual, *gradient, *basis, *triangle, *weights, *step, *best, *trial, *given;
-    int *is_kept, *is_free, *order;
+    cotree_real *given;
+    cotree_assembly_tables constraints;
+    cotree_assembly assembly; /* of constrained models */
 } cotree_jumps;
 
 /* An impulse at several constraints. */
@@ -86,14 +89,6 @@ int cotree_jumps_ranges(cotree_jumps *j, cotree_real t, const cotree_real *box,
 
 /* Compute rates. */
 int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w);
-
-/* Project states onto the constraints: those marked in is_kept stay, and the others change by
- * the minimum norm. run->u holds the inputs. */
-int cotree_jumps_settle(cotree_jumps *j, cotree_real t, cotree_real *x);
-
-/* Return whether the projection between two points was one of several. */
-int cotree_jumps_is_chosen(cotree_jumps *j, cotree_real t, const cotree_real *from,
-                           const cotree_real *to);
 
 /* Apply an event: change w, and write before, after and, unless the time is fixed,
  * time_sensitivity. */

@@ -69,7 +69,7 @@ class FmuKernels:
     initial : Partials
         Initial states by parameters.
     constraints : Partials
-        Constraints by the columns of ``partials``.
+        Constraints, then conditions on the start, by the columns of ``partials``.
     stops : Kernel or None
         Upper bounds of steps; then first time and period of each stop, with derivatives of both
         along each sensitivity. None where there are neither.
@@ -126,7 +126,13 @@ def form_kernels(program: Program, outside: Sequence[int]) -> FmuKernels:
             program,
             "constraint_partials",
             _STATE,
-            substitute(list(kernels["constraints"].results), signals),
+            substitute(
+                [
+                    *kernels["constraints"].results,
+                    *kernels["start"].results[: len(layout.start_rows)],
+                ],
+                signals,
+            ),
             columns,
         ),
         stops,

@@ -14,6 +14,7 @@ from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
 from cotree.codegen.render import render
 from cotree.codegen.runtime import source_texts, with_runtime
+from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.targets import DOUBLE
 from cotree.naming import c_identifier, c_string
 from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
@@ -52,7 +53,6 @@ class TablesContext(KernelFile):
     is_at_rest: bool
     has_states: bool
     has_sizes: bool
-    n_seeds: int
     rtol: str
     atol: str
     span: str
@@ -61,14 +61,7 @@ class TablesContext(KernelFile):
     n_stops: int
     has_stops: bool
     n_limits: int
-    n_conditions: int
-    n_start: int
-    has_shape: bool
-    n_coordinates: int
-    n_speeds: int
-    n_values: int
-    n_rows: int
-    n_quaternions: int
+    start_tables: StartTables
     patterns: list[PatternContext]
     arrays: list[Constants]
 
@@ -184,7 +177,6 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         is_at_rest=facts.is_at_rest,
         has_states=bool(layout.states),
         has_sizes=bool(facts.sizes),
-        n_seeds=len(layout.sensitivities),
         rtol=DOUBLE.literal(facts.rtol),
         atol=DOUBLE.literal(facts.atol),
         span=DOUBLE.literal(facts.t_end),
@@ -193,14 +185,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         n_stops=len(kernels.starts),
         has_stops=kernels.stops is not None,
         n_limits=kernels.n_limits,
-        n_conditions=len(layout.start_rows),
-        n_start=len(program.kernels["start"].results),
-        has_shape=bool(layout.constraints),
-        n_coordinates=layout.n_coordinates,
-        n_speeds=layout.n_speeds,
-        n_values=len(layout.value_rows),
-        n_rows=len(layout.constraint_edges),
-        n_quaternions=len(layout.quaternions),
+        start_tables=start_tables(layout),
         patterns=[
             PatternContext(own.name, own.n_rows, own.n_columns, len(own.rows))
             for own in (kernels.partials, kernels.initial, kernels.constraints)
@@ -212,20 +197,12 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
 def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Constants]:
     layout = program.layout
     signals = [i for i in range(len(layout.inputs)) if i not in facts.outside]
-    places = {row.name: i for i, row in enumerate(layout.parameters)}
-    states = {row.name: i for i, row in enumerate(layout.states)}
-    seeds = [places[name] if name in places else -1 - states[name] for name in layout.sensitivities]
     yield from _ints("inputs", facts.outside)
     yield from _doubles("values", facts.input_values)
     yield from _ints("signals", signals)
     yield from _doubles("start", facts.start)
-    yield from _ints("given", [int(is_given) for is_given in layout.given])
     yield from _doubles("sizes", facts.sizes)
-    yield from _ints("seeds", seeds)
     yield from _ints("stop_starts", [int(starts) for starts in kernels.starts])
-    if layout.constraints:
-        yield from _ints("value_rows", layout.value_rows)
-        yield from _ints("quaternions", layout.quaternions)
     for own in (kernels.partials, kernels.initial, kernels.constraints):
         yield from _pattern(own)
 

@@ -1,0 +1,124 @@
+"""Tables of a consistent start, see ``start/cotree_start.h``: as numbers, and as C text.
+
+In: the layout of a program. Out: ``StartTables``, which templates print and callers of C fill in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.codegen.printing import Constants, int_table
+from cotree.equations import Quantity
+from cotree.naming import c_string, split_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.program import Layout
+
+
+@dataclass(frozen=True)
+class StartTables:
+    """Tables of a model's start; the attributes are named as the fields in C.
+
+    Attributes
+    ----------
+    n_coordinates, n_speeds, n_values, n_rows, n_start, n_groups : int
+        Numbers.
+    value_rows, quaternions, is_rate, groups, given, seeds, contents : tuple of int
+        Arrays.
+    redundant_starts, redundant_states : tuple of int
+        The states that each redundant value follows from, one after another.
+    rows, redundant : tuple of Quantity
+        Names and units.
+    """
+
+    n_coordinates: int
+    n_speeds: int
+    n_values: int
+    n_rows: int
+    n_start: int
+    n_groups: int
+    value_rows: tuple[int, ...]
+    quaternions: tuple[int, ...]
+    is_rate: tuple[int, ...]
+    groups: tuple[int, ...]
+    given: tuple[int, ...]
+    seeds: tuple[int, ...]
+    contents: tuple[int, ...]
+    redundant_starts: tuple[int, ...]
+    redundant_states: tuple[int, ...]
+    rows: tuple[Quantity, ...]
+    redundant: tuple[Quantity, ...]
+
+    @property
+    def has_assembly(self) -> bool:
+        """Whether there are constraints, or conditions on the start."""
+        return bool(self.rows or self.quaternions or self.n_start)
+
+    @property
+    def arrays(self) -> list[Constants]:
+        """The arrays as C text, each named as its field with ``start_`` before it."""
+        numbers = {
+            name: getattr(self, name)
+            for name in ("given", "seeds", "contents")
+            + ("value_rows", "quaternions", "is_rate", "groups") * self.has_assembly
+            + ("redundant_starts", "redundant_states") * bool(self.redundant)
+        }
+        found = [int_table(f"start_{name}", values) for name, values in numbers.items() if values]
+        for name in ("rows", "redundant"):
+            quantities = getattr(self, name)
+            if quantities:
+                lines = [f"{{{c_string(row.name)}, {c_string(row.unit)}}}," for row in quantities]
+                found.append(Constants("cotree_quantity", f"start_{name}", len(lines), lines))
+        return found
+
+
+def start_tables(layout: Layout) -> StartTables:
+    """Gather the tables of a model's start."""
+    n_rows = len(layout.constraint_edges)
+    n_values = len(layout.constraints) - n_rows - len(layout.quaternions)
+    conditions = [Quantity(*row) for row in zip(layout.start_rows, layout.start_units, strict=True)]
+    rates = layout.constraints[n_values : n_values + n_rows]
+    # Axes across which an edge holds are arbitrary, so its rows of one unit form a group.
+    edges = [(edge, row.unit) for edge, row in zip(layout.constraint_edges, rates, strict=True)]
+    edges += [(split_name(row.name)[0], row.unit) for row in conditions]
+    numbers = {edge: i for i, edge in enumerate(dict.fromkeys(edges))}
+    states = [row.name for row in layout.states]
+    read = [[states.index(name) for name in row.states] for row in layout.redundant]
+    return StartTables(
+        n_coordinates=layout.n_coordinates,
+        n_speeds=layout.n_speeds,
+        n_values=n_values,
+        n_rows=n_rows,
+        n_start=len(conditions) + 2 * len(layout.redundant),
+        n_groups=len(numbers),
+        value_rows=layout.value_rows,
+        quaternions=layout.quaternions,
+        is_rate=tuple(map(int, layout.start_is_rate)),
+        groups=tuple(numbers[edge] for edge in edges),
+        given=tuple(map(int, layout.given)),
+        seeds=tuple(_seeds(layout, states)),
+        contents=tuple(place for pair in zip(*layout.followers, strict=True) for place in pair),
+        redundant_starts=tuple(_ends(read)),
+        redundant_states=tuple(place for own in read for place in own),
+        rows=(*layout.constraints[: n_values + n_rows], *conditions),
+        redundant=tuple(Quantity(row.name, "") for row in layout.redundant),
+    )
+
+
+def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:
+    """Give the parameter of each sensitivity, or -1 less the state."""
+    places = {row.name: i for i, row in enumerate(layout.parameters)}
+    return (
+        places[name] if name in places else -1 - states.index(name) for name in layout.sensitivities
+    )
+
+
+def _ends(read: Iterable[Sequence[int]]) -> Iterable[int]:
+    end = 0
+    yield end
+    for own in read:
+        end += len(own)
+        yield end

@@ -1,0 +1,107 @@
+/* cotree_least.c: complete orthogonal factorisation by the modified Gram-Schmidt process.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_least.h"
+
+#include <math.h>
+
+/* Each projection is done twice: what is left is then orthogonal to rounding. */
+#define PASSES 2
+
+void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_room *room)
+{
+    a->n_columns = n_columns;
+    a->n_rows = a->rank = 0;
+    a->stride = most_rows;
+    a->rows = cotree_take_doubles(room, most_rows * n_columns);
+    a->basis = cotree_take_doubles(room, most_rows * n_columns);
+    a->lower = cotree_take_doubles(room, most_rows * most_rows);
+    a->upper = cotree_take_doubles(room, most_rows * most_rows);
+    a->weights = cotree_take_doubles(room, most_rows);
+}
+
+static cotree_real product(const cotree_real *x, const cotree_real *y, int n, int stride)
+{
+    cotree_real sum = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < n; ++i) sum += x[i * stride] * y[i * stride];
+    return sum;
+}
+
+/* A = L Q: takes the longest remaining row as the next of Q and subtracts its share of all. */
+static void factorise_rows(cotree_least *a, cotree_real size)
+{
+    const int n = a->n_columns, stride = a->stride;
+    int i, k, r;
+    for (a->rank = 0; a->rank < a->n_rows && a->rank < n; ++a->rank) {
+        cotree_real *const q = a->basis + a->rank * n;
+        cotree_real longest = COTREE_F(0.0), length;
+        int pivot = 0;
+        for (r = 0; r < a->n_rows; ++r) {
+            length = product(a->rows + r * n, a->rows + r * n, n, 1);
+            if (length > longest) {
+                longest = length;
+                pivot = r;
+            }
+        }
+        length = COTREE_SQRT(longest);
+        if (a->rank == 0) size = COTREE_FMAX(size, length);
+        if (!(length > COTREE_F(0.0) && length > COTREE_RANK * size)) break;
+        for (i = 0; i < n; ++i) q[i] = a->rows[pivot * n + i] / length;
+        for (r = 0; r < a->n_rows; ++r) {
+            cotree_real *const row = a->rows + r * n;
+            cotree_real whole = COTREE_F(0.0);
+            for (k = 0; k < PASSES; ++k) {
+                const cotree_real along = product(row, q, n, 1);
+                for (i = 0; i < n; ++i) row[i] -= along * q[i];
+                whole += along;
+            }
+            a->lower[r * stride + a->rank] = whole;
+        }
+        for (i = 0; i < n; ++i) a->rows[pivot * n + i] = COTREE_F(0.0);
+    }
+}
+
+/* L = U R, in place of L; the columns of L are independent. */
+static void factorise_columns(cotree_least *a)
+{
+    const int stride = a->stride;
+    int j, k, pass, r;
+    for (j = 0; j < a->rank; ++j) {
+        cotree_real *const u = a->lower + j;
+        cotree_real length;
+        for (k = 0; k < j; ++k) a->upper[k * stride + j] = COTREE_F(0.0);
+        for (pass = 0; pass < PASSES; ++pass) {
+            for (k = 0; k < j; ++k) {
+                const cotree_real along = product(u, a->lower + k, a->n_rows, stride);
+                for (r = 0; r < a->n_rows; ++r) u[r * stride] -= along * a->lower[r * stride + k];
+                a->upper[k * stride + j] += along;
+            }
+        }
+        length = COTREE_SQRT(product(u, u, a->n_rows, stride));
+        for (r = 0; r < a->n_rows; ++r) u[r * stride] /= length;
+        a->upper[j * stride + j] = length;
+    }
+}
+
+int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size)
+{
+    a->n_rows = n_rows;
+    factorise_rows(a, size);
+    factorise_columns(a);
+    return a->rank;
+}
+
+void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x)
+{
+    const int n = a->n_columns, stride = a->stride;
+    int i, k, r;
+    for (i = 0; i < n; ++i) x[i] = COTREE_F(0.0);
+    for (k = a->rank - 1; k >= 0; --k) {
+        cotree_real weight = COTREE_F(0.0);
+        for (r = 0; r < a->n_rows; ++r) weight -= a->lower[r * stride + k] * b[r];
+        for (i = k + 1; i < a->rank; ++i) weight -= a->upper[k * stride + i] * a->weights[i];
+        a->weights[k] = weight / a->upper[k * stride + k];
+        for (i = 0; i < n; ++i) x[i] += a->weights[k] * a->basis[k * n + i];
+    }
+}

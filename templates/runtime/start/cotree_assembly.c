@@ -1,0 +1,642 @@
+/* cotree_assembly.c: Gauss-Newton steps of least length onto the constraints.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_assembly.h"
+
+#include <math.h>
+#include <stddef.h>
+
+/* Residuals below MET times the size of the states are met, those below ROUNDED are rounding. One
+ * step turns nothing by more than LONGEST, [rad], which might leave the branch. A step below
+ * SETTLED is the last, and so is one below COTREE_SMALL_CORRECTION that is not half of the one
+ * before it. */
+#define MOST_STEPS 50
+#define MET COTREE_SELECT(1e-11, 1.5e-05f)
+#define ROUNDED COTREE_SELECT(1e-15, 2.4e-07f)
+#define SETTLED (COTREE_F(4.0) * COTREE_EPSILON)
+#define LONGEST COTREE_F(0.5)
+
+/* How often, and how far, other points are tried where a search fails: gradients may vanish, as
+ * that of a length does across it. */
+#define MOST_TRIES 4
+#define ASIDE COTREE_F(0.1)
+
+/* A derivative of a residual is followed if what is left of it is below the first share of the
+ * largest one, or below the second share of the terms that it sums. */
+#define FOLLOWED COTREE_SELECT(1e-8, 3.5e-04f)
+#define ROUNDED_SUM COTREE_SELECT(1e-13, 1.2e-05f)
+
+/* The unit of length: lever arms are looked at in POSITIONS positions, with joints turned by about
+ * TURNED, [rad]. Shares of squares below NO_PART are rounding, and so are lengths below NO_LENGTH,
+ * [m]. */
+#define POSITIONS 3
+#define TURNED COTREE_F(0.5)
+#define NO_PART COTREE_SELECT(1e-12, 1e-05f)
+#define NO_LENGTH COTREE_SELECT(1e-9, 1e-06f)
+
+#define MODEL (a->run->model)
+#define N_STATES (a->run->model->n_states)
+#define N_SENSITIVITIES (a->run->n_blocks - 1)
+#define N_COORDINATES (a->tables->n_coordinates)
+#define N_SPEEDS (a->tables->n_speeds)
+
+void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
+                          cotree_room *room)
+{
+    const cotree_model *const model = run->model;
+    const int n = model->n_states, m = run->n_blocks - 1;
+    const int n_all = tables->n_rows + tables->n_conditions;
+    a->run = run;
+    a->tables = tables;
+    a->holds[0] = a->holds[1] = 1;
+    a->length = COTREE_F(1.0);
+    a->culprit = a->column = -1;
+    a->is_kept = cotree_take_ints(room, n);
+    a->places = cotree_take_ints(room, n_all);
+    a->is_free = cotree_take_ints(room, tables->n_speeds);
+    a->residual = cotree_take_doubles(room, model->n_constraints);
+    a->conditions = cotree_take_doubles(room, tables->n_start);
+    a->gradient = cotree_take_doubles(room, tables->n_rows * tables->n_speeds);
+    a->start_gradient = cotree_take_doubles(room, tables->n_conditions * tables->n_speeds);
+    a->slopes = cotree_take_doubles(room, m * model->n_constraints);
+    a->start_slopes = cotree_take_doubles(room, m * tables->n_start);
+    a->values = cotree_take_doubles(room, tables->n_values + n_all);
+    a->step = cotree_take_doubles(room, tables->n_speeds);
+    a->change = cotree_take_doubles(room, tables->n_coordinates);
+    a->best = cotree_take_doubles(room, n);
+    a->trial = cotree_take_doubles(room, n);
+    a->aside = cotree_take_doubles(room, n);
+    a->parts = cotree_take_doubles(room, 3 * POSITIONS * tables->n_groups);
+    cotree_least_init(&a->least, n_all, tables->n_speeds, room);
+}
+
+static int is_quaternion(const cotree_assembly *a, int state)
+{
+    int i;
+    for (i = 0; i < a->tables->n_quaternions; ++i) {
+        if (a->tables->quaternions[i] == state) return 1;
+    }
+    return 0;
+}
+
+void cotree_assembly_hold(cotree_assembly *a, const int *is_set)
+{
+    int i, level;
+    for (level = 0; level < 2; ++level) {
+        const int first = level == 0 ? 0 : N_COORDINATES;
+        const int end = level == 0 ? N_COORDINATES : N_COORDINATES + N_SPEEDS;
+        int is_all = 1;
+        for (i = first; i < end; ++i) is_all = is_all && is_set[i];
+        a->holds[level] = !is_all;
+    }
+}
+
+/* Units. */
+
+static int is_angular(const cotree_assembly *a, int speed)
+{
+    const char *const unit = MODEL->states[N_COORDINATES + speed].unit;
+    return unit[0] == 'r' && unit[1] == 'a' && unit[2] == 'd';
+}
+
+/* The size of a unit of a speed's direction, in its own unit. */
+static cotree_real unit_of_speed(const cotree_assembly *a, int i)
+{
+    return is_angular(a, i) ? COTREE_F(1.0) : a->length;
+}
+
+static int is_shift(const cotree_assembly *a, int coordinate)
+{
+    const char *const unit = MODEL->states[coordinate].unit;
+    return unit[0] == 'm' && unit[1] == '\0';
+}
+
+static int is_length(const cotree_assembly *a, int row)
+{
+    return a->tables->rows != NULL && a->tables->rows[row].unit[0] == 'm';
+}
+
+static cotree_real unit_of_row(const cotree_assembly *a, int row)
+{
+    return is_length(a, row) ? a->length : COTREE_F(1.0);
+}
+
+/* A coordinate or a speed free of units of length. */
+static cotree_real scaled(const cotree_assembly *a, const cotree_real *x, int i)
+{
+    if (i >= N_COORDINATES) return x[i] / unit_of_speed(a, i - N_COORDINATES);
+    return is_shift(a, i) ? x[i] / a->length : x[i];
+}
+
+/* The size of what residuals of a level are made of, at least 1. */
+static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int level)
+{
+    const int n = N_COORDINATES + (level == 1 ? N_SPEEDS : 0);
+    cotree_real largest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < n; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(scaled(a, x, i)));
+    return COTREE_F(1.0) + largest;
+}
+
+/* Rows and directions of a level. */
+
+/* Lists the rows of a level: its constraints, then its conditions. */
+static void list_rows(cotree_assembly *a, int level, int has_conditions)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    const int first = level == 0 ? 0 : tables->n_values;
+    const int n = level == 0 ? tables->n_values : tables->n_rows;
+    int i;
+    for (i = 0; i < n; ++i) a->places[i] = first + i;
+    a->n_own = n;
+    for (i = 0; i < tables->n_conditions && has_conditions && a->holds[level]; ++i) {
+        if ((tables->is_rate[i] != 0) != level) continue;
+        a->places[a->n_own++] = tables->n_values + tables->n_rows + i;
+    }
+}
+
+/* Marks the directions of motion that nothing kept fixes; returns how many there are. */
+static int find_free(cotree_assembly *a, int level)
+{
+    int i, k, n_free = 0, speed = 0, state = 0;
+    while (speed < N_SPEEDS) {
+        const int is_turning = level == 0 && is_quaternion(a, state);
+        int is_free = 1;
+        if (level == 1) state = N_COORDINATES + speed;
+        for (k = 0; k < (is_turning ? 4 : 1); ++k) is_free = is_free && !a->is_kept[state + k];
+        for (i = 0; i < (is_turning ? 3 : 1); ++i) {
+            a->is_free[speed++] = is_free;
+            n_free += is_free;
+        }
+        state += is_turning ? 4 : 1;
+    }
+    return n_free;
+}
+
+/* The entry of a row of all, from results of both kernels. */
+static cotree_real pick(const cotree_assembly *a, int row, const cotree_real *constraints,
+                        const cotree_real *conditions)
+{
+    const int n = a->tables->n_values + a->tables->n_rows;
+    return row < n ? constraints[row] : conditions[row - n];
+}
+
+/* Writes the residuals of the listed rows, free of units, and the largest of them to size. */
+static int find_values(cotree_assembly *a, cotree_real t, const cotree_real *x, cotree_real *size)
+{
+    const cotree_run *const run = a->run;
+    int r, status = 0;
+    if (MODEL->n_constraints > 0)
+        status = MODEL->constraints(t, x, run->u, run->p, run->k, a->residual);
+    if (status == 0 && a->tables->n_conditions > 0)
+        status = MODEL->start(t, x, run->u, run->p, run->k, a->conditions);
+    *size = COTREE_F(0.0);
+    for (r = 0; r < a->n_own; ++r) {
+        const int row = a->places[r];
+        a->values[r] = pick(a, row, a->residual, a->conditions) / unit_of_row(a, row);
+        if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]); /* nan, too */
+    }
+    return status;
+}
+
+/* Writes the gradients of all rows. */
+static int find_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
+{
+    const cotree_run *const run = a->run;
+    int status = 0;
+    if (MODEL->gradient != NULL)
+        status = MODEL->gradient(t, x, run->u, run->p, run->k, a->gradient);
+    if (status == 0 && a->tables->n_conditions > 0)
+        status = MODEL->start_gradient(t, x, run->u, run->p, run->k, a->start_gradient);
+    return status;
+}
+
+/* The gradient of a row: of a constraint of coordinates that of its rate. */
+static const cotree_real *gradient_of(const cotree_assembly *a, int row)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    if (row < tables->n_values) return a->gradient + tables->value_rows[row] * N_SPEEDS;
+    row -= tables->n_values;
+    if (row < tables->n_rows) return a->gradient + row * N_SPEEDS;
+    return a->start_gradient + (row - tables->n_rows) * N_SPEEDS;
+}
+
+/* Factorises the gradients of the listed rows by the free directions, free of units; *largest is
+ * their largest entry. Returns the rank. */
+static int factorise(cotree_assembly *a, cotree_real *largest)
+{
+    cotree_real longest = COTREE_F(0.0);
+    int i, r;
+    *largest = COTREE_F(0.0);
+    for (r = 0; r < a->n_own; ++r) {
+        const cotree_real *const gradient = gradient_of(a, a->places[r]);
+        const cotree_real unit = unit_of_row(a, a->places[r]);
+        cotree_real *const row = a->least.rows + r * N_SPEEDS;
+        cotree_real square = COTREE_F(0.0);
+        for (i = 0; i < N_SPEEDS; ++i) {
+            const cotree_real entry = gradient[i] * unit_of_speed(a, i) / unit;
+            square += entry * entry;
+            row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
+            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* nan, too */
+        }
+        longest = COTREE_FMAX(longest, COTREE_SQRT(square));
+    }
+    return cotree_least_factorise(&a->least, a->n_own, longest);
+}
+
+/* Moves. */
+
+int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
+{
+    int i, k;
+    for (i = 0; i < a->tables->n_quaternions; ++i) {
+        cotree_real *const q = x + a->tables->quaternions[i];
+        cotree_real size = COTREE_F(0.0);
+        for (k = 0; k < 4; ++k) size += q[k] * q[k];
+        if (!(size > COTREE_F(0.0))) return COTREE_ASSEMBLY_VIOLATED;
+        for (k = 0; k < 4; ++k) q[k] /= COTREE_SQRT(size);
+    }
+    return 0;
+}
+
+/* Adds to change what a step, free of units, along the directions of motion at x changes the
+ * coordinates by: of a quaternion q (0, e) / 2, where e turns about its own axes. */
+static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotree_real *step,
+                      cotree_real *change)
+{
+    int state = 0, i = 0;
+    while (state < N_COORDINATES) {
+        if (is_quaternion(a, state)) {
+            const cotree_real *const q = x + state, *const s = step + i;
+            cotree_real *const d = change + state;
+            const cotree_real d0 = -q[1] * s[0] - q[2] * s[1] - q[3] * s[2];
+            const cotree_real d1 = q[0] * s[0] - q[3] * s[1] + q[2] * s[2];
+            const cotree_real d2 = q[3] * s[0] + q[0] * s[1] - q[1] * s[2];
+            const cotree_real d3 = -q[2] * s[0] + q[1] * s[1] + q[0] * s[2];
+            d[0] += COTREE_F(0.5) * d0;
+            d[1] += COTREE_F(0.5) * d1;
+            d[2] += COTREE_F(0.5) * d2;
+            d[3] += COTREE_F(0.5) * d3;
+            state += 4;
+            i += 3;
+        } else {
+            change[state++] += step[i] * unit_of_speed(a, i);
+            ++i;
+        }
+    }
+}
+
+/* Moves coordinates (level 0) or speeds (1) of x along a step. */
+static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_real *x)
+{
+    int i;
+    if (level == 1) {
+        for (i = 0; i < N_SPEEDS; ++i) x[N_COORDINATES + i] += step[i] * unit_of_speed(a, i);
+        return 0;
+    }
+    for (i = 0; i < N_COORDINATES; ++i) a->change[i] = COTREE_F(0.0);
+    add_shift(a, x, step, a->change);
+    for (i = 0; i < N_COORDINATES; ++i) x[i] += a->change[i];
+    return cotree_assembly_normalise(a, x);
+}
+
+static cotree_real largest_of(const cotree_real *x, int n)
+{
+    cotree_real largest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < n; ++i) {
+        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* nan, too */
+    }
+    return largest;
+}
+
+static void copy(int n, const cotree_real *from, cotree_real *to)
+{
+    int i;
+    for (i = 0; i < n; ++i) to[i] = from[i];
+}
+
+/* Takes steps until one is rounding; leaves in x the point of the smallest residual, and that. */
+static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
+                   cotree_real *residual)
+{
+    const cotree_real rounded = ROUNDED * size_of(a, x, level);
+    cotree_real before = COTREE_INFINITY, size;
+    int i, n, status = find_values(a, t, x, residual);
+    size = *residual;
+    copy(N_STATES, x, a->best);
+    for (n = 0; n < MOST_STEPS && status == 0; ++n) {
+        cotree_real length, largest;
+        int is_last;
+        if (size <= rounded || !(size <= COTREE_MAX)) break;
+        status = find_gradients(a, t, x);
+        if (status != 0) break;
+        (void)factorise(a, &largest);
+        /* Without a gradient to speak of, a step would only enlarge rounding. */
+        if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) break;
+        cotree_least_solve(&a->least, a->values, a->step);
+        length = largest_of(a->step, N_SPEEDS);
+        if (level == 0 && length > LONGEST) {
+            for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= LONGEST / length;
+        }
+        length /= size_of(a, x, level);
+        is_last = length <= SETTLED || (length < COTREE_SMALL_CORRECTION &&
+                                        length > COTREE_F(0.5) * before && before <= COTREE_MAX);
+        before = length;
+        status = move(a, level, a->step, x);
+        if (status == 0) status = find_values(a, t, x, &size);
+        if (status != 0) break;
+        if (size < *residual || is_last) {
+            copy(N_STATES, x, a->best);
+            *residual = size;
+        }
+        if (is_last) break;
+    }
+    copy(N_STATES, a->best, x);
+    return status;
+}
+
+/* Numbers spread evenly over an interval about zero, with the standard deviation one. */
+static cotree_real spread(int n)
+{
+    const cotree_real golden = COTREE_F(0.6180339887498949) * (cotree_real)(n + 1);
+    return COTREE_F(1.7320508075688772) *
+           (COTREE_F(2.0) * COTREE_FMOD(golden, COTREE_F(1.0)) - COTREE_F(1.0));
+}
+
+/* Moves the states of a level onto their constraints. */
+static int settle(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
+{
+    const int n_free = find_free(a, level);
+    const cotree_real met = MET * size_of(a, x, level);
+    cotree_real residual, other;
+    int i, n, status;
+    list_rows(a, level, 1);
+    copy(N_STATES, x, a->aside);
+    status = iterate(a, t, x, level, &residual);
+    /* Constraints of speeds are linear in these. */
+    for (n = 0; n < MOST_TRIES && status == 0 && level == 0 && n_free > 0; ++n) {
+        if (residual <= met) return 0;
+        copy(N_STATES, a->aside, a->trial);
+        for (i = 0; i < N_SPEEDS; ++i)
+            a->step[i] = a->is_free[i] ? ASIDE * spread(n * N_SPEEDS + i) : COTREE_F(0.0);
+        status = move(a, 0, a->step, a->trial);
+        if (status == 0) status = iterate(a, t, a->trial, 0, &other);
+        if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
+            copy(N_STATES, a->trial, x);
+            residual = other;
+        }
+    }
+    if (status != 0 || residual <= met) return status;
+    status = find_values(a, t, x, &residual);
+    a->culprit = -1;
+    for (i = 0; i < a->n_own; ++i) {
+        if (!(COTREE_FABS(a->values[i]) < residual)) a->culprit = a->places[i];
+    }
+    return status != 0 ? status : COTREE_ASSEMBLY_VIOLATED;
+}
+
+int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x)
+{
+    int status = cotree_assembly_normalise(a, x);
+    if (status == 0 && a->tables->n_rows + a->tables->n_conditions > 0) {
+        status = settle(a, t, x, 0);
+        if (status == 0) status = settle(a, t, x, 1);
+    }
+    return status;
+}
+
+int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_real *from,
+                              const cotree_real *to)
+{
+    int i, level;
+    if (a->tables->n_rows + a->tables->n_conditions == 0) return 0;
+    for (level = 0; level < 2; ++level) {
+        const int first = level == 0 ? 0 : N_COORDINATES;
+        const int n = level == 0 ? N_COORDINATES : N_SPEEDS;
+        const int n_free = find_free(a, level);
+        cotree_real moved = COTREE_F(0.0), largest;
+        for (i = first; i < first + n; ++i)
+            moved = COTREE_FMAX(moved, COTREE_FABS(scaled(a, to, i) - scaled(a, from, i)));
+        if (moved <= MET * size_of(a, to, level)) continue;
+        list_rows(a, level, 1);
+        if (find_gradients(a, t, to) == 0 && n_free > factorise(a, &largest)) return 1;
+    }
+    return 0;
+}
+
+/* Sensitivities. */
+
+/* Writes to step what follows the changes of the listed rows, which values holds free of units.
+ * Returns whether anything above an allowed share is left; the culprit is what is left most of. */
+static int follow_values(cotree_assembly *a, cotree_real allowed)
+{
+    cotree_real most = COTREE_F(0.0);
+    int i, r;
+    cotree_least_solve(&a->least, a->values, a->step);
+    allowed += FOLLOWED * largest_of(a->values, a->n_own);
+    for (r = 0; r < a->n_own; ++r) {
+        const cotree_real *const gradient = gradient_of(a, a->places[r]);
+        const cotree_real unit = unit_of_row(a, a->places[r]);
+        cotree_real left = a->values[r];
+        for (i = 0; i < N_SPEEDS; ++i)
+            left += gradient[i] * unit_of_speed(a, i) / unit * a->step[i];
+        if (!(COTREE_FABS(left) <= most)) {
+            most = COTREE_FABS(left);
+            a->culprit = a->places[r];
+        }
+    }
+    return !(most <= allowed);
+}
+
+/* Adds a step along the directions of motion of a level to a direction of the states. */
+static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
+                     cotree_real *direction)
+{
+    int i;
+    if (level == 0) {
+        add_shift(a, x, a->step, direction);
+        return;
+    }
+    for (i = 0; i < N_SPEEDS; ++i) direction[N_COORDINATES + i] += a->step[i] * unit_of_speed(a, i);
+}
+
+/* What rounding leaves of the terms of a row that should vanish, along a direction of the states.
+ */
+static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
+{
+    const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);
+    return ROUNDED_SUM * COTREE_FMAX(COTREE_F(1.0), largest) * size;
+}
+
+int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
+                           const cotree_real *rates, cotree_real *direction)
+{
+    cotree_real largest;
+    int r, status = find_gradients(a, t, x);
+    if (status != 0) return status;
+    find_free(a, level);
+    list_rows(a, level, 1);
+    if (a->n_own == 0) return 0;
+    factorise(a, &largest);
+    for (r = 0; r < a->n_own; ++r) {
+        a->values[r] = rates[a->places[r]] / unit_of_row(a, a->places[r]);
+    }
+    if (follow_values(a, rounding_of(a, direction, largest))) return COTREE_ASSEMBLY_STUCK;
+    add_step(a, x, level, direction);
+    return 0;
+}
+
+void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree_real *direction)
+{
+    int i, k;
+    for (i = 0; i < a->tables->n_quaternions; ++i) {
+        const cotree_real *const q = x + a->tables->quaternions[i];
+        cotree_real *const own = direction + a->tables->quaternions[i];
+        cotree_real along = COTREE_F(0.0);
+        for (k = 0; k < 4; ++k) along += q[k] * own[k];
+        for (k = 0; k < 4; ++k) own[k] -= along * q[k];
+    }
+}
+
+/* Lets the sensitivities of one level follow, those by parameters or those by states. */
+static int follow_columns(cotree_assembly *a, const cotree_real *x, int level, const int *seeds,
+                          int is_state, cotree_real *s)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    cotree_real largest;
+    int n, r;
+    list_rows(a, level, !is_state);
+    if (a->n_own == 0) return 0;
+    factorise(a, &largest);
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        const cotree_real *const slopes = a->slopes + n * MODEL->n_constraints;
+        const cotree_real *const start_slopes = a->start_slopes + n * tables->n_start;
+        cotree_real *const own = s + n * N_STATES;
+        cotree_real rounding = COTREE_F(0.0);
+        if (seeds != NULL && (seeds[n] < 0) != is_state) continue;
+        for (r = 0; r < a->n_own; ++r) {
+            const int row = a->places[r];
+            a->values[r] = pick(a, row, slopes, start_slopes) / unit_of_row(a, row);
+        }
+        if (seeds != NULL) {
+            /* A length or an angle of one over a parameter is the size of a derivative by it. */
+            const cotree_real p = seeds[n] < 0 ? COTREE_F(1.0) : COTREE_FABS(a->run->p[seeds[n]]);
+            rounding = rounding_of(a, own, largest) +
+                       ROUNDED_SUM / (p > COTREE_F(0.0) ? p : COTREE_F(1.0));
+        }
+        if (follow_values(a, rounding) && seeds != NULL) {
+            a->column = n;
+            return COTREE_ASSEMBLY_STUCK;
+        }
+        add_step(a, x, level, own);
+    }
+    return 0;
+}
+
+int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const cotree_real *x,
+                                       const int *seeds, cotree_real *s)
+{
+    const cotree_run *const run = a->run;
+    int n, level, status = 0;
+    for (n = 0; n < N_SENSITIVITIES; ++n) cotree_assembly_turn(a, x, s + n * N_STATES);
+    if (a->tables->n_rows + a->tables->n_conditions == 0) return 0;
+    status = find_gradients(a, t, x);
+    for (level = 0; level < 2 && status == 0; ++level) {
+        find_free(a, level);
+        if (MODEL->n_constraints > 0)
+            status = MODEL->constraint_sensitivity(t, x, s, run->u, run->p, run->k, a->slopes);
+        if (status == 0 && a->tables->n_conditions > 0)
+            status = MODEL->start_sensitivity(t, x, s, run->u, run->p, run->k, a->start_slopes);
+        if (status == 0) status = follow_columns(a, x, level, seeds, 0, s);
+        if (status == 0 && seeds != NULL) status = follow_columns(a, x, level, seeds, 1, s);
+    }
+    return status;
+}
+
+/* The unit of length. */
+
+/* Adds the squares of the gradients by turns and by shifts to those of their groups. */
+static void add_parts(cotree_assembly *a, cotree_real *turned, cotree_real *shifted)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    const int n = tables->n_rows + tables->n_conditions;
+    int i, r;
+    for (r = 0; r < n; ++r) {
+        const cotree_real *const row = gradient_of(a, tables->n_values + r);
+        for (i = 0; i < N_SPEEDS; ++i) {
+            (is_angular(a, i) ? turned : shifted)[tables->groups[r]] += row[i] * row[i];
+        }
+    }
+}
+
+/* The longest lever of a shift. */
+static cotree_real longest_lever(const cotree_assembly *a)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    const int n = tables->n_rows + tables->n_conditions;
+    cotree_real longest = COTREE_F(0.0);
+    int i, r;
+    for (r = 0; r < n; ++r) {
+        const cotree_real *const row = gradient_of(a, tables->n_values + r);
+        for (i = 0; i < N_SPEEDS && is_length(a, tables->n_values + r); ++i) {
+            if (is_angular(a, i)) longest = COTREE_FMAX(longest, COTREE_FABS(row[i]));
+        }
+    }
+    return longest;
+}
+
+/* The median of the quotients of turned and shifted parts, where both are there; 0 where none is.
+ */
+static cotree_real middle_of(int n, const cotree_real *turned, const cotree_real *shifted,
+                             cotree_real *sorted)
+{
+    const cotree_real least_turned = NO_PART * NO_PART * largest_of(turned, n);
+    const cotree_real least_shifted = NO_PART * NO_PART * largest_of(shifted, n);
+    int i, k, n_found = 0;
+    for (i = 0; i < n; ++i) {
+        cotree_real length;
+        if (!(turned[i] > least_turned && shifted[i] > least_shifted)) continue;
+        length = COTREE_SQRT(turned[i] / shifted[i]);
+        for (k = n_found++; k > 0 && sorted[k - 1] > length; --k) sorted[k] = sorted[k - 1];
+        sorted[k] = length;
+    }
+    return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
+}
+
+int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x)
+{
+    const int n = POSITIONS * a->tables->n_groups;
+    cotree_real *const turned = a->parts, *const shifted = turned + n, *const sorted = shifted + n;
+    cotree_real far = COTREE_F(0.0), lever = COTREE_F(0.0), found;
+    int i, k, status;
+    a->length = COTREE_F(1.0);
+    if (n == 0) return 0;
+    for (i = 0; i < 2 * n; ++i) turned[i] = COTREE_F(0.0);
+    list_rows(a, 0, 1);
+    status = find_values(a, t, x, &found);
+    for (i = 0; i < a->n_own; ++i) {
+        if (is_length(a, a->places[i])) far = COTREE_FMAX(far, COTREE_FABS(a->values[i]));
+    }
+    for (i = 0; i < N_COORDINATES; ++i) {
+        if (is_shift(a, i)) far = COTREE_FMAX(far, COTREE_FABS(x[i]));
+    }
+    for (k = 0; k < POSITIONS && status == 0; ++k) {
+        copy(N_STATES, x, a->trial);
+        for (i = 0; i < N_COORDINATES; ++i) {
+            if (!is_shift(a, i)) a->trial[i] += TURNED * spread(k * N_COORDINATES + i);
+        }
+        status = cotree_assembly_normalise(a, a->trial);
+        if (status == 0) status = find_gradients(a, t, a->trial);
+        if (status != 0) break;
+        add_parts(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups);
+        lever = COTREE_FMAX(lever, longest_lever(a));
+    }
+    found = middle_of(n, turned, shifted, sorted);
+    if (!(found > NO_PART * far)) {
+        found = COTREE_FMAX(lever, far);
+        if (!(found > NO_LENGTH)) found = COTREE_F(1.0);
+    }
+    a->length = found;
+    return status;
+}
