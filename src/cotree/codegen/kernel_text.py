@@ -15,7 +15,7 @@ from cotree.codegen.result_offsets import starts_of_maps
 from cotree.codegen.stack import n_bytes
 from cotree.codegen.statements import Argument, Array, Assign, LeaveUnless, Loop
 from cotree.codegen.targets import DOUBLE
-from cotree.dag.multi_output import Function, Table, sizes_of
+from cotree.dag.multi_output import Function, Table
 from cotree.dag.operations import OPERATIONS
 from cotree.dag.symbols import ARGUMENT_OF
 from cotree.dag.traverse import reachable
@@ -59,7 +59,6 @@ class KernelFile:
     digest: str
     uses_math: bool
     uses_solve: bool
-    scales_solve: bool
     definite_sizes: list[int]  # of symmetric systems that are written out
     tables: list[Constants]
     lookups: list[str]
@@ -125,7 +124,6 @@ def file_fields(
         "digest": hashlib.sha256("\n".join([*lines, *further]).encode()).hexdigest()[:16],
         "uses_math": bool(solved) or any(map(_is_call, nodes)),
         "uses_solve": bool(solved),
-        "scales_solve": any(map(sizes_of, solved)),
         "definite_sizes": sorted({node.data.size for node in solved if is_written_out(node)}),
         "tables": [
             row

@@ -59,7 +59,7 @@ const char *fmu_category_of(enum fmu_severity severity) { return categories[seve
 int fmu_is_category(const char *name)
 {
     size_t i;
-    for (i = 0; i < sizeof(categories) / sizeof(fmu_category_of(0)); ++i) {
+    for (i = 0; i < sizeof(categories) / sizeof(categories[0]); ++i) {
         if (name != NULL && strcmp(name, categories[i]) == 0) return 1;
     }
     return 0;

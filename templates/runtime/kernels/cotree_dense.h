@@ -1,0 +1,146 @@
+/* cotree_dense.h: linear equations of a few unknowns, of any rank.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#ifndef COTREE_DENSE_H
+#define COTREE_DENSE_H
+
+#include "cotree_real.h"
+
+/* In the place of the first row's number, where a matrix was factorised without exchanges. */
+#define COTREE_NOT_EXCHANGED (-1)
+
+/* Factorises a in place by elimination with complete pivoting. rows[k] and columns[k] say what was
+ * exchanged with k. Returns the rank: pivots below the tolerance times the largest entry, or times
+ * the reference size, count as zero. */
+static inline int cotree_factorise(int n, cotree_real reference, cotree_real tolerance,
+                                   cotree_real *a, int *rows, int *columns)
+{
+    int i, j, k;
+    cotree_real largest = reference;
+    for (i = 0; i < n * n; ++i) {
+        if (COTREE_FABS(a[i]) > largest) largest = COTREE_FABS(a[i]);
+    }
+    /* Of a singular matrix, too, every entry has a value: callers copy all of them. */
+    for (k = 0; k < n; ++k) rows[k] = columns[k] = k;
+    for (k = 0; k < n; ++k) {
+        cotree_real best = COTREE_F(0.0);
+        for (i = k; i < n; ++i) {
+            for (j = k; j < n; ++j) {
+                if (COTREE_FABS(a[i * n + j]) > best) {
+                    best = COTREE_FABS(a[i * n + j]);
+                    rows[k] = i;
+                    columns[k] = j;
+                }
+            }
+        }
+        if (!(best > tolerance * largest)) return k;
+        for (j = 0; j < n; ++j) {
+            const cotree_real entry = a[k * n + j];
+            a[k * n + j] = a[rows[k] * n + j];
+            a[rows[k] * n + j] = entry;
+        }
+        for (i = 0; i < n; ++i) {
+            const cotree_real entry = a[i * n + k];
+            a[i * n + k] = a[i * n + columns[k]];
+            a[i * n + columns[k]] = entry;
+        }
+        for (i = k + 1; i < n; ++i) {
+            a[i * n + k] /= a[k * n + k];
+            for (j = k + 1; j < n; ++j) a[i * n + j] -= a[i * n + k] * a[k * n + j];
+        }
+    }
+    return n;
+}
+
+/* Puts orthonormal directions that the matrix does not see into its rows without a pivot. columns
+ * is as cotree_factorise left it. Returns whether the first n_determined unknowns are left alone by
+ * them: what a 1 of such a direction does to one of these is then below
+ * 1e-9, in single precision 1.2e-4. */
+static inline int cotree_complete(int n, int n_determined, int rank, cotree_real *a,
+                                  const int *columns)
+{
+    int i, j, k, accepted = 1;
+    for (k = rank; k < n; ++k) {
+        cotree_real *free = a + k * n;
+        cotree_real length = COTREE_F(0.0);
+        for (i = 0; i < n; ++i) free[i] = i == k ? COTREE_F(1.0) : COTREE_F(0.0);
+        for (i = rank - 1; i >= 0; --i) {
+            free[i] = -a[i * n + k];
+            for (j = i + 1; j < rank; ++j) free[i] -= a[i * n + j] * free[j];
+            free[i] /= a[i * n + i];
+        }
+        for (j = rank; j < k; ++j) {
+            cotree_real along = COTREE_F(0.0);
+            for (i = 0; i < n; ++i) along += free[i] * a[j * n + i];
+            for (i = 0; i < n; ++i) free[i] -= along * a[j * n + i];
+        }
+        for (i = 0; i < n; ++i) length += free[i] * free[i];
+        length = COTREE_SQRT(length);
+        for (i = 0; i < n; ++i) free[i] /= length;
+        for (i = 0; i < n; ++i) {
+            int place = i; /* of unknown i among the exchanged columns */
+            for (j = 0; j < rank; ++j) {
+                if (place == j) {
+                    place = columns[j];
+                } else if (place == columns[j]) {
+                    place = j;
+                }
+            }
+            if (i < n_determined && COTREE_FABS(free[place]) > COTREE_SELECT(1e-9, 1.2e-04f))
+                accepted = 0;
+        }
+    }
+    return accepted;
+}
+
+/* Solves for one right-hand side, which x holds and the solution overwrites. Where unknowns are
+ * without a pivot, the solution of least norm is taken. */
+static inline void cotree_substitute(int n, int rank, const cotree_real *a, const int *rows,
+                                     const int *columns, cotree_real *x)
+{
+    int i, k;
+    for (k = 0; k < rank; ++k) {
+        const cotree_real entry = x[k];
+        x[k] = x[rows[k]];
+        x[rows[k]] = entry;
+    }
+    for (k = 0; k < rank; ++k) {
+        for (i = k + 1; i < n; ++i) x[i] -= a[i * n + k] * x[k];
+    }
+    for (k = rank; k < n; ++k) x[k] = COTREE_F(0.0);
+    for (k = rank - 1; k >= 0; --k) {
+        x[k] /= a[k * n + k];
+        for (i = 0; i < k; ++i) x[i] -= a[i * n + k] * x[k];
+    }
+    for (k = rank; k < n; ++k) {
+        cotree_real along = COTREE_F(0.0);
+        for (i = 0; i < n; ++i) along += x[i] * a[k * n + i];
+        for (i = 0; i < n; ++i) x[i] -= along * a[k * n + i];
+    }
+    for (k = rank - 1; k >= 0; --k) {
+        const cotree_real entry = x[k];
+        x[k] = x[columns[k]];
+        x[columns[k]] = entry;
+    }
+}
+
+/* Divides rows and columns by the roots of their sizes, which then hold one over these; a row of
+ * nothing but zeros, as of a constraint that nothing moves in one position, stays one. */
+static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
+{
+    int i, j;
+    for (i = 0; i < n; ++i)
+        sizes[i] =
+            sizes[i] == COTREE_F(0.0) ? COTREE_F(0.0) : COTREE_F(1.0) / COTREE_SQRT(sizes[i]);
+    for (i = 0; i < n; ++i) {
+        for (j = 0; j < n; ++j) a[i * n + j] *= sizes[i] * sizes[j];
+    }
+}
+
+static inline void cotree_multiply(int n, const cotree_real *scales, cotree_real *x)
+{
+    int i;
+    for (i = 0; i < n; ++i) x[i] *= scales[i];
+}
+
+#endif

@@ -1,0 +1,148 @@
+/* cotree_lookups.h: functions given by tables.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#ifndef COTREE_LOOKUPS_H
+#define COTREE_LOOKUPS_H
+
+#include "cotree_real.h"
+
+/* The name of a function. Where vectors have functions of these names, those of one number have
+ * others. */
+#ifndef COTREE_LOOKUP
+#define COTREE_LOOKUP(name) cotree_##name
+#endif
+
+/* Value and slope of a piecewise linear function, constant outside its range. */
+static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotree_real *y,
+                                        cotree_real at, cotree_real *result)
+{
+    int low = 0, high = n - 1;
+    if (at <= x[0] || at >= x[n - 1]) {
+        result[0] = at >= x[n - 1] ? y[n - 1] : y[0];
+        result[1] = COTREE_F(0.0);
+        return;
+    }
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (at >= x[middle]) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    result[1] = (y[low + 1] - y[low]) / (x[low + 1] - x[low]);
+    result[0] = y[low] + result[1] * (at - x[low]);
+}
+
+/* The piece of an axis that holds a number; the outermost ones reach beyond the ends. */
+static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
+{
+    int low = 0, high = n - 1;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (at >= x[middle]) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+/* Value, first, second and third derivative of a piecewise cubic function in Hermite's form. */
+static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotree_real *y,
+                                        const cotree_real *slopes, cotree_real at,
+                                        cotree_real *result)
+{
+    const int k = cotree_piece(n, x, at);
+    const cotree_real h = x[k + 1] - x[k], s = at - x[k], secant = (y[k + 1] - y[k]) / h;
+    const cotree_real b = (COTREE_F(3.0) * secant - COTREE_F(2.0) * slopes[k] - slopes[k + 1]) / h;
+    const cotree_real c = (slopes[k] + slopes[k + 1] - COTREE_F(2.0) * secant) / (h * h);
+    result[0] = y[k] + s * (slopes[k] + s * (b + s * c));
+    result[1] = slopes[k] + s * (COTREE_F(2.0) * b + COTREE_F(3.0) * s * c);
+    result[2] = COTREE_F(2.0) * b + COTREE_F(6.0) * s * c;
+    result[3] = COTREE_F(6.0) * c;
+}
+
+/* Value and slope of a piecewise linear function, constant outside its range, both ends of its
+ * piece, and the number of that, which is held unless it is zero. */
+static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const cotree_real *y,
+                                             cotree_real at, cotree_real held, cotree_real *result)
+{
+    int piece = (int)held - 1;
+    if (held == COTREE_F(0.0)) {
+        piece = at >= x[n - 1] ? n : 0;
+        if (!(at <= x[0]) && !(at >= x[n - 1])) {
+            int high = n - 1;
+            while (high - piece > 1) {
+                const int middle = (piece + high) / 2;
+                if (at >= x[middle]) {
+                    piece = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            ++piece;
+        }
+    }
+    result[2] = piece == 0 ? at - COTREE_F(1.0) : x[piece - 1];
+    result[3] = piece == n ? at + COTREE_F(1.0) : x[piece];
+    result[4] = (cotree_real)(piece + 1);
+    if (piece == 0 || piece == n) {
+        result[0] = piece == 0 ? y[0] : y[n - 1];
+        result[1] = COTREE_F(0.0);
+        return;
+    }
+    result[1] = (y[piece] - y[piece - 1]) / (x[piece] - x[piece - 1]);
+    result[0] = y[piece - 1] + result[1] * (at - x[piece - 1]);
+}
+
+/* The piece of an axis that is held, or that holds a number; both its ends, and its number. */
+static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at, cotree_real held,
+                                    cotree_real *result)
+{
+    const int k = held == COTREE_F(0.0) ? cotree_piece(n, x, at) : (int)held - 1;
+    result[0] = k == 0 ? at - COTREE_F(1.0) : x[k];
+    result[1] = k == n - 2 ? at + COTREE_F(1.0) : x[k + 1];
+    result[2] = (cotree_real)(k + 1);
+    return k;
+}
+
+/* Value of a bilinear function, and its derivatives by x, by y and by both. */
+static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, const cotree_real *y,
+                                        const cotree_real *z, cotree_real at, cotree_real beside,
+                                        cotree_real *result)
+{
+    const int i = cotree_piece(n, x, at), j = cotree_piece(m, y, beside);
+    const cotree_real width = x[i + 1] - x[i], height = y[j + 1] - y[j], s = at - x[i],
+                      u = beside - y[j];
+    const cotree_real *low = z + i * m + j, *high = low + m;
+    const cotree_real by_x = (high[0] - low[0]) / width, by_y = (low[1] - low[0]) / height;
+    const cotree_real twist = ((high[1] - low[1]) / width - by_x) / height;
+    result[0] = low[0] + s * by_x + u * (by_y + s * twist);
+    result[1] = by_x + u * twist;
+    result[2] = by_y + s * twist;
+    result[3] = twist;
+}
+
+/* Value of a bilinear function, and its derivatives by x, by y and by both; then, of each axis, the
+ * ends of its piece and its number, which is held unless it is zero. */
+static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
+                                             const cotree_real *y, const cotree_real *z,
+                                             cotree_real at, cotree_real beside, cotree_real held_x,
+                                             cotree_real held_y, cotree_real *result)
+{
+    const int i = cotree_held_piece(n, x, at, held_x, result + 4);
+    const int j = cotree_held_piece(m, y, beside, held_y, result + 7);
+    const cotree_real width = x[i + 1] - x[i], height = y[j + 1] - y[j], s = at - x[i],
+                      u = beside - y[j];
+    const cotree_real *low = z + i * m + j, *high = low + m;
+    const cotree_real by_x = (high[0] - low[0]) / width, by_y = (low[1] - low[0]) / height;
+    const cotree_real twist = ((high[1] - low[1]) / width - by_x) / height;
+    result[0] = low[0] + s * by_x + u * (by_y + s * twist);
+    result[1] = by_x + u * twist;
+    result[2] = by_y + s * twist;
+    result[3] = twist;
+}
+
+#endif
