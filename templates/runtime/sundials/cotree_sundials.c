@@ -1,8 +1,9 @@
-/* cotree_sundials.c: steps of a job that SUNDIALS takes by backward differentiation formulas:
- * CVODE, with algebraic unknowns solved for at each evaluation; IDA, for states and algebraic
- * unknowns together. These are outside IDA's error test, and solved for wherever a point is kept.
+/* cotree_sundials.c: the stepper of a job with the backward differentiation formulas of
+ * SUNDIALS.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * CVODE integrates the states, with algebraic unknowns solved for at each evaluation. IDA
+ * integrates both; unknowns are outside its error test, and solved for at each stored point. */
 #include "cotree_sundials_internal.h"
 
 #include "cotree_limits.h"
@@ -12,11 +13,11 @@
 #include <stddef.h>
 #include <string.h>
 
-/* A rounding of t below this share of the relative tolerance of a step is not felt. */
-#define FINE 1e-2
+/* A rounding of t is negligible below this share of the relative tolerance of a step. */
+#define NEGLIGIBLE_ROUNDING 1e-2
 
-/* Notes which state each place of a vector belongs to, and where blocks begin. */
-static void find_blocks(const cotree_job *job)
+/* Write the state that each place of a vector belongs to, and the start of each block. */
+static void list_blocks(const cotree_job *job)
 {
     const cotree_model *const model = job->model;
     const cotree_bdf *const c = bdf_of(job);
@@ -33,7 +34,7 @@ static void find_blocks(const cotree_job *job)
     }
 }
 
-static double *take_many(cotree_room *room, size_t n)
+static double *allocate(cotree_room *room, size_t n)
 {
     return (double *)cotree_take(room, n * sizeof(double), NULL);
 }
@@ -49,7 +50,7 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
     e->run = e->of_states = e->watched =
         cotree_job_begin_run(job, &e->runs[0], has_sensitivities, room);
     if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, room);
-    /* What events set may be against the constraints: they need a run that is held to them. */
+    /* New values of events may violate the constraints: their run projects. */
     if (job->model->hybrid != NULL) {
         e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, room);
     }
@@ -57,9 +58,9 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
     c->sundials = aid->sundials;
     for (i = 0; i < N_VECTORS; ++i) c->vectors[i] = cotree_take_doubles(room, job->n);
     c->ordered = cotree_take_doubles(room, n_states);
-    c->jacobian = take_many(room, entries_of_jacobian(job->model));
-    c->trial = take_many(room, entries_of_jacobian(job->model));
-    c->entries = take_many(room, cotree_lu_doubles(n_states, aid->lower, aid->upper));
+    c->jacobian = allocate(room, entries_of_jacobian(job->model));
+    c->trial = allocate(room, entries_of_jacobian(job->model));
+    c->entries = allocate(room, cotree_lu_doubles(n_states, aid->lower, aid->upper));
     c->matrix = cotree_lu_of(n_states, aid->lower, aid->upper, c->entries,
                              cotree_take_ints(room, n_states));
     c->rows = cotree_take_ints(room, job->n);
@@ -67,7 +68,7 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
 #if COTREE_SENSITIVITIES
     {
         const size_t n = (size_t)(N_KINDS * job->model->n_sensitivities);
-        c->apart = take_many(room, n * (size_t)n_states);
+        c->apart = allocate(room, n * (size_t)n_states);
         c->pointers = (void **)cotree_take(room, n * sizeof(void *), NULL);
         for (i = 0; (size_t)i < n && c->pointers != NULL; ++i) c->pointers[i] = NULL;
     }
@@ -87,7 +88,7 @@ COTREE_PRIVATE int cotree_bdf_first_not_finite(const double *values, int n)
 }
 
 #if COTREE_IDA
-/* Gives the rates of states, and in the places of algebraic unknowns residuals. */
+/* Compute the rates of states, and residuals in the places of algebraic unknowns. */
 static int rates_at(cotree_run *run, double t, const double *z, double *dz)
 {
     const double at = cotree_run_inside(run, t);
@@ -106,7 +107,7 @@ static int rates_at(cotree_run *run, double t, const double *z, double *dz)
 }
 #endif
 
-/* Evaluates what a run is of. A step is shortened after a positive result. */
+/* Compute the rates of a run. SUNDIALS retries a shorter step after a positive result. */
 COTREE_PRIVATE int cotree_bdf_evaluate(cotree_job *job, cotree_run *run, double t, const double *z,
                                        double *dz)
 {
@@ -151,7 +152,7 @@ static int rate(double since, void *y, void *dy, void *data)
     const cotree_sundials *const s = bdf_of(job)->sundials;
     const double t = clock_at(job, since);
 #if COTREE_SENSITIVITIES
-    /* CVODES asks for them in case the sensitivities' rates are evaluated with them. */
+    /* CVODES calls this if the rates of sensitivities need those of the states. */
     const int is_known = bdf_of(job)->has_rates_next && bdf_of(job)->time_of_rates == t;
     bdf_of(job)->has_rates_next = 0;
     if (is_known) return 0;
@@ -161,8 +162,7 @@ static int rate(double since, void *y, void *dy, void *data)
 }
 
 #else
-/* The nonlinear solver evaluates the residuals. IDAS asks for them in case the sensitivities'
- * residuals are evaluated with them, IDA does not ask. */
+/* Not used: the nonlinear solver evaluates the residuals, and only IDAS calls this. */
 static int residual(double since, void *y, void *dy, void *left, void *data)
 {
 #if COTREE_SENSITIVITIES
@@ -179,14 +179,14 @@ static int residual(double since, void *y, void *dy, void *left, void *data)
 }
 
 #endif
-/* Names what a flag says. Those of our own are positive. */
+/* Return the status of a flag of SUNDIALS. Positive ones are statuses of cotree. */
 static int status_of(cotree_job *job, int flag)
 {
     if (flag >= 0) return flag;
     job->flag = flag;
 #if !COTREE_IDA
     if (flag == NO_CONVERGENCE && (job->complaint > 0 || job->entry >= 0 || job->row >= 0)) {
-        return COTREE_RATE_FAILED; /* at each length of the step */
+        return COTREE_RATE_FAILED; /* with every step size */
     }
 #endif
     switch (flag) {
@@ -222,7 +222,7 @@ static int status_of(cotree_job *job, int flag)
     }
 }
 
-/* Makes the integrator of SUNDIALS. */
+/* Create the integrator. */
 static int make_integrator(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -257,13 +257,13 @@ static int make_integrator(cotree_job *job)
     return flag;
 }
 
-/* Makes what it needs: vectors and the solver. */
+/* Create the vectors and the nonlinear solver. */
 static int make_parts(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
     if (s->SUNContext_Create(0, &c->context) != 0) return COTREE_NO_MEMORY;
-    s->SUNContext_ClearErrHandlers(c->context); /* they print */
+    s->SUNContext_ClearErrHandlers(c->context); /* the default ones print */
     c->y = s->N_VMake_Serial(VECTOR(job), vector_of(job, Y), c->context);
     c->slopes = s->N_VMake_Serial(VECTOR(job), vector_of(job, SLOPES), c->context);
     c->between = s->N_VMake_Serial(VECTOR(job), vector_of(job, BETWEEN), c->context);
@@ -280,12 +280,12 @@ static int make_parts(cotree_job *job)
     return COTREE_OK;
 }
 
-/* Frees what was made; harmless where nothing was. */
+/* Free what was created; may be called at any time. */
 static void close(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     size_t i;
-    if (c == NULL) return; /* it never began */
+    if (c == NULL) return; /* never opened */
     if (c->integrator != NULL) c->sundials->OF(Free)(&c->integrator);
     if (c->solver != NULL) c->sundials->SUNNonlinSolFreeEmpty(c->solver);
 #if COTREE_SENSITIVITIES
@@ -302,7 +302,7 @@ static void close(cotree_job *job)
     c->integrator = c->solver = c->context = NULL;
 }
 
-/* Begins at the values that are there, for the first time or anew. */
+/* Start or restart the integrator at the present values. */
 static int start(cotree_job *job, double end)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -368,34 +368,36 @@ static int complete(cotree_job *job, double t, double *w, int is_exact)
     double *const z = w;
     w = vector_of(job, STEP);
     cotree_run_unpack(run, z, run->full);
-    cotree_run_narrow(run, t, run->full, w); /* with the unknowns there as a guess */
+    cotree_run_narrow(run, t, run->full, w); /* with its unknowns as a guess */
 #endif
-    /* A projection ends with a small correction, whose square times speeds is left: another one. */
+    /* A projection leaves the square of its last correction times the speeds: repeat it once. */
     for (i = is_exact ? 1 : 0; i < 2 && is_constrained(job); ++i) {
         if (cotree_run_project(t, w, run) != 0) return COTREE_NOT_PROJECTED;
     }
 #if COTREE_IDA
     if (cotree_run_complete(run, t, w) == 0) return 0;
-    /* Polynomials of voltages go anywhere where junctions begin to conduct. */
+    /* Extrapolated voltages are poor guesses where junctions begin to conduct: use the present
+     * point. */
     cotree_run_unpack(run, cotree_engine_of(job)->w, run->full);
     cotree_run_narrow(run, job->t, run->full, vector_of(job, MOVED));
 #endif
     return cotree_run_find(run, t, w) != 0 ? COTREE_NOT_SOLVED : COTREE_OK;
 }
 
-/* Tells whether the end of the last step is too far from its time as rounded to stand for it. */
-static int is_felt(const cotree_job *job)
+/* Return whether the end of the last step differs from its rounded time by more than is
+ * negligible. */
+static int is_rounding_significant(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
     const double rounding = job->t - cotree_engine_of(job)->origin - c->reached;
-    return fabs(rounding) > FINE * job->rtol * fabs(c->reached - c->passed);
+    return fabs(rounding) > NEGLIGIBLE_ROUNDING * job->rtol * fabs(c->reached - c->passed);
 }
 
-/* The polynomials that it steps with are as accurate as the steps. */
+/* The interpolation of BDF methods is as accurate as their steps. */
 static int between(cotree_job *job, double t, int is_careful, double **w, int *is_exact)
 {
     (void)is_careful;
-    *is_exact = bdf_of(job)->is_idle || (t == job->t && !is_felt(job));
+    *is_exact = bdf_of(job)->is_idle || (t == job->t && !is_rounding_significant(job));
     *w = *is_exact ? cotree_engine_of(job)->w : vector_of(job, BETWEEN);
     return *is_exact ? COTREE_OK : status_of(job, read_between(job, t));
 }
@@ -406,19 +408,20 @@ static double known(const cotree_job *job, int is_last)
     return job->t;
 }
 
-/* Up to this many multiplications of a factorisation, sensitivities are worth fresh matrices: they
- * save a quarter of the steps with HIRES and Robertson's reactions, and every third evaluation. */
+/* With sensitivities, fresh matrices pay if a factorisation takes at most this many
+ * multiplications: they save a quarter of the steps of HIRES and of Robertson's reactions, and
+ * every third evaluation. */
 #define FEW_MULTIPLICATIONS 8000.0
 
 #if COTREE_IDA
-/* The same where there are algebraic unknowns. */
+/* The same with algebraic unknowns. */
 #define MANY_MULTIPLICATIONS 3e7
 #endif
 
-/* Tells whether each step should have matrices of its own: what is factorised quickly is worth its
- * accuracy: with CVODE where sensitivities follow; with IDA where junctions, too, change by orders
+/* Return whether each step gets fresh matrices, since these are cheap to factorise: with CVODE
+ * for sensitivities, with IDA also for junctions, whose slopes change by orders of magnitude
  * within a step. */
-static int wants_fresh_matrices(const cotree_job *job)
+static int has_cheap_matrices(const cotree_job *job)
 {
     const cotree_sundials_aid *const aid = bdf_of(job)->aid;
     const double n = BLOCK(job->model), lower = aid->lower, upper = aid->upper;
@@ -435,13 +438,12 @@ static void open(cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
     double *const w = vector_of(job, STEP);
-    find_blocks(job);
-    bdf_of(job)->is_fresh = wants_fresh_matrices(job);
+    list_blocks(job);
+    bdf_of(job)->is_fresh = has_cheap_matrices(job);
 #if COTREE_SIMULTANEOUS
     if (is_together(job)) bdf_of(job)->is_fresh = 0;
 #endif
-    /* Steps end on the constraints, which their rates need not, unless these depend on each other.
-     */
+    /* Steps end on the constraints. Rates are evaluated there only if constraints are redundant. */
     e->run->is_held = e->run->is_strict = job->is_held && job->is_strict;
     e->of_states->is_held = e->of_states->is_strict = e->run->is_held;
     if (e->watched != e->run) {
@@ -458,7 +460,7 @@ static void open(cotree_job *job)
 #endif
 }
 
-/* A segment of rounding below this share of the span is not integrated. */
+/* A segment at rounding level is skipped if it is shorter than this share of the span. */
 #define NEGLIGIBLE 1e-9
 
 static int is_rounding(const cotree_job *job, double length, double t)
@@ -474,7 +476,7 @@ static int is_negligible(const cotree_job *job, double length)
            fabs(length) <= NEGLIGIBLE * fabs(span);
 }
 
-/* Begins anew: inputs may have jumped, or an event have changed the states. */
+/* Restart: inputs may have jumped, or an event may have changed the states. */
 static int begin(cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -485,7 +487,7 @@ static int begin(cotree_job *job)
     c->has_jacobian = c->has_matrix = c->has_failed = 0;
     c->step_of_solution = -1;
     c->bend = 1.0;
-    if (e->watched != e->run && job->model->n_algebraic > 0) { /* guesses of the last event */
+    if (e->watched != e->run && job->model->n_algebraic > 0) { /* guesses from the last event */
         cotree_run_narrow(e->of_states, job->t, e->watched->full, vector_of(job, STEP));
         cotree_run_narrow(e->run, job->t, e->watched->full, vector_of(job, STEP));
     }
@@ -504,7 +506,7 @@ static int begin(cotree_job *job)
     return status_of(job, start(job, end));
 }
 
-/* Lets SUNDIALS take one step; one of rounding goes by without it. */
+/* Take one step; a step at rounding level is skipped. */
 static int step(cotree_job *job, double end)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -520,7 +522,7 @@ static int step(cotree_job *job, double end)
         if (flag < 0) return status_of(job, flag);
         if (since != whole) {
             t = clock_at(job, since);
-            /* Rounding neither arrives nor goes beyond what is known. */
+            /* The rounded time must lie before the end and within the step. */
             if (fabs(t - e->origin) > fabs(since) || t == end) t = nextafter(t, e->origin);
         }
     }

@@ -1,8 +1,8 @@
-/* cotree_sundials.h: what jobs call of SUNDIALS, whose functions are found at run time.
+/* cotree_sundials.h: the functions of SUNDIALS that a job calls, loaded at run time.
  * Part of the runtime of cotree, the same for every model.
  *
- * Vectors, solvers and integrators are opaque; numbers are doubles, indices of 64 bits.
- */
+ * Vectors, solvers and integrators are opaque pointers; numbers are doubles, indices have 64
+ * bits. */
 #ifndef COTREE_SUNDIALS_H
 #define COTREE_SUNDIALS_H
 
@@ -10,8 +10,8 @@
 
 #include <stdint.h>
 
-/* The library: IDA, or CVODE; those with sensitivities, IDAS and CVODES, which have vectors of
- * their own; and whether these may be solved for together with the states, as CVODES can. */
+/* The library: IDA or CVODE; IDAS or CVODES, with one vector for each sensitivity; and whether
+ * these may be solved for simultaneously with the states, as in CVODES. */
 #ifndef COTREE_IDA
 #define COTREE_IDA 0
 #endif
@@ -23,11 +23,11 @@
 #endif
 
 /* cotree: begin of the part that cffi reads */
-/* A right-hand side of CVODE, and a residual of IDA. */
+/* A right-hand side of CVODE; a residual of IDA. */
 typedef int (*cotree_sundials_rate)(double t, void *y, void *dy, void *data);
 typedef int (*cotree_sundials_residual)(double t, void *y, void *dy, void *left, void *data);
 #if COTREE_SENSITIVITIES
-/* The same of all sensitivities, in a vector each. */
+/* The same for all sensitivities, one vector each. */
 typedef int (*cotree_sundials_sensitivity_rate)(int n, double t, void *y, void *dy, void **s,
                                                 void **ds, void *data, void *room, void *more);
 typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, void *dy, void *left,
@@ -35,7 +35,7 @@ typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, vo
                                                     void *room, void *more, void *most);
 #endif
 
-/* Functions of the library, each under its name. */
+/* Functions of the library by name. */
 typedef struct cotree_sundials {
     int (*SUNContext_Create)(int communicator, void **context);
     int (*SUNContext_ClearErrHandlers)(void *context);
@@ -108,13 +108,13 @@ typedef struct cotree_sundials {
 #endif
 } cotree_sundials;
 
-/* The aid of a job that SUNDIALS runs. */
+/* The aid of a job that SUNDIALS integrates. */
 typedef struct cotree_sundials_aid {
     const cotree_sundials *sundials;
-    int lower, upper;  /* bandwidths of the Jacobian in the order below */
-    const int *places; /* of the unknowns in that order; NULL for their own */
-    int are_followed;  /* whether sensitivities, outside the error test, follow the states */
-    int corrector;     /* of sensitivities with own vectors: 1 simultaneous, 2 staggered */
+    int lower, upper;  /* bandwidths of the Jacobian in the order of places */
+    const int *places; /* of the unknowns in a banded order; NULL: their own order */
+    int are_followed;  /* 1: sensitivities are outside the error test and follow the states */
+    int corrector;     /* of separate sensitivity vectors: 1 simultaneous, 2 staggered */
 } cotree_sundials_aid;
 /* cotree: end of the part that cffi reads */
 

@@ -9,7 +9,7 @@
 #include "cotree_lu.h"
 #include "cotree_stepper.h"
 
-/* Nonlinear solvers as SUNDIALS has them. */
+/* The nonlinear solver of SUNDIALS. */
 typedef int (*cotree_solve)(void *solver, void *start, void *correction, void *weights,
                             double tolerance, int is_matrix_old, void *integrator);
 typedef struct cotree_solver_operations {
@@ -36,9 +36,9 @@ typedef struct cotree_solver {
 #define SIMULTANEOUS 1
 #endif
 
-/* What SUNDIALS is told of an iteration: rates that cannot be had there, or nowhere, and no
- * convergence. The first has another number in each version of CVODE, which does not end after an
- * unknown one: it is told as no convergence. */
+/* Results of an iteration: rates fail here but may succeed with a smaller step, rates fail
+ * always, no convergence. The first number differs between versions of CVODE, which does not
+ * stop after an unknown number: no convergence is returned instead. */
 #if COTREE_IDA
 #define RATES_AGAIN 1
 #else
@@ -48,33 +48,32 @@ typedef struct cotree_solver {
 #define NOT_CONVERGED 902
 #if !COTREE_IDA
 
-/* What CVODE gives after too many of these. */
+/* The flag of CVODE after too many of these. */
 #define NO_CONVERGENCE (-4)
 #endif
 
-/* A function of the integrator: names differ by how they begin. */
+/* A function of the integrator by its name without the prefix. */
 #if COTREE_IDA
 #define OF(function) IDA##function
 #else
 #define OF(function) CVode##function
 #endif
 
-/* The length of a block of the vector that is integrated: states, with IDA algebraic unknowns, too.
- */
+/* Entries of a block: the states, with IDA also the algebraic unknowns. */
 #if COTREE_IDA
 #define BLOCK(model) ((model)->n_states)
 #else
 #define BLOCK(model) ((model)->n_states - (model)->n_algebraic)
 #endif
 
-/* What unknowns' own slopes and their rates are multiplied with in the equations of a step. */
+/* Factors of the slopes of the unknowns and of their rates in the equations of a step. */
 typedef struct cotree_shares {
     double of_own, of_rates;
 } cotree_shares;
 
-/* SUNDIALS' own vectors: values, slopes, interpolated values, and whether they have slopes. Ours:
- * what the iteration works with; with COTREE_SENSITIVITIES also what the vectors of sensitivities
- * hold, behind that of the states. */
+/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes. Then work
+ * of the iteration; with COTREE_SENSITIVITIES also copies of the sensitivity vectors, after
+ * those of the states. */
 enum {
     Y,
     SLOPES,
@@ -93,7 +92,7 @@ enum {
 };
 
 #if COTREE_SENSITIVITIES
-/* What SUNDIALS has of each sensitivity, those that vanish among them. */
+/* Vectors of SUNDIALS for each sensitivity, with entries for those that vanish. */
 enum {
     OWN_VALUES,
 #if COTREE_IDA
@@ -105,14 +104,14 @@ enum {
 };
 
 #endif
-/* What a job that SUNDIALS runs has in its memory. */
+/* The data of the stepper. */
 typedef struct cotree_bdf {
     const cotree_sundials_aid *aid;
     const cotree_sundials *sundials;
     double *vectors[N_VECTORS];
     double *ordered, *jacobian, *trial, *entries;
-    cotree_lu matrix;   /* of the entries */
-    int *rows, *firsts; /* the state of each number in a vector, and where blocks begin */
+    cotree_lu matrix;   /* its memory is entries */
+    int *rows, *firsts; /* the state of each entry of a vector; the start of each block */
     void *context;
     void *integrator;
     void *solver;
@@ -122,24 +121,24 @@ typedef struct cotree_bdf {
     void *atols;
     void *kinds;
 #if COTREE_SENSITIVITIES
-    double *apart;      /* the vectors of sensitivities */
-    void **pointers;    /* to SUNDIALS' vectors of them */
-    void *follower;     /* solves for the sensitivities, where they come after the states */
-    int has_rates_next; /* the states' rates at this time have just been solved for */
+    double *apart;      /* memory of the sensitivity vectors */
+    void **pointers;    /* the vectors themselves */
+    void *follower;     /* nonlinear solver of staggered sensitivities */
+    int has_rates_next; /* 1: the next rates of the states are those just solved for */
     double time_of_rates;
 #endif
-    cotree_shares shares; /* of the matrix */
-    double rates[2];      /* of convergence, of states and of sensitivities */
-    double size_before;   /* of a correction */
-    double bend;          /* of a correction's square, the error after it */
-    double slowest;       /* rate of the last iteration, 0 where it had one correction */
-    int is_fresh;         /* whether each step has matrices of its own */
+    cotree_shares shares; /* that the matrix was formed with */
+    double rates[2];      /* convergence rates of states and of sensitivities */
+    double size_before;   /* of the last correction */
+    double bend;          /* error after a correction, per square of its size */
+    double slowest;       /* convergence rate of the last iteration; 0 after a single correction */
+    int is_fresh;         /* 1: each step gets fresh matrices */
     int has_jacobian, has_matrix;
-    int has_failed; /* the last iteration */
-    int is_turned;  /* the last correction, against what was left */
+    int has_failed;       /* the last iteration */
+    int is_opposed; /* the last correction opposed the residual */
     long step_of_jacobian, step_of_matrix, step_of_solution;
-    double passed, reached; /* its last step, in times that count from where it began last */
-    int is_idle;            /* a segment of rounding goes by without it */
+    double passed, reached; /* start and end of the last step, from the origin */
+    int is_idle;            /* 1: the segment is at rounding level and skipped */
 } cotree_bdf;
 
 static inline cotree_bdf *bdf_of(const cotree_job *job)
@@ -150,28 +149,28 @@ static inline cotree_bdf *bdf_of(const cotree_job *job)
 static inline size_t entries_of_jacobian(const cotree_model *model)
 {
     const int n = BLOCK(model);
-    const int is_dense_one = n < model->n_states; /* algebraic unknowns are eliminated */
+    const int is_dense_one = n < model->n_states; /* with algebraic unknowns eliminated */
     return is_dense_one ? (size_t)n * (size_t)n : (size_t)model->n_nonzeros;
 }
 
-/* Of states and sensitivities. */
+/* Return the run with states and sensitivities. */
 static inline cotree_run *all_of(const cotree_job *job) { return cotree_engine_of(job)->run; }
 
-/* Of the states alone. */
+/* Return the run with states only. */
 static inline cotree_run *states_of(const cotree_job *job)
 {
     return cotree_engine_of(job)->of_states;
 }
 
 #if COTREE_SIMULTANEOUS
-/* Whether one iteration has states and sensitivities in it. */
+/* Return whether one iteration solves for states and sensitivities. */
 static inline int is_together(const cotree_job *job)
 {
     return job->has_sensitivities && bdf_of(job)->aid->corrector == SIMULTANEOUS;
 }
 
 #endif
-/* Of the vectors of SUNDIALS that the states are in. */
+/* Return the run whose entries the state vector of SUNDIALS holds. */
 static inline cotree_run *own_run_of(const cotree_job *job)
 {
 #if COTREE_SENSITIVITIES
@@ -181,7 +180,7 @@ static inline cotree_run *own_run_of(const cotree_job *job)
 #endif
 }
 
-/* Of what is solved for at once, before anything else. */
+/* Return the run that the first nonlinear solver solves for. */
 static inline cotree_run *solved_of(const cotree_job *job)
 {
 #if COTREE_SIMULTANEOUS
@@ -191,13 +190,13 @@ static inline cotree_run *solved_of(const cotree_job *job)
 #endif
 }
 
-/* Of the vectors: states, and the sensitivities to each parameter. */
+/* Return the number of blocks: states, and sensitivities to each parameter. */
 static inline int n_blocks_of(const cotree_job *job)
 {
     return job->has_sensitivities ? 1 + job->model->n_sensitivities : 1;
 }
 
-/* How many numbers a run's vector has. */
+/* Return the number of entries of a run's vector. */
 static inline int length_of(const cotree_job *job, const cotree_run *run)
 {
     return run->n_blocks > 1 ? job->n : BLOCK(job->model);
@@ -213,22 +212,22 @@ static inline double *vector_of(const cotree_job *job, int which)
     return bdf_of(job)->vectors[which];
 }
 
-/* How many numbers a vector of SUNDIALS has: sensitivities have vectors of their own, or follow the
- * states. */
+/* Entries of the state vector of SUNDIALS: without sensitivities if these have vectors of their
+ * own. */
 #if COTREE_SENSITIVITIES
 #define VECTOR(job) BLOCK((job)->model)
 #else
 #define VECTOR(job) ((job)->n)
 #endif
 
-/* SUNDIALS' times count from where it began last: late in a run, the rounding of t would add up
- * over its steps, and be longer than its first ones. Here is t at one of them. */
+/* Return t from the time of SUNDIALS, which starts at zero after each restart. Late in a run the
+ * rounding of t would accumulate over its steps, and exceed its first ones. */
 static inline double clock_at(const cotree_job *job, double since)
 {
     return cotree_engine_of(job)->origin + since;
 }
 
-/* The equations of a step: M (factor * slopes + of_own e) = of_rates rates(t, start + e). */
+/* The equations of a step: M (factor slopes + of_own e) = of_rates rates(t, start + e). */
 typedef struct cotree_system {
     double t;
     const double *start;
@@ -253,8 +252,8 @@ COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_syste
 COTREE_PRIVATE int cotree_bdf_correct_sensitivities(cotree_job *job, const cotree_system *s,
                                                     const double *weights, double tolerance,
                                                     double *e);
-COTREE_PRIVATE int cotree_bdf_hold(cotree_job *job, cotree_run *run, const cotree_system *s,
-                                   const double *weights, double *e);
+COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const cotree_system *s,
+                                      const double *weights, double *e);
 COTREE_PRIVATE void cotree_bdf_set_zero(double *e, int n);
 COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e);

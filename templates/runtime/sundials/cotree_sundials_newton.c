@@ -1,6 +1,12 @@
-/* cotree_sundials_newton.c: the nonlinear solver that SUNDIALS calls.
+/* cotree_sundials_newton.c: the nonlinear solver of the BDF methods.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * Newton's method for M (factor slopes + of_own e) = of_rates rates(t, start + e), with M zero
+ * for algebraic unknowns. The states are solved for first. The sensitivities follow from linear
+ * equations at the solution, with the same factorised matrix of_own M - of_rates J: blocks below
+ * the diagonal, second derivatives, are not needed. Matrices are kept over several steps, as
+ * CVODE does, or each step gets a fresh one for the states, and a second one for the
+ * sensitivities if the solution is far from the prediction; these then need a single correction. */
 #include "cotree_sundials_internal.h"
 
 #include "cotree_limits.h"
@@ -9,58 +15,44 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Newton's method for M (slopes + share_of_own e) = share_of_rates rates(t, start + e), where M
- * leaves algebraic unknowns out.
- *
- * The states are solved for first, without sensitivities. These follow from linear equations at the
- * states that were found, with the same matrix: M times one share less J times the other, of one
- * block, factorised once for all. So the blocks below the diagonal, second derivatives, are needed
- * nowhere. Matrices are kept as CVODE does; or each step has a fresh one for the states, and
- * another one for the sensitivities where the states that were found are far from the prediction:
- * these then need a single correction. */
+/* An iteration with fresh matrices fails if a correction exceeds this share of the one before. */
+#define MAX_RATE 0.9
 
-/* An iteration with fresh matrices is given up where a correction is not below this share of the
- * one before. */
-#define SLOW 0.9
+/* At convergence rates up to this, the matrix of the prediction serves the sensitivities, too:
+ * the error of their single correction is this share of it. */
+#define FAST_RATE 0.01
 
-/* The cosine of corrections that go against what is left. */
-#define TURNED COTREE_OPPOSED_COSINE
+/* Lower bound of the error after a correction, per square of its size in tolerances. */
+#define MIN_BEND 0.1
 
-/* Where corrections shrink to this share or less, the matrix of the prediction serves
- * sensitivities, too: their single correction is then off by this share of itself. */
-#define QUICK 0.01
+/* The loosest relative tolerance at which iterations with fresh matrices end. */
+#define MAX_RTOL 1e-6
 
-/* A correction's error in tolerances is then taken for at least this times its square. */
-#define LEAST_BEND 0.1
-
-/* The loosest relative tolerance that such iterations end with. */
-#define LOOSEST_RTOL 1e-6
-
-/* How far below SUNDIALS' tolerance iterations with matrices that are kept end; of CVODE
- * where there are sensitivities, whose equations have errors of the states in them. */
-#define SHARE 0.1
+/* Iterations with older matrices end at this share of SUNDIALS' tolerance; with CVODE only if
+ * there are sensitivities, whose equations contain the errors of the states. */
+#define TIGHTENING 0.1
 
 #if COTREE_IDA
-#define MOST_CORRECTIONS 4
+#define MAX_CORRECTIONS 4
 #else
-#define MOST_CORRECTIONS 3
+#define MAX_CORRECTIONS 3
 #endif
 
-/* Corrections of sensitivities that nothing tests. With one, Jacobians that are out of date still
- * show in them. */
+/* Corrections of sensitivities outside the error test. A single one would show the errors of
+ * outdated Jacobians. */
 #define CORRECTIONS 2
 
-/* Steps after which a Jacobian and a matrix are old, unless each step has fresh ones. */
+/* The largest age of a Jacobian and of a matrix, in steps, unless each step has fresh ones. */
 #define OLD_JACOBIAN 50
 #define OLD_MATRIX 20
 
-/* How far shares may have moved from those of the matrix, and where no failure is put down to it.
- */
+/* A matrix is replaced if its factors differ from the present ones by more than FAR_SHARES;
+ * below NEAR_SHARES a failure is not due to them. */
 #define FAR_SHARES 0.3
 #define NEAR_SHARES 0.2
 
-/* Evaluates the Jacobian. A trial step may leave the domain of the equations: an older Jacobian
- * then only slows the iteration down. */
+/* Evaluate the Jacobian. If it is not finite at a trial point, an older one serves, at a slower
+ * convergence. */
 COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const double *z)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -99,8 +91,7 @@ COTREE_PRIVATE int cotree_bdf_evaluate_jacobian(cotree_job *job, double t, const
     return 0;
 }
 
-/* Writes J times minus its share. Rows of rates are left out where only algebraic equations are
- * wanted. */
+/* Write minus a factor times J; without the rows of rates if only_algebraic. */
 static void write_jacobian(cotree_job *job, const cotree_lu *m, double share, int only_algebraic)
 {
     const cotree_model *const model = job->model;
@@ -145,8 +136,8 @@ COTREE_PRIVATE int cotree_bdf_form_matrix(cotree_job *job, cotree_shares shares,
     return cotree_lu_factorise(m) != 0 ? NOT_CONVERGED : 0;
 }
 
-/* Solves for one block of b; share makes up for shares that the matrix was not formed with. Zeros
- * that were left out stay zeros. */
+/* Solve for one block of b, and multiply by a factor that corrects for outdated factors of the
+ * matrix. Entries left out are zero. */
 COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, int block,
                                            double *b)
 {
@@ -167,57 +158,57 @@ COTREE_PRIVATE void cotree_bdf_solve_block(const cotree_job *job, double share, 
     for (i = first; i < end; ++i) b[i] = share * whole[places != NULL ? places[rows[i]] : rows[i]];
 }
 
-/* Gives the factor by which shares have moved from those of the matrix. */
-static double moved_shares(const cotree_job *job, const cotree_system *s)
+/* Return the ratio of the matrix's factors to the present ones. */
+static double share_ratio(const cotree_job *job, const cotree_system *s)
 {
     const cotree_shares *const old = &bdf_of(job)->shares;
     return old->of_own / s->shares.of_own * (old->of_rates / s->shares.of_rates);
 }
 
-/* Gives the least weight of a correction with a fresh matrix. Beyond what a junction can carry
- * Newton's method goes by a thermal voltage at a time, which a loose tolerance of ten volts would
- * take for next to nothing. */
+/* Return the least weight of a correction with a fresh matrix. Beyond the current of a junction
+ * Newton's method advances by one thermal voltage at a time, which is far below a loose
+ * tolerance of ten volts. */
 static double least_weight(const cotree_job *job, int i, double value)
 {
-    return 1.0 / (LOOSEST_RTOL * fabs(value) + job->atols[i]);
+    return 1.0 / (MAX_RTOL * fabs(value) + job->atols[i]);
 }
 
-/* Gives what is left of an equation where rates are known. */
-static double left_of(const cotree_system *s, int i, int has_rate, const double *rates,
-                      const double *e)
+/* Return the residual of an equation with known rates. */
+static double residual_of(const cotree_system *s, int i, int has_rate, const double *rates,
+                          const double *e)
 {
     const double own = s->factor * s->slopes[i] + s->shares.of_own * e[i];
     return s->shares.of_rates * rates[i] - (has_rate ? own : 0.0);
 }
 
-/* Tells whether corrections of the states go against what is left of their equations, where that is
- * more than the tolerance: then a mode grows fast, as far as the matrix knows, and the corrections
- * are small for that reason. e is not yet corrected. */
-static int is_turned(const cotree_job *job, const cotree_system *s, const double *rates,
-                     const double *weights, const double *e)
+/* Return whether the corrections of the states oppose their residuals, where these exceed the
+ * tolerance: a mode then grows fast, according to the matrix, and small corrections do not show
+ * convergence. e is not corrected yet. */
+static int opposes_residual(const cotree_job *job, const cotree_system *s, const double *rates,
+                            const double *weights, const double *e)
 {
     const int n = job->model->n_states - job->model->n_algebraic;
     const double *const step = vector_of(job, STEP);
     double product = 0.0, squares = 0.0, sum = 0.0;
     int i;
     for (i = 0; i < n; ++i) {
-        const double left = left_of(s, i, 1, rates, e) / s->shares.of_own * weights[i];
+        const double left = residual_of(s, i, 1, rates, e) / s->shares.of_own * weights[i];
         const double share = step[i] * weights[i];
         if (fabs(left) <= 1.0) continue;
         product += left * share;
         squares += share * share;
         sum += left * left;
     }
-    return product < -TURNED * sqrt(squares * sum);
+    return product < -COTREE_OPPOSED_COSINE * sqrt(squares * sum);
 }
 
-/* Corrects the blocks from the first one to before the last one, by what is left of their equations
- * where rates are known. Gives the sum of the weighted corrections' squares. */
+/* Correct the blocks from first to before last by their residuals with known rates. Return the
+ * sum of squares of the weighted corrections. */
 static double correct(cotree_job *job, const cotree_system *s, int first, int last,
                       const double *rates, const double *weights, double *e)
 {
     const int n_rates = job->model->n_states - job->model->n_algebraic;
-    const double share = 2.0 / (1.0 + 1.0 / moved_shares(job, s));
+    const double share = 2.0 / (1.0 + 1.0 / share_ratio(job, s));
     const int *const firsts = bdf_of(job)->firsts, *const rows = bdf_of(job)->rows;
     const int is_fresh = bdf_of(job)->is_fresh;
     double *const step = vector_of(job, STEP);
@@ -225,10 +216,10 @@ static double correct(cotree_job *job, const cotree_system *s, int first, int la
     int i, block;
     for (block = first; block < last; ++block) {
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
-            step[i] = left_of(s, i, rows[i] < n_rates, rates, e);
+            step[i] = residual_of(s, i, rows[i] < n_rates, rates, e);
         }
         cotree_bdf_solve_block(job, share, block, step);
-        if (block == 0) bdf_of(job)->is_turned = is_turned(job, s, rates, weights, e);
+        if (block == 0) bdf_of(job)->is_opposed = opposes_residual(job, s, rates, weights, e);
         for (i = firsts[block]; i < firsts[block + 1]; ++i) {
             const double least = is_fresh ? least_weight(job, i, s->start[i]) : weights[i];
             const double size = step[i] * fmax(weights[i], least);
@@ -239,8 +230,7 @@ static double correct(cotree_job *job, const cotree_system *s, int first, int la
     return sum;
 }
 
-/* Tells, from the size of the n-th correction, whether an iteration is at its end (1), or leads
- * nowhere (-1). */
+/* Return 1 if the n-th correction ends the iteration, or -1 if the iteration diverges. */
 static int has_converged(cotree_bdf *c, int which, int n, double size, double tolerance)
 {
     double *const rate = c->rates + which;
@@ -251,25 +241,25 @@ static int has_converged(cotree_bdf *c, int which, int n, double size, double to
     return 0;
 }
 
-/* The same with a matrix of the predicted point: errors are squares of those before. */
-static int has_squared(cotree_bdf *c, int n, double size, double tolerance)
+/* The same with a fresh matrix: convergence is quadratic. */
+static int has_converged_quadratically(cotree_bdf *c, int n, double size, double tolerance)
 {
     if (n > 0) {
         const double rate = size / c->size_before;
-        if (!(rate <= SLOW)) return -1;
-        c->bend = fmax(rate / c->size_before, LEAST_BEND);
+        if (!(rate <= MAX_RATE)) return -1;
+        c->bend = fmax(rate / c->size_before, MIN_BEND);
         c->slowest = fmax(c->slowest, rate);
     }
     c->size_before = size;
     return c->bend * size * size <= tolerance;
 }
 
-/* Makes sure of a matrix that is good enough; is_again: for a step that was tried before. */
+/* Update the matrix if it is outdated; is_again: after a failure in this step. */
 COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_system *s, int is_again,
                                              int *is_fresh)
 {
     cotree_bdf *const c = bdf_of(job);
-    const double moved = c->has_matrix ? fabs(1.0 / moved_shares(job, s) - 1.0) : 0.0;
+    const double moved = c->has_matrix ? fabs(1.0 / share_ratio(job, s) - 1.0) : 0.0;
     const int is_old = c->is_fresh || job->n_steps >= c->step_of_matrix + OLD_MATRIX;
     if (c->has_matrix && !is_again && !c->has_failed && moved <= FAR_SHARES && !is_old) {
         return 0;
@@ -284,12 +274,12 @@ COTREE_PRIVATE int cotree_bdf_prepare_matrix(cotree_job *job, const cotree_syste
     return cotree_bdf_form_matrix(job, s->shares, 0);
 }
 
-/* Gives the size of the corrections of blocks by the test that they are subject to. */
+/* Correct blocks, and return the size of the corrections in the norm of the test. */
 static double size_of_corrections(cotree_job *job, const cotree_system *s, int first, int last,
                                   const double *rates, const double *weights, double *e)
 {
 #if COTREE_SENSITIVITIES
-    /* Blocks that are vectors of their own: the largest of their weighted means. */
+    /* Blocks with vectors of their own: the largest of their norms. */
     double largest = 0.0;
     int block;
     for (block = first; block < last; ++block) {
@@ -299,17 +289,16 @@ static double size_of_corrections(cotree_job *job, const cotree_system *s, int f
     }
     return sqrt(largest / BLOCK(job->model));
 #else
-    /* Where sensitivities are outside the test, its tolerances are those of the mean over all. */
+    /* The norm of all entries, also if sensitivities are outside the test. */
     const int are_all = first > 0 || bdf_of(job)->aid->are_followed;
     const int count = are_all ? job->n : BLOCK(job->model);
     return sqrt(correct(job, s, first, last, rates, weights, e) / count);
 #endif
 }
 
-/* Iterates for the blocks of a run from the first one on: for the states alone, for the
- * sensitivities once these are found, or for all at once, with the states' matrix for each block.
- * What is left of the sensitivities' equations then changes with the states, too, so that one
- * correction more follows where sensitivities are outside the test. */
+/* Iterate from block first on: the states alone, the sensitivities at their solution, or all
+ * blocks with the matrix of the states. In the last case the residuals of the sensitivities
+ * change with the states, so that one more correction follows if they are outside the test. */
 static int iterate(cotree_job *job, cotree_run *run, const cotree_system *s, int first,
                    const double *weights, double tolerance, double *e)
 {
@@ -319,7 +308,7 @@ static int iterate(cotree_job *job, cotree_run *run, const cotree_system *s, int
     const int n_tested = first == 0 && are_followed ? 1 : n_blocks;
     double *const moved = vector_of(job, MOVED), *const rates = vector_of(job, RATES);
     int i, n, found, status;
-    for (n = 0; n < MOST_CORRECTIONS; ++n) {
+    for (n = 0; n < MAX_CORRECTIONS; ++n) {
         double size;
         for (i = 0; i < length; ++i) moved[i] = s->start[i] + e[i];
         status = cotree_bdf_evaluate(job, run, s->t, moved, rates);
@@ -328,9 +317,9 @@ static int iterate(cotree_job *job, cotree_run *run, const cotree_system *s, int
         if (n_tested < n_blocks) correct(job, s, n_tested, n_blocks, rates, weights, e);
         if (first > 0 && c->is_fresh) return 0;
         found = first > 0 && are_followed ? 1
-                : c->is_fresh             ? has_squared(c, n, size, tolerance)
+                : c->is_fresh             ? has_converged_quadratically(c, n, size, tolerance)
                                           : has_converged(c, first, n, size, tolerance);
-        if (found < 0 || (found > 0 && c->is_turned)) break;
+        if (found < 0 || (found > 0 && c->is_opposed)) break;
         if (found > 0 && (!are_followed || n + 1 >= CORRECTIONS)) return 0;
     }
     return NOT_CONVERGED;
@@ -354,7 +343,7 @@ COTREE_PRIVATE int cotree_bdf_correct_sensitivities(cotree_job *job, const cotre
     cotree_bdf *const c = bdf_of(job);
     double *const moved = vector_of(job, MOVED);
     int i;
-    if (c->is_fresh && c->slowest > QUICK) {
+    if (c->is_fresh && c->slowest > FAST_RATE) {
         int status;
         for (i = 0; i < BLOCK(job->model); ++i) moved[i] = s->start[i] + e[i];
         status = cotree_bdf_evaluate_jacobian(job, s->t, moved);
@@ -364,9 +353,9 @@ COTREE_PRIVATE int cotree_bdf_correct_sensitivities(cotree_job *job, const cotre
     return iterate(job, all_of(job), s, 1, weights, tolerance, e);
 }
 
-/* Moves what was found onto the constraints. */
-COTREE_PRIVATE int cotree_bdf_hold(cotree_job *job, cotree_run *run, const cotree_system *s,
-                                   const double *weights, double *e)
+/* Project the solution onto the constraints. Fail if this moves it too far. */
+COTREE_PRIVATE int cotree_bdf_project(cotree_job *job, cotree_run *run, const cotree_system *s,
+                                      const double *weights, double *e)
 {
     double *const moved = vector_of(job, MOVED);
     const double known = run->correction;
@@ -387,11 +376,11 @@ COTREE_PRIVATE int cotree_bdf_hold(cotree_job *job, cotree_run *run, const cotre
         sum += share * share;
     }
     if (sum <= COTREE_MAX_PROJECTION * COTREE_MAX_PROJECTION * n) return 0;
-    run->correction = known; /* of steps that are taken */
+    run->correction = known; /* the step is rejected */
     return NOT_CONVERGED;
 }
 
-/* Finds e, from the one that is there. */
+/* Solve for e, starting from its present value. */
 static int correct_all(cotree_job *job, const cotree_system *s, const double *weights,
                        double tolerance, double *e)
 {
@@ -403,7 +392,7 @@ static int correct_all(cotree_job *job, const cotree_system *s, const double *we
         status = cotree_bdf_correct_sensitivities(job, s, weights, tolerance, e);
     }
 #endif
-    return status != 0 ? status : cotree_bdf_hold(job, solved_of(job), s, weights, e);
+    return status != 0 ? status : cotree_bdf_project(job, solved_of(job), s, weights, e);
 }
 
 COTREE_PRIVATE void cotree_bdf_set_zero(double *e, int n)
@@ -413,16 +402,17 @@ COTREE_PRIVATE void cotree_bdf_set_zero(double *e, int n)
 }
 
 #if COTREE_IDA
-/* Begins with the algebraic unknowns that solve their equations at the predicted states: their own
- * prediction leads nowhere where junctions begin to conduct. */
-static int approach(cotree_job *job, const cotree_system *s, const double *weights,
-                    double tolerance, double *e)
+/* Start from algebraic unknowns that solve their equations at the predicted states: their own
+ * prediction fails where junctions begin to conduct. */
+static int correct_from_solved_unknowns(cotree_job *job, const cotree_system *s,
+                                        const double *weights, double tolerance, double *e)
 {
     cotree_run *const run = states_of(job);
     double *const w = vector_of(job, STEP), *const moved = vector_of(job, MOVED);
     const int n = length_of(job, solved_of(job));
     int i, status;
-    cotree_run_narrow(run, job->t, cotree_engine_of(job)->w, w); /* its unknowns are guesses */
+    cotree_run_narrow(run, job->t, cotree_engine_of(job)->w,
+                      w); /* guesses from the present point */
     for (i = 0; i < run->n_rates; ++i) w[i] = s->start[i];
     if (cotree_run_complete(run, s->t, w) != 0) return NOT_CONVERGED;
     cotree_bdf_set_zero(e, n);
@@ -436,7 +426,7 @@ static int approach(cotree_job *job, const cotree_system *s, const double *weigh
 }
 
 #endif
-/* Solves a system; with an older matrix, and where that does not get there, with one of its own. */
+/* Solve the equations of a step with the present matrix; after a failure with a fresh one. */
 COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e)
 {
@@ -448,18 +438,18 @@ COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system 
 #endif
     int is_fresh = 0;
     int status = cotree_bdf_prepare_matrix(job, s, c->step_of_solution == job->n_steps, &is_fresh);
-    if (is_tightened) tolerance *= SHARE;
+    if (is_tightened) tolerance *= TIGHTENING;
     c->step_of_solution = job->n_steps;
     if (status == 0) status = correct_all(job, s, weights, tolerance, e);
     if (status > 0 && !is_fresh) {
-        c->has_failed = fabs(1.0 / moved_shares(job, s) - 1.0) < NEAR_SHARES;
+        c->has_failed = fabs(1.0 / share_ratio(job, s) - 1.0) < NEAR_SHARES;
         cotree_bdf_set_zero(e, length_of(job, solved_of(job)));
         status = cotree_bdf_prepare_matrix(job, s, 1, &is_fresh);
         if (status == 0) status = correct_all(job, s, weights, tolerance, e);
     }
 #if COTREE_IDA
     if (status > 0 && job->model->n_algebraic > 0) {
-        status = approach(job, s, weights, tolerance, e);
+        status = correct_from_solved_unknowns(job, s, weights, tolerance, e);
     }
 #endif
     c->has_failed = status != 0;
@@ -469,7 +459,7 @@ COTREE_PRIVATE int cotree_bdf_solve_system(cotree_job *job, const cotree_system 
 static int solver_type(void *solver)
 {
     (void)solver;
-    return 0; /* one that looks for roots */
+    return 0; /* a root-finding solver */
 }
 
 static int solver_take_system(void *solver, void *system)
@@ -478,7 +468,7 @@ static int solver_take_system(void *solver, void *system)
     return 0;
 }
 
-/* Makes a solver of SUNDIALS that solves so; NULL where there is no memory. */
+/* Return a nonlinear solver for SUNDIALS; NULL without memory. */
 COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -491,8 +481,7 @@ COTREE_PRIVATE void *cotree_bdf_make_solver(cotree_job *job, cotree_solve solve)
     return solver;
 }
 
-/* Puts into a system what a step knows of the states, and where they have no vectors of
- * their own, of the sensitivities. */
+/* Read the equations of the present step, without sensitivities that have vectors of their own. */
 COTREE_PRIVATE int cotree_bdf_read_system(const cotree_job *job, void *integrator,
                                           cotree_system *system)
 {

@@ -1,6 +1,9 @@
-/* cotree_sundials_sensitivities.c: sensitivities that have vectors of their own.
+/* cotree_sundials_sensitivities.c: sensitivities in vectors of their own, for CVODES and IDAS.
  * Part of the runtime of cotree, the same for every model.
- */
+ *
+ * Staggered: one solver solves for the states, and after their error test another one for the
+ * sensitivities. Simultaneous, in CVODES: the first one solves for both. IDAS has no error test
+ * of simultaneous sensitivities, so that they are always staggered there. */
 #include "cotree_sundials_internal.h"
 
 #include <float.h>
@@ -9,15 +12,7 @@
 
 #if COTREE_SENSITIVITIES
 
-/* Sensitivities as CVODES and IDAS have them: a vector for each parameter, behind which stand parts
- * of arrays that hold all.
- *
- * Staggered: the solver finds the states, and once their errors are tested a follower the
- * sensitivities. Simultaneous, with CVODES: the solver finds all. IDAS tests no errors of
- * sensitivities then, so it is always staggered here.
- */
-
-/* Vectors, and several in one, as SUNDIALS has them. */
+/* A vector, and an array of vectors, of SUNDIALS. */
 typedef struct cotree_vector {
     void *content;
     void *operations;
@@ -42,8 +37,8 @@ static void **vectors_of(void *several)
     return content->vectors;
 }
 
-/* Copies vectors into an array, beginning with a block of it. Sensitivities that vanish, which
- * vectors have, are left out. */
+/* Copy vectors to adjacent blocks of an array, from block first on, without sensitivities that
+ * vanish. */
 static void gather(const cotree_job *job, void *const *vectors, int first, double *to)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -54,7 +49,7 @@ static void gather(const cotree_job *job, void *const *vectors, int first, doubl
     }
 }
 
-/* The other way; what vanishes has a value of its own. */
+/* The inverse: entries of sensitivities that vanish get the value others. */
 static void scatter_among(const cotree_job *job, const double *from, int first, double others,
                           void *const *vectors)
 {
@@ -78,7 +73,7 @@ static void copy_block(const cotree_job *job, const double *from, double *to)
     for (i = 0; i < BLOCK(job->model); ++i) to[i] = from[i];
 }
 
-/* Puts into a system what a step knows of the sensitivities. */
+/* Read the equations of the present step for the sensitivities. */
 COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integrator)
 {
     const cotree_sundials *const s = bdf_of(job)->sundials;
@@ -99,8 +94,7 @@ COTREE_PRIVATE int cotree_bdf_gather_system(const cotree_job *job, void *integra
     return 0;
 }
 
-/* Solves for the states alone, as where there is nothing else, and keeps what the sensitivities'
- * equations are evaluated with. */
+/* Solve for the states, and store the data of the sensitivity equations. */
 COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system *s,
                                            const double *weights, double tolerance, double *e)
 {
@@ -115,7 +109,7 @@ COTREE_PRIVATE int cotree_bdf_solve_states(cotree_job *job, const cotree_system 
 }
 
 #if COTREE_SIMULTANEOUS
-/* Solves for states and sensitivities in one iteration. */
+/* Solve for states and sensitivities in one iteration. */
 COTREE_PRIVATE int cotree_bdf_solve_together(cotree_job *job, cotree_system *s, void *weights,
                                              double tolerance, void *correction)
 {
@@ -133,7 +127,7 @@ COTREE_PRIVATE int cotree_bdf_solve_together(cotree_job *job, cotree_system *s, 
 }
 
 #endif
-/* Solves for the sensitivities at the states that were found. */
+/* Solve for the sensitivities at the solution of the states. */
 static int follower_solve(void *solver, void *start, void *correction, void *weights,
                           double tolerance, int is_matrix_old, void *integrator)
 {
@@ -160,13 +154,13 @@ static int follower_solve(void *solver, void *start, void *correction, void *wei
         }
         bdf_of(job)->has_failed = status != 0;
     }
-    if (status == 0) status = cotree_bdf_hold(job, all_of(job), &system, NULL, e);
+    if (status == 0) status = cotree_bdf_project(job, all_of(job), &system, NULL, e);
     if (status == 0) scatter(job, e, 1, vectors_of(correction));
     return status;
 }
 
 #if !COTREE_IDA
-/* The rates of all sensitivities; those of the states come with them. */
+/* Compute the rates of all sensitivities, together with those of the states. */
 static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, void **ds, void *data,
                             void *room, void *more)
 {
@@ -181,7 +175,7 @@ static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, vo
     return status;
 }
 #else
-/* IDAS asks for none: the solver evaluates what it needs. */
+/* Not called: the nonlinear solver evaluates the residuals. */
 static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, void **s, void **ds,
                                 void **lefts, void *data, void *room, void *more, void *most)
 {
@@ -191,14 +185,14 @@ static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, 
 }
 #endif
 
-/* Makes the vectors of sensitivities, and what solves for them. */
+/* Create the sensitivity vectors and their solver. */
 COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
     const cotree_sundials *const s = c->sundials;
     const int n = BLOCK(job->model);
     int i, kind;
-    /* Vectors that are made after this one take several at once, which saves calls. */
+    /* Vectors cloned from this one have fused operations, which saves calls. */
     if (s->N_VEnableFusedOps_Serial(c->y, 1) != 0) return COTREE_NO_MEMORY;
     for (kind = 0; kind < N_KINDS; ++kind) {
         void **const vectors = sensitivities_of(job, kind);
@@ -216,7 +210,7 @@ COTREE_PRIVATE int cotree_bdf_make_sensitivities(cotree_job *job)
     return c->follower == NULL ? COTREE_NO_MEMORY : 0;
 }
 
-/* Frees them; harmless where there are none. */
+/* Free them; may be called at any time. */
 COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -231,7 +225,7 @@ COTREE_PRIVATE void cotree_bdf_free_sensitivities(cotree_job *job)
     }
 }
 
-/* Hands over where they begin. */
+/* Copy the start to the vectors. */
 static void scatter_start(const cotree_job *job)
 {
     scatter(job, vector_of(job, Y), 1, sensitivities_of(job, OWN_VALUES));
@@ -240,7 +234,7 @@ static void scatter_start(const cotree_job *job)
 #endif
 }
 
-/* Has them integrated, too. */
+/* Start the integration of sensitivities. */
 COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
 {
     cotree_bdf *const c = bdf_of(job);
@@ -271,7 +265,7 @@ COTREE_PRIVATE int cotree_bdf_start_sensitivities(cotree_job *job)
     return flag;
 }
 
-/* Begins anew with them. */
+/* Restart it. */
 COTREE_PRIVATE int cotree_bdf_restart_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -286,7 +280,7 @@ COTREE_PRIVATE int cotree_bdf_restart_sensitivities(const cotree_job *job)
 #endif
 }
 
-/* Reads them at the end of the last step. */
+/* Read the sensitivities at the end of the last step. */
 COTREE_PRIVATE int cotree_bdf_read_sensitivities(const cotree_job *job)
 {
     const cotree_bdf *const c = bdf_of(job);
@@ -299,7 +293,7 @@ COTREE_PRIVATE int cotree_bdf_read_sensitivities(const cotree_job *job)
     return flag;
 }
 
-/* The same within it. */
+/* Read them at a time within it. */
 COTREE_PRIVATE int cotree_bdf_read_sensitivities_between(const cotree_job *job, double since)
 {
     const cotree_bdf *const c = bdf_of(job);

@@ -1,6 +1,5 @@
-/* cotree_sundials_start.c: slopes and the first step that IDA begins with.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_sundials_start.c: slopes and size of IDA's first step.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_sundials_internal.h"
 
 #include <float.h>
@@ -9,10 +8,10 @@
 
 #if COTREE_IDA
 
-/* The first step, in which the first formula's estimated error is this share of the tolerance. */
+/* The estimated error of the first step, as a share of the tolerance. */
 #define FIRST_ERROR 0.01
 
-/* Chooses a time so small that differences along it are derivatives. */
+/* Return a time so short that differences over it approximate derivatives. */
 static double small_time(const cotree_job *job)
 {
     const double *const y = vector_of(job, Y), *const slopes = vector_of(job, SLOPES);
@@ -21,15 +20,15 @@ static double small_time(const cotree_job *job)
     double time = fabs(end - job->t);
     int i;
     for (i = 0; i < job->n; ++i) {
-        /* Of states at most one; sensitivities are as large as their tolerances are. */
+        /* Scale: at most 1 for states, the tolerance for sensitivities. */
         const double size = fabs(y[i]) + job->atols[i] * fmin(1.0 / job->rtol, 1.0 / job->atol);
         if (fabs(slopes[i]) * time > size) time = size / fabs(slopes[i]);
     }
     return fmin(fmax(sqrt(DBL_EPSILON) * time, least), 0.5 * fabs(end - job->t));
 }
 
-/* Evaluates a small time ahead along the slopes. */
-static int look_ahead(cotree_job *job, double time)
+/* Evaluate rates a short time ahead along the slopes. */
+static int evaluate_ahead(cotree_job *job, double time)
 {
     double *const moved = vector_of(job, MOVED);
     int i;
@@ -37,9 +36,8 @@ static int look_ahead(cotree_job *job, double time)
     return cotree_bdf_evaluate(job, all_of(job), job->t + time, moved, vector_of(job, RATES));
 }
 
-/* Solves for the slopes of algebraic unknowns in some blocks: what changes of the residuals along
- * the others' slopes they have to make up for. */
-static void add_slopes(cotree_job *job, double time, int first, int last)
+/* Solve for the slopes of algebraic unknowns in some blocks, which keep the residuals zero. */
+static void solve_algebraic_slopes(cotree_job *job, double time, int first, int last)
 {
     const double *const before = vector_of(job, BETWEEN), *const rates = vector_of(job, RATES);
     const double *const kinds = vector_of(job, KINDS);
@@ -57,7 +55,7 @@ static void add_slopes(cotree_job *job, double time, int first, int last)
     }
 }
 
-/* Tells how long a first step may be, from how the rates change. */
+/* Return the size of the first step from the change of the rates. */
 static double first_step(const cotree_job *job, double time)
 {
     const double *const y = vector_of(job, Y), *const before = vector_of(job, BETWEEN),
@@ -76,7 +74,7 @@ static double first_step(const cotree_job *job, double time)
     return fmin(sqrt(FIRST_ERROR / fmax(steepest, DBL_MIN)), 1e-3 * length);
 }
 
-/* Finds the slopes of a start, those of algebraic unknowns, too, and a first step. */
+/* Compute the slopes at a start, also of algebraic unknowns, and the size of the first step. */
 COTREE_PRIVATE int cotree_bdf_find_slopes(cotree_job *job, double *step)
 {
     const int n_rates = job->model->n_states - job->model->n_algebraic,
@@ -95,14 +93,15 @@ COTREE_PRIVATE int cotree_bdf_find_slopes(cotree_job *job, double *step)
     time = cotree_job_ahead(job) * small_time(job);
     if (n_rates < block && cotree_bdf_evaluate_jacobian(job, job->t, vector_of(job, Y)) == 0 &&
         cotree_bdf_form_matrix(job, ones, 1) == 0) {
-        if (look_ahead(job, time) == 0) add_slopes(job, time, 0, 1);
+        if (evaluate_ahead(job, time) == 0) solve_algebraic_slopes(job, time, 0, 1);
         time = cotree_job_ahead(job) * small_time(job);
-        if (n_blocks > 1 && look_ahead(job, time) == 0) add_slopes(job, time, 1, n_blocks);
+        if (n_blocks > 1 && evaluate_ahead(job, time) == 0)
+            solve_algebraic_slopes(job, time, 1, n_blocks);
     }
     bdf_of(job)->has_matrix = 0;
     time = cotree_job_ahead(job) * small_time(job);
     *step = 0.0;
-    if (look_ahead(job, time) == 0)
+    if (evaluate_ahead(job, time) == 0)
         *step = cotree_job_ahead(job) * fmax(first_step(job, time), fabs(time));
     job->entry = -1;
     return 0;
