@@ -134,7 +134,7 @@ typedef struct cotree_bdf {
     double slowest;       /* convergence rate of the last iteration; 0 after a single correction */
     int is_fresh;         /* 1: each step gets fresh matrices */
     int has_jacobian, has_matrix;
-    int has_failed;       /* the last iteration */
+    int has_failed; /* the last iteration */
     int is_opposed; /* the last correction opposed the residual */
     long step_of_jacobian, step_of_matrix, step_of_solution;
     double passed, reached; /* start and end of the last step, from the origin */
