@@ -21,6 +21,8 @@ from cotree import Scene
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from cotree.program import Program
+
 pytestmark = pytest.mark.compiler
 
 METHODS = ("dop853", "dopri5", "rkf45", "rodas5", "rodas4")
@@ -390,12 +392,39 @@ def test_a_corner_within_a_function(method: str, law: str) -> None:
     scene.edge("J", "current_source", "ground", "b", current=current)
     scene.edge("D", "capacitor", "b", "ground", capacitance=1.0)
     model = scene.compile(["k"])
-    assert model.layout.corners
+    # cosh(abs(x)) is cosh(x): there is nothing to locate.
+    assert bool(model.layout.corners) == (law != "cosh(abs(x))")
     result = model.simulate((0, 2 * math.pi), method=method, rtol=1e-8, atol=1e-10)
     # Eight tolerances; over corners that nothing located errors were up to a thousand.
     most = 8e-8 * (12.0 if method in ("cvode", "ida") else 1.0)
     assert result["D.v"][-1] == pytest.approx(2.0 * _WITHIN[law], rel=most)
     assert result.sensitivity("D.v", "k")[-1] == pytest.approx(_WITHIN[law], rel=most)
+
+
+@pytest.mark.parametrize(
+    ("law", "is_located"),
+    [
+        ("x*abs(x)", True),
+        ("x**2*abs(x)", False),
+        ("where(x > 0, x**3, 0)", False),
+        ("where(x > 0, 1 + x + x**2/2, exp(x))", False),
+        ("where(x > 0, 1 + x + x**2, exp(x))", True),
+        ("max(0, x)**2", True),
+    ],
+)
+def test_what_is_twice_differentiable_is_not_located(law: str, is_located: bool) -> None:
+    scene = Scene("smooth")
+    current = re.sub(r"\bx\b", "C.v", law)
+    scene.edge("I", "current_source", "a", "ground", current=current)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
+    assert bool(scene.compile([]).layout.corners) == is_located
+
+
+@pytest.mark.parametrize("name", ["two-tanks", "crane"])
+def test_orifices_meet_their_smoothed_part_smoothly(
+    program_of: Callable[[str], Program], name: str
+) -> None:
+    assert not program_of(name).layout.corners
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ end: steps end there, too, but the argument decides at all times. The other side
 held where it is constant, as that of ``sqrt(max(x, 0))`` is.
 
 Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
-those that are known functions of time, where integration stops anyway; corners with an infinite
+those that are known functions of time, where integration stops anyway; conditions at which all that
+reads them is twice differentiable, as the smoothed root of an orifice; corners with an infinite
 slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with; corners
 within masses and constraints; tables within roots and the like; and tables with very many points,
 whose corners are small.
@@ -27,6 +28,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.clips import SINGULAR, is_singular
 from cotree.dag.continuity import meets, ways_to_zero
+from cotree.dag.derivative import tangent
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
 from cotree.dag.multi_output import SEVERAL, Table
 from cotree.dag.stops import stops_within
@@ -136,6 +138,8 @@ def _find(equations: Equations) -> _Found:
     for node in reading:
         if node.op not in _BRANCHING or node.args[0] not in moving:
             continue
+        if corners.is_smooth(node):
+            continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
         # One condition serves all that it decides: one of these may rule it out.
@@ -205,6 +209,10 @@ class _Corners:
     ) -> None:
         self._order, self._roots, self._moving = order, set(roots), set(moving)
         self._known: dict[Node, list[Node]] = {}
+        self._places = {node: place for place, node in enumerate(order)}
+
+    def _place(self, node: Node) -> int:
+        return self._places[node]
 
     def _readers(self, node: Node) -> Sequence[Node]:
         for item in self._order if not self._known else ():
@@ -236,6 +244,35 @@ class _Corners:
                 else:
                     sides = _in_common(sides, found)
         return None
+
+    def is_smooth(self, node: Node) -> bool:
+        """Return whether all that reads a value that branches is twice differentiable there."""
+        condition, *branches = _branches(node)
+        if _meet_twice(*branches, condition, self._moving):
+            return True
+        if node in self._roots:
+            return False
+        above, below = ({node: value} for value in branches)
+        # In the order of all values, so that whatever reads several of those before finds them.
+        waiting = {reader: None for reader in self._readers(node)}
+        for _ in range(_MOST_ABOVE):
+            if not waiting:
+                return True
+            reader = min(waiting, key=self._place)
+            del waiting[reader]
+            if reader in self._roots or reader.op in SEVERAL:
+                return False
+            try:
+                above[reader], below[reader] = (
+                    substitute([reader], known)[0] for known in (above, below)
+                )
+                if _meet_twice(above[reader], below[reader], condition, self._moving):
+                    del above[reader], below[reader]
+                    continue
+            except (ArithmeticError, ValueError):  # it has no value there
+                return False
+            waiting.update((above_it, None) for above_it in self._readers(reader))
+        return False
 
     def sides_above(self, node: Node) -> _Sides:
         """Return the sides that what reads a value that branches allows, up to the roots."""
@@ -273,6 +310,23 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
         return condition, condition, -condition
     above, below = sides or (dag.one, -dag.one)
     return condition, above, below
+
+
+def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
+    """Return whether two values and their first and second derivatives meet where one is zero."""
+    pairs = [(above, below)]
+    symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
+    for order in range(3):
+        if not all(meets(*pair, boundary) for pair in pairs):
+            return False
+        if order < 2:
+            dag = above.dag
+            pairs = [
+                (tangent(a, {symbol: dag.one}), tangent(b, {symbol: dag.one}))
+                for a, b in pairs
+                for symbol in symbols
+            ]
+    return True
 
 
 #: Where a value has no slope, or none beyond a corner.
