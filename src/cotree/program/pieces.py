@@ -247,12 +247,12 @@ class _Corners:
 
     def is_smooth(self, node: Node) -> bool:
         """Return whether all that reads a value that branches is twice differentiable there."""
-        condition, *branches = _branches(node)
-        if _meet_twice(*branches, condition, self._moving):
+        condition, positive, negative = _branches(node)
+        if _meet_twice(positive, negative, condition, self._moving):
             return True
         if node in self._roots:
             return False
-        above, below = ({node: value} for value in branches)
+        above, below = {node: positive}, {node: negative}
         # In the order of all values, so that whatever reads several of those before finds them.
         waiting = {reader: None for reader in self._readers(node)}
         for _ in range(_MOST_ABOVE):
