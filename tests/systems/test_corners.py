@@ -327,6 +327,9 @@ def test_backwards_corners_are_left_to_the_error_test() -> None:
     assert result["j.s"][-1] == pytest.approx(mirrored, abs=1e-8)
 
 
+_NODES = {"i": "in", "g": "ground"}
+
+
 def test_what_is_left_to_the_error_test() -> None:
     """Some have an infinite slope on both sides; times are known; and outputs move nothing."""
     for force in (
@@ -338,6 +341,19 @@ def test_what_is_left_to_the_error_test() -> None:
         assert not mass(force, s=1.0).compile().layout.corners, force
     scene = mass("-j.s", s=1.0)
     scene.output("side", "abs(j.s)")
+    assert not scene.compile().layout.corners
+    # Capacitances of loops are a linear system, as masses are, and its pivots are chosen by sizes.
+    scene = Scene("amplifier")
+    scene.edge("V", "voltage_source", "in", "ground", voltage="0.4*sin(t)")
+    for name, ends, capacitance in (("Ci", "ib", 1e-6), ("Ce", "eg", 2e-6), ("Co", "co", 3e-6)):
+        tail, head = (_NODES.get(end, end) for end in ends)
+        scene.edge(name, "capacitor", tail, head, capacitance=capacitance)
+    for name, ends, resistance in (("Rb", "bg", 9e3), ("Rc", "cg", 4e3), ("Ro", "og", 9e3)):
+        tail, head = (_NODES.get(end, end) for end in ends)
+        scene.edge(name, "resistor", tail, head, resistance=resistance)
+    junctions = {"saturation_current": 1e-14, "be_capacitance": 1e-11, "bc_capacitance": 5e-12}
+    gains = {"forward_gain": 100.0, "reverse_gain": 1.0}
+    scene.edge("Q", "bjt_npn", "b", "c", "e", **junctions, **gains)
     assert not scene.compile().layout.corners
     dense = np.linspace(-1.0, 1.0, 1002)
     scene = Scene("dense")

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 #: Functions that have a value beyond any corner. Of a quotient it is the dividend alone that may
 #: have corners, and of a linear system the right-hand side.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
-_TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines"}
+_TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
 #: Tables with more points than this along an axis are left to the error test: a run would stop at
@@ -130,7 +130,7 @@ def _find(equations: Equations) -> _Found:
     order = reachable(roots)
     symbols = _moving(order, equations)
     moving = dependent(order, symbols)
-    held, wild = _heavy(equations), _wild(order)
+    heavy, wild = _heavy(order, equations), _wild(order)
     conditions: dict[_Key, _Sides | None] = {}
     looked_at: dict[_Key, Node] = {}
     keys, corners = _Keys(), _Corners(order, roots, symbols)
@@ -143,12 +143,12 @@ def _find(equations: Equations) -> _Found:
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
         # One condition serves all that it decides: one of these may rule it out.
-        sides = None if node in held else corners.sides(node)
+        sides = None if node in heavy else corners.sides(node)
         if node in wild:
             sides = _in_common(sides, corners.sides_above(node))
         sides = None if sides is None else sides.turned(scale)
         conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
-    tables = {node for node in reading if _is_table(node) and node not in held | wild}
+    tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
     located = {k: v for k, v in conditions.items() if v is not None and v.steep != _BOTH}
@@ -410,11 +410,21 @@ def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
     return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
 
 
-def _heavy(equations: Equations) -> set[Node]:
-    """List the values of masses and of constraints, whose corners are not followed."""
+def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
+    """List the values of masses and of constraints, whose corners are not followed.
+
+    Those of linear systems within rates are among them, as are the sizes that pivots are chosen by.
+    """
     held = equations.constraints
     values = [node for node in held.values if node is not None]
-    return set(reachable([*chain.from_iterable(equations.matrix), *values, *held.rates]))
+    values += [*chain.from_iterable(equations.matrix), *held.rates]
+    for node in order:
+        if node.op == "solve":
+            n = node.data.size
+            values += [*node.args[: n * n], *node.args[n * n + n :]]
+        elif node.op in ("map", "call"):
+            values += node.args
+    return set(reachable(values))
 
 
 def _is_tame(node: Node) -> bool:
