@@ -231,13 +231,13 @@ UNUSED_TYPE(String)
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2GetFMUstate)(fmi2Component handle, fmi2FMUstate *place)
 {
     BEGIN("fmi2GetFMUstate", ANY);
-    return status_of(m, fmu_states_keep(m, STATES, "fmi2GetFMUstate", place));
+    return status_of(m, fmu_states_save(m, STATES, "fmi2GetFMUstate", place));
 }
 
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2SetFMUstate)(fmi2Component handle, fmi2FMUstate from)
 {
     BEGIN("fmi2SetFMUstate", ANY);
-    return status_of(m, fmu_states_recall(m, STATES, "fmi2SetFMUstate", from));
+    return status_of(m, fmu_states_restore(m, STATES, "fmi2SetFMUstate", from));
 }
 
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2FreeFMUstate)(fmi2Component handle, fmi2FMUstate *place)
@@ -293,7 +293,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2EnterEventMode)(fmi2Component handle)
 
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2NewDiscreteStates)(fmi2Component handle, fmi2EventInfo *info)
 {
-    fmu_news news = {0, 0, 0, 0.0};
+    fmu_event_info news = {0, 0, 0, 0.0};
     BEGIN("fmi2NewDiscreteStates", FMU_EVENT);
     if (fmu_check_pointer(m, "fmi2NewDiscreteStates", info) != 0) return fmi2Error;
     if (fmu_update(m, &news) != 0) return fmi2Error;
@@ -309,7 +309,7 @@ COTREE_FMI_EXPORT fmi2Status FMI2(fmi2NewDiscreteStates)(fmi2Component handle, f
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2EnterContinuousTimeMode)(fmi2Component handle)
 {
     BEGIN("fmi2EnterContinuousTimeMode", FMU_EVENT);
-    return status_of(m, fmu_go_on(m));
+    return status_of(m, fmu_leave_event_mode(m));
 }
 
 COTREE_FMI_EXPORT fmi2Status FMI2(fmi2CompletedIntegratorStep)(fmi2Component handle,

@@ -342,13 +342,13 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3GetVariableDependencies)(fmi3Instance hand
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3GetFMUState)(fmi3Instance handle, fmi3FMUState *place)
 {
     BEGIN("fmi3GetFMUState", ANY);
-    return status_of(m, fmu_states_keep(m, STATES, "fmi3GetFMUState", place));
+    return status_of(m, fmu_states_save(m, STATES, "fmi3GetFMUState", place));
 }
 
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3SetFMUState)(fmi3Instance handle, fmi3FMUState from)
 {
     BEGIN("fmi3SetFMUState", ANY);
-    return status_of(m, fmu_states_recall(m, STATES, "fmi3SetFMUState", from));
+    return status_of(m, fmu_states_restore(m, STATES, "fmi3SetFMUState", from));
 }
 
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3FreeFMUState)(fmi3Instance handle, fmi3FMUState *place)
@@ -552,7 +552,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3UpdateDiscreteStates)(
     fmi3Boolean *are_nominals_changed, fmi3Boolean *are_states_changed, fmi3Boolean *has_next,
     fmi3Float64 *next)
 {
-    fmu_news news = {0, 0, 0, 0.0};
+    fmu_event_info news = {0, 0, 0, 0.0};
     BEGIN("fmi3UpdateDiscreteStates", FMU_EVENT);
     if (needs_another == NULL || terminates == NULL || are_nominals_changed == NULL ||
         are_states_changed == NULL || has_next == NULL || next == NULL) {
@@ -571,7 +571,7 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3UpdateDiscreteStates)(
 COTREE_FMI_EXPORT fmi3Status FMI3(fmi3EnterContinuousTimeMode)(fmi3Instance handle)
 {
     BEGIN("fmi3EnterContinuousTimeMode", FMU_EVENT);
-    if (fmu_go_on(m) != 0) return fmi3Error;
+    if (fmu_leave_event_mode(m) != 0) return fmi3Error;
     return fmi3OK;
 }
 
@@ -690,12 +690,12 @@ COTREE_FMI_EXPORT fmi3Status FMI3(fmi3DoStep)(fmi3Instance handle, fmi3Float64 t
     if (needs_event_mode == NULL || terminates == NULL || is_early == NULL || reached == NULL) {
         return status_of(m, fmu_check_pointer(m, "fmi3DoStep", NULL));
     }
-    fmu_keep_state(m, m->spare);
+    fmu_save_state(m, m->spare);
     result = fmu_step(m, t, step, &is_short, reached);
     *needs_event_mode = false;
     *terminates = m->numbers[FMU_HAS_ENDED] != 0.0;
     *is_early = is_short != 0;
     /* A discarded step leaves the state unchanged, so that a shorter one may follow. */
-    if (m->is_discarded) fmu_recall_state(m, m->spare, m->n_kept);
+    if (m->is_discarded) fmu_restore_state(m, m->spare, m->n_saved);
     return status_of(m, result);
 }

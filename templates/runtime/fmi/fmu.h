@@ -1,9 +1,8 @@
-/* fmu.h: an instance of a model as a functional mock-up unit, whatever the version of the
- * interface. Part of the runtime of cotree, the same for every model.
+/* fmu.h: an instance of a model as a functional mock-up unit, for all versions of the interface.
+ * Part of the runtime of cotree, the same for every model.
  *
- * The functions of FMI 2 and FMI 3 are thin: they check their arguments and call these. Functions
- * return 0 on success, and 1 after they have logged what is wrong.
- */
+ * The functions of FMI 2 and FMI 3 check their arguments and call these. Functions return 0, or
+ * 1 after logging an error. */
 #ifndef COTREE_FMU_H
 #define COTREE_FMU_H
 
@@ -14,14 +13,14 @@
 
 #include <stddef.h>
 
-/* States of an instance, as bits of a mask. */
+/* Modes of an instance, as bits of a mask. */
 #define FMU_INSTANTIATED 1
 #define FMU_INITIALIZATION 2
 #define FMU_EVENT 4
 #define FMU_CONTINUOUS 8
 #define FMU_STEP 16
 #define FMU_TERMINATED 32
-#define FMU_FAILED 64 /* a step of Co-Simulation ended early, in FMI 2 */
+#define FMU_FAILED 64 /* after a step of Co-Simulation that ended early, in FMI 2 */
 #define FMU_RUNNING (FMU_EVENT | FMU_CONTINUOUS | FMU_STEP)
 
 /* Blocks of variables; each has consecutive value references. */
@@ -30,12 +29,12 @@ enum fmu_block {
     FMU_STATES,
     FMU_RATES,
     FMU_PARAMETERS,
-    FMU_INPUTS,  /* set from outside */
+    FMU_INPUTS,  /* set by the importer */
     FMU_SIGNALS, /* inputs of the scene that are functions of time and parameters */
     FMU_OUTPUTS,
     FMU_INDICATORS,
-    FMU_OUTPUT_SLOPES, /* sensitivities of outputs, parameter by parameter */
-    FMU_STATE_SLOPES,  /* sensitivities of states, parameter by parameter */
+    FMU_OUTPUT_SLOPES, /* sensitivities of outputs, by parameter */
+    FMU_STATE_SLOPES,  /* sensitivities of states, by parameter */
     FMU_N_BLOCKS
 };
 
@@ -46,22 +45,22 @@ typedef struct fmu_pattern {
     const int *rows;
 } fmu_pattern;
 
-/* What there is of a model besides its kernels. */
+/* The tables of a model for its unit. */
 typedef struct fmu_tables {
     const char *token;
     const cotree_model *(*model)(void);
     const cotree_stepper *(*stepper)(void);
-    const void *(*aid)(void); /* what the stepper needs besides; NULL: nothing */
+    const void *(*aid)(void); /* data of the stepper; NULL: none */
     int has_sensitivities;
     int is_exchangeable; /* offers Model Exchange */
     int is_implicit, is_strict, is_extended;
-    int n_inputs;            /* set from outside */
-    const int *inputs;       /* which of the model's these are */
-    const double *values;    /* their values until they are set */
-    const int *signals;      /* the other inputs */
-    const double *start;     /* states at the start, at the default parameters */
-    int is_found;            /* whether states that are not given begin with those of start */
-    int is_at_rest;          /* whether the start is an operating point, found at the defaults */
+    int n_inputs;         /* set by the importer */
+    const int *inputs;    /* their places among the model's */
+    const double *values; /* their values until they are set */
+    const int *signals;   /* the other inputs */
+    const double *start;  /* states at the start, at the default parameters */
+    int is_found;   /* 1: states without a prescribed initial value start from those in start */
+    int is_at_rest; /* 1: the start is an operating point, found at the defaults */
     const double *sizes;     /* factors of absolute tolerances; NULL: 1 */
     double rtol, atol, span; /* defaults */
     long most_steps;         /* budgets of one step of Co-Simulation */
@@ -70,80 +69,80 @@ typedef struct fmu_tables {
     const int *stop_starts; /* 1: none before the first time */
     int n_limits;           /* upper bounds of steps */
     const cotree_start_tables *start_tables;
-    /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs from
-     * outside, parameters and time. */
+    /* Derivatives of rates and residuals, outputs, indicators and signals, by states, inputs set
+     * by the importer, parameters and time. */
     fmu_pattern partials;
     cotree_state_kernel find_partials;
-    fmu_pattern initial; /* of the initial states, by parameters */
+    fmu_pattern initial; /* of the initial states by parameters */
     cotree_parameter_kernel find_initial;
-    fmu_pattern constraints; /* of constraints, then of conditions on the start, by all columns */
+    fmu_pattern constraints; /* of constraints, then of conditions of the start, by all columns */
     cotree_state_kernel find_constraints;
-    /* Upper bounds of steps; then first time and period of each stop, with derivatives of both by
-     * each parameter of sensitivity. */
+    /* Upper bounds of steps; then the first time and period of each stop (a time event), and the
+     * derivatives of both by each parameter of sensitivity. */
     cotree_parameter_kernel find_stops;
 } fmu_tables;
 
-/* What a message is about: an event, a value that cannot be computed, or an error. */
+/* Severity of a message: information, a value that cannot be computed, or an error. */
 enum fmu_severity { FMU_NOTE, FMU_DISCARD, FMU_ERROR };
 
 typedef void (*fmu_logger)(void *environment, enum fmu_severity severity, const char *message);
 
-/* Numbers that make up the state of an instance, besides its arrays. */
+/* Numbers in the state of an instance, before its arrays. */
 enum fmu_number {
     FMU_MODE,
     FMU_NOW,
     FMU_BEGIN, /* start time */
     FMU_END,   /* stop time, or infinity */
     FMU_TOLERANCE,
-    FMU_LOW, /* the times between which nothing has a kink */
+    FMU_LOW, /* times between which rates have no kink */
     FMU_HIGH,
-    FMU_NEXT,       /* the next time where something has a kink, or infinity */
-    FMU_IS_STARTED, /* whether the states are those of the start, as far as parameters are known */
-    FMU_IS_CHOSEN,  /* whether the start is the least of several moves */
-    FMU_IS_BEGUN,   /* whether events are watched */
-    FMU_IS_CHANGED, /* whether inputs or parameters changed since the last step */
-    FMU_IS_SOLVED, /* whether algebraic unknowns were found, at the next time and with old states */
+    FMU_NEXT,       /* the next time event, or infinity */
+    FMU_IS_STARTED, /* 1: the states are those of the start for the present parameters */
+    FMU_IS_CHOSEN,  /* 1: the start is one of several projections */
+    FMU_IS_BEGUN,   /* 1: events have been processed once */
+    FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
+    FMU_IS_SOLVED,  /* 1: algebraic unknowns are known at the next number and the old states */
     FMU_SOLVED_AT,
-    FMU_IS_SET_UP, /* whether the experiment's times and tolerance were given */
-    FMU_HAS_ENDED, /* whether an event ended the simulation */
+    FMU_IS_SET_UP, /* 1: the times and the tolerance of the experiment are set */
+    FMU_HAS_ENDED, /* 1: an event ended the simulation */
     FMU_N_NUMBERS
 };
 
 typedef struct fmu {
     const fmu_tables *tables;
-    const cotree_model *model; /* that of its file */
-    int is_exchanged;          /* Model Exchange; else Co-Simulation */
+    const cotree_model *model; /* from the same file */
+    int is_exchanged;          /* 1: Model Exchange, 0: Co-Simulation */
     int returns_early;
-    int mode; /* a copy of the number */
-    /* Whether the present call may report a value that cannot be computed as discarded, so that the
-     * importer tries a smaller step, and whether it did. */
+    int mode; /* a copy of FMU_MODE */
+    /* 1: the present call may discard a value that cannot be computed, so that the importer
+     * tries a smaller step; 1: it did. */
     int may_discard, is_discarded;
     fmu_logger logger;
     void *environment;
     int offsets[FMU_N_BLOCKS + 1]; /* the first value reference of each block */
-    /* The state: numbers, then arrays, one after another. */
-    size_t n_kept;
-    double *kept;
+    /* The state: numbers, then arrays, adjacent in memory. */
+    size_t n_saved;
+    double *saved;
     double *numbers;
     double *z; /* states, then sensitivities */
     double *p;
     double *outside;    /* inputs */
-    double *own_values; /* initial values that were set */
+    double *own_values; /* initial values set by the importer */
     double *is_own;
-    double *old;     /* states for which algebraic unknowns were found last */
-    double *watched; /* what events know */
-    /* What follows from it. */
-    int fresh;
+    double *old;           /* states at which algebraic unknowns were found last */
+    double *event_history; /* history of the events */
+    /* Values computed from the state. */
+    int valid;
     int is_prepared;
     double *k, *u, *dx, *y, *g, *dy, *stops, *partials, *initial, *moved;
-    double *seed, *rows, *solved, *dense, *room, *atols;
+    double *seed, *rows, *solved, *dense, *work, *atols;
     double *before;
-    double *spare; /* for the state before a step */
+    double *spare; /* the state before a step */
     int *pivots, *known;
-    double *corners, *slopes, *spreads, *turns;
-    size_t n_corners; /* for which there is room */
+    double *corners, *slopes, *spreads, *turn_tolerances;
+    size_t n_corners; /* allocated */
     cotree_run run;
-    cotree_assembly assembly; /* of models with constraints or conditions on the start */
+    cotree_assembly assembly; /* for models with constraints or conditions */
     cotree_events events;
     void *job_memory;
     size_t n_job_memory;
@@ -157,13 +156,13 @@ fmu *fmu_new(const fmu_tables *tables, int is_exchanged, int returns_early, fmu_
 void fmu_free(fmu *m);
 void fmu_reset(fmu *m);
 
-/* Messages. fmu_refuse logs an error; fmu_discard does so, too, unless the present call may leave
- * out values that cannot be computed. Both return 1. */
+/* Messages. fmu_refuse logs an error; fmu_discard logs that a value is discarded, if the present
+ * call may do so. Both return 1. */
 void fmu_log(const fmu *m, enum fmu_severity severity, const char *format, ...);
 int fmu_refuse(const fmu *m, const char *format, ...);
 int fmu_discard(fmu *m, const char *format, ...);
 
-/* Begins a call: refuses it where it is not allowed in the state of the instance. */
+/* Start a call: reject it in a mode that does not allow it. */
 int fmu_check(fmu *m, const char *function, int modes);
 const char *fmu_mode_name(const fmu *m);
 void fmu_enter(fmu *m, int mode);
@@ -171,9 +170,9 @@ void fmu_enter(fmu *m, int mode);
 /* Variables. */
 int fmu_get(fmu *m, const unsigned *references, size_t n, double *values);
 int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values);
-int fmu_find(const fmu *m, unsigned reference, int *index); /* its block, or -1 */
+int fmu_find(const fmu *m, unsigned reference, int *index); /* return its block, or -1 */
 
-/* Bits of what is known at the present state. */
+/* Bits of the values that are valid for the present state. */
 #define FMU_POINT 1
 #define FMU_HAS_RATES 2
 #define FMU_HAS_OUTPUTS 4
@@ -184,9 +183,9 @@ int fmu_find(const fmu *m, unsigned reference, int *index); /* its block, or -1 
 int fmu_prepare(fmu *m);
 void fmu_set_up_run(fmu *m);
 int fmu_refresh(fmu *m, int what);
-cotree_events *fmu_events(fmu *m); /* at the present settings, without what they know */
-double fmu_span(const fmu *m);     /* from start to stop time, or by default */
-void fmu_forget(fmu *m);           /* what follows from the state */
+cotree_events *fmu_events(fmu *m); /* with the present settings, without their history */
+double fmu_span(const fmu *m);     /* from start to stop time, or the default */
+void fmu_invalidate(fmu *m);       /* invalidate computed values */
 
 /* Initialization. */
 int fmu_set_up(fmu *m, double t, double end, double tolerance);
@@ -202,10 +201,10 @@ int fmu_adjoint(fmu *m, const unsigned *unknowns, size_t n_unknowns, const unsig
                 size_t n_knowns, const double *seed, double *sensitivity);
 
 /* Model Exchange. */
-typedef struct fmu_news {
+typedef struct fmu_event_info {
     int terminates, are_states_changed, has_next;
     double next;
-} fmu_news;
+} fmu_event_info;
 int fmu_set_time(fmu *m, double t);
 int fmu_set_states(fmu *m, const double *x, size_t n);
 int fmu_get_states(fmu *m, double *x, size_t n);
@@ -213,25 +212,25 @@ int fmu_get_rates(fmu *m, double *dx, size_t n);
 int fmu_get_indicators(fmu *m, double *g, size_t n);
 int fmu_get_nominals(fmu *m, double *sizes, size_t n);
 int fmu_complete_step(fmu *m, int *enters_event_mode);
-int fmu_update(fmu *m, fmu_news *news);
-int fmu_go_on(fmu *m);
+int fmu_update(fmu *m, fmu_event_info *news);
+int fmu_leave_event_mode(fmu *m);
 
-/* Times at which something has a kink. */
+/* Time events. */
 int fmu_find_stops(fmu *m);
 double fmu_next_stop(const fmu *m, double t, double end);
 int fmu_is_stop(const fmu *m, double t);
 void fmu_stop_slopes(const fmu *m, double t, int is_start, double *slopes, double *spreads);
 double fmu_largest_stop(const fmu *m, double end);
 
-/* Co-Simulation. fmu_enter_steps processes the events at the start. Where a step cannot be
- * finished, *reached is the time up to which it was computed. */
+/* Co-Simulation. fmu_enter_steps processes the events at the start. *reached is the time up to
+ * which a step was computed. */
 int fmu_enter_steps(fmu *m);
 int fmu_step(fmu *m, double t, double step, int *is_early, double *reached);
 
 /* State. */
 size_t fmu_state_size(const fmu *m);
-void fmu_keep_state(const fmu *m, double *to);
-int fmu_recall_state(fmu *m, const double *from, size_t n);
+void fmu_save_state(const fmu *m, double *to);
+int fmu_restore_state(fmu *m, const double *from, size_t n);
 
 /* The tables of the model. */
 const fmu_tables *fmu_tables_of_model(void);

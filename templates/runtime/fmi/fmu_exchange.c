@@ -22,7 +22,7 @@ int fmu_set_time(fmu *m, double t)
 {
     if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the time is no finite number");
     m->numbers[FMU_NOW] = t;
-    fmu_forget(m);
+    fmu_invalidate(m);
     return 0;
 }
 
@@ -37,7 +37,7 @@ int fmu_set_states(fmu *m, const double *x, size_t n)
         }
     }
     for (i = 0; i < N_RATES; ++i) m->z[i] = x[i];
-    fmu_forget(m);
+    fmu_invalidate(m);
     return 0;
 }
 
@@ -111,7 +111,7 @@ static void find_segment(fmu *m)
     m->numbers[FMU_HIGH] = is_last ? HUGE_VAL : next - margin;
     m->run.low = m->numbers[FMU_LOW];
     m->run.high = m->numbers[FMU_HIGH];
-    fmu_forget(m);
+    fmu_invalidate(m);
 }
 
 static int project(fmu *m)
@@ -126,15 +126,15 @@ static int project(fmu *m)
 }
 
 /* Apply events at the present point. */
-static int apply_events(fmu *m, fmu_news *news)
+static int apply_events(fmu *m, fmu_event_info *news)
 {
     cotree_events *const e = fmu_events(m);
     const double t = m->numbers[FMU_NOW];
-    double *const w = m->room;
+    double *const w = m->work;
     int i, status;
     m->run.is_held = 1;
     cotree_run_narrow(&m->run, t, m->z, w);
-    cotree_events_restore(e, m->watched); /* zeros before the first update */
+    cotree_events_restore(e, m->event_history); /* zeros before the first update */
     if (m->numbers[FMU_IS_BEGUN] == 0.0) {
         status = cotree_events_begin(e, t, w);
     } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || fmu_is_stop(m, t)) {
@@ -148,7 +148,7 @@ static int apply_events(fmu *m, fmu_news *news)
                           m->model->hybrid->events[e->event].name, e->failure_time,
                           cotree_events_message(status));
     }
-    cotree_events_save(e, m->watched);
+    cotree_events_save(e, m->event_history);
     if (cotree_run_find_states(&m->run, t, w) != 0) {
         return fmu_refuse(m, "no values of the algebraic unknowns are found at t = %.10g", t);
     }
@@ -160,7 +160,7 @@ static int apply_events(fmu *m, fmu_news *news)
     return 0;
 }
 
-int fmu_update(fmu *m, fmu_news *news)
+int fmu_update(fmu *m, fmu_event_info *news)
 {
     int i, status;
     news->terminates = news->are_states_changed = 0;
@@ -170,7 +170,7 @@ int fmu_update(fmu *m, fmu_news *news)
     for (i = 0; i < N_RATES; ++i) m->before[i] = m->z[i];
     status = project(m);
     if (status == 0 && m->model->hybrid != NULL) status = apply_events(m, news);
-    fmu_forget(m);
+    fmu_invalidate(m);
     if (status != 0) return status;
     m->numbers[FMU_IS_BEGUN] = 1.0;
     m->numbers[FMU_IS_CHANGED] = 0.0;
@@ -183,9 +183,9 @@ int fmu_update(fmu *m, fmu_news *news)
 }
 
 /* Leave Event Mode, after an update if there was none. */
-int fmu_go_on(fmu *m)
+int fmu_leave_event_mode(fmu *m)
 {
-    fmu_news news;
+    fmu_event_info news;
     if (m->numbers[FMU_IS_BEGUN] == 0.0 && fmu_update(m, &news) != 0) return 1;
     if (fmu_prepare(m) != 0) return 1;
     fmu_enter(m, FMU_CONTINUOUS);

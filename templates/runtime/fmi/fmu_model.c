@@ -15,9 +15,10 @@
 #define N_SENSITIVITIES (m->tables->has_sensitivities ? m->model->n_sensitivities : 0)
 #define N_FULL (N_STATES * (1 + N_SENSITIVITIES))
 
-/* How often, and by how small a share of the way, unknowns are looked for on the way to a point. */
-#define MOST_TRIALS 1000
-#define LEAST_SHARE 1e-9
+/* Limits of the continuation of algebraic unknowns: number of points, and the least share of the
+ * path. */
+#define MAX_POINTS 1000
+#define MIN_SHARE 1e-9
 
 static int n_events_of(const fmu *m)
 {
@@ -26,9 +27,7 @@ static int n_events_of(const fmu *m)
 
 static int largest_int(int a, int b) { return a > b ? a : b; }
 
-/* Memory. */
-
-/* Takes what makes up the state, in the order in which it is kept. */
+/* Allocate the state, in the order in which it is saved. */
 static void lay_out_state(fmu *m, cotree_room *room)
 {
     const cotree_model *const model = m->model;
@@ -39,7 +38,7 @@ static void lay_out_state(fmu *m, cotree_room *room)
     m->own_values = cotree_take_doubles(room, N_STATES);
     m->is_own = cotree_take_doubles(room, N_STATES);
     m->old = cotree_take_doubles(room, N_RATES);
-    m->watched = cotree_take_doubles(room, COTREE_EVENTS_SAVED(n_events_of(m)));
+    m->event_history = cotree_take_doubles(room, COTREE_EVENTS_SAVED(n_events_of(m)));
 }
 
 static void lay_out(fmu *m, cotree_room *room)
@@ -50,11 +49,11 @@ static void lay_out(fmu *m, cotree_room *room)
     const cotree_assembly_tables *const rows = tables->start_tables->assembly;
     const int n_rows = rows == NULL ? 0 : model->n_constraints + rows->n_conditions;
     const int n = largest_int(N_STATES, n_rows) + 1;
-    m->kept = (double *)cotree_take(room, 0, NULL);
+    m->saved = (double *)cotree_take(room, 0, NULL);
     lay_out_state(m, room);
-    m->n_kept = (size_t)FMU_N_NUMBERS + (size_t)N_FULL + (size_t)model->n_parameters +
-                (size_t)tables->n_inputs + 2 * (size_t)N_STATES + (size_t)N_RATES +
-                (size_t)COTREE_EVENTS_SAVED(n_events);
+    m->n_saved = (size_t)FMU_N_NUMBERS + (size_t)N_FULL + (size_t)model->n_parameters +
+                 (size_t)tables->n_inputs + 2 * (size_t)N_STATES + (size_t)N_RATES +
+                 (size_t)COTREE_EVENTS_SAVED(n_events);
     m->k = cotree_take_doubles(room, model->n_prepared + 1);
     m->u = cotree_take_doubles(room, model->n_inputs + 1);
     m->dx = cotree_take_doubles(room, N_STATES + 1);
@@ -73,11 +72,11 @@ static void lay_out(fmu *m, cotree_room *room)
     m->rows = cotree_take_doubles(room, tables->partials.n_rows + 1);
     m->solved = cotree_take_doubles(room, 3 * n);
     m->dense = cotree_take_doubles(room, model->n_algebraic * model->n_algebraic);
-    m->room = cotree_take_doubles(room, N_FULL + 1);
+    m->work = cotree_take_doubles(room, N_FULL + 1);
     m->atols = cotree_take_doubles(room, N_FULL + 1);
-    m->turns = cotree_take_doubles(room, n_sensitivities + 1);
+    m->turn_tolerances = cotree_take_doubles(room, n_sensitivities + 1);
     m->before = cotree_take_doubles(room, N_STATES + 1);
-    m->spare = cotree_take_doubles(room, (int)m->n_kept);
+    m->spare = cotree_take_doubles(room, (int)m->n_saved);
     m->pivots = cotree_take_ints(room, n);
     m->known = cotree_take_ints(room, n);
     m->records = cotree_take_doubles(room, COTREE_EVENTS_AT_ONCE(n_events) *
@@ -110,13 +109,13 @@ static void find_offsets(fmu *m)
     for (i = 0; i < FMU_N_BLOCKS; ++i) m->offsets[i + 1] = m->offsets[i] + counts[i];
 }
 
-/* Puts the instance where it was instantiated. */
+/* Reset the instance to its instantiation. */
 void fmu_reset(fmu *m)
 {
     const cotree_model *const model = m->model;
     size_t i;
     int j;
-    for (i = 0; i < m->n_kept; ++i) m->kept[i] = 0.0;
+    for (i = 0; i < m->n_saved; ++i) m->saved[i] = 0.0;
     for (j = 0; j < model->n_parameters; ++j) m->p[j] = model->parameter_values[j];
     for (j = 0; j < m->tables->n_inputs; ++j) m->outside[j] = m->tables->values[j];
     for (j = 0; j < N_STATES; ++j) m->z[j] = m->tables->start[j];
@@ -126,7 +125,7 @@ void fmu_reset(fmu *m)
     m->numbers[FMU_HIGH] = HUGE_VAL;
     m->numbers[FMU_NEXT] = HUGE_VAL;
     m->is_prepared = 0;
-    fmu_forget(m);
+    fmu_invalidate(m);
     fmu_enter(m, FMU_INSTANTIATED);
 }
 
@@ -165,9 +164,8 @@ void fmu_free(fmu *m)
     free(m);
 }
 
-/* Messages. */
-
-static void say(const fmu *m, enum fmu_severity severity, const char *format, va_list arguments)
+static void log_message(const fmu *m, enum fmu_severity severity, const char *format,
+                        va_list arguments)
 {
     char message[1024];
     if (m->logger == NULL) return;
@@ -179,7 +177,7 @@ void fmu_log(const fmu *m, enum fmu_severity severity, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    say(m, severity, format, arguments);
+    log_message(m, severity, format, arguments);
     va_end(arguments);
 }
 
@@ -187,7 +185,7 @@ int fmu_refuse(const fmu *m, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    say(m, FMU_ERROR, format, arguments);
+    log_message(m, FMU_ERROR, format, arguments);
     va_end(arguments);
     return 1;
 }
@@ -196,7 +194,7 @@ int fmu_discard(fmu *m, const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    say(m, m->may_discard ? FMU_DISCARD : FMU_ERROR, format, arguments);
+    log_message(m, m->may_discard ? FMU_DISCARD : FMU_ERROR, format, arguments);
     va_end(arguments);
     m->is_discarded = m->may_discard;
     return 1;
@@ -235,9 +233,7 @@ void fmu_enter(fmu *m, int mode)
     m->numbers[FMU_MODE] = (double)mode;
 }
 
-/* What follows from the state. */
-
-void fmu_forget(fmu *m) { m->fresh = 0; }
+void fmu_invalidate(fmu *m) { m->valid = 0; }
 
 int fmu_prepare(fmu *m)
 {
@@ -254,8 +250,8 @@ int fmu_prepare(fmu *m)
     return fmu_find_stops(m);
 }
 
-/* Writes inputs: those of the scene, and in place of some what was set. */
-static int put_inputs(double t, double *u, void *context)
+/* Write the inputs that the importer has set over those of the scene. */
+static int write_inputs(double t, double *u, void *context)
 {
     const fmu *const m = (const fmu *)context;
     int i;
@@ -267,7 +263,7 @@ static int put_inputs(double t, double *u, void *context)
 void fmu_set_up_run(fmu *m)
 {
     cotree_run *const run = &m->run;
-    run->input_function = put_inputs;
+    run->input_function = write_inputs;
     run->input_context = m;
     run->is_held = 0;
     run->is_strict = 0;
@@ -279,17 +275,16 @@ void fmu_set_up_run(fmu *m)
 
 static double now(const fmu *m) { return cotree_run_inside(&m->run, m->numbers[FMU_NOW]); }
 
-/* Solves for the algebraic unknowns on the way from the point where they were found last: an
- * importer may try steps that are far too long for what was found before them to lead to a
- * solution. */
-static int walk(fmu *m)
+/* Continue the algebraic unknowns along the straight line from the point at which they were
+ * found last. An importer may try steps too long for Newton's method. */
+static int continue_unknowns(fmu *m)
 {
     const double from = m->numbers[FMU_SOLVED_AT];
-    double *const w = m->room;
+    double *const w = m->work;
     double s = 0.0, step = 0.5;
     int i, n;
     if (m->numbers[FMU_IS_SOLVED] == 0.0) return 1;
-    for (n = 0; n < MOST_TRIALS && s < 1.0 && step > LEAST_SHARE; ++n) {
+    for (n = 0; n < MAX_POINTS && s < 1.0 && step > MIN_SHARE; ++n) {
         const double next = s + step < 1.0 ? s + step : 1.0;
         for (i = 0; i < N_RATES; ++i) w[i] = m->old[i] + next * (m->z[i] - m->old[i]);
         if (cotree_run_find_states(&m->run, from + next * (now(m) - from), w) == 0) {
@@ -302,12 +297,12 @@ static int walk(fmu *m)
     return s < 1.0;
 }
 
-/* Finds algebraic unknowns; the last ones are the guesses. */
-static int find_unknowns(fmu *m)
+/* Solve for the algebraic unknowns, starting from the last ones. */
+static int solve_unknowns(fmu *m)
 {
     int i;
-    cotree_run_narrow(&m->run, now(m), m->z, m->room);
-    if (cotree_run_find_states(&m->run, now(m), m->room) != 0 && walk(m) != 0) {
+    cotree_run_narrow(&m->run, now(m), m->z, m->work);
+    if (cotree_run_find_states(&m->run, now(m), m->work) != 0 && continue_unknowns(m) != 0) {
         return fmu_discard(
             m, "the algebraic equations have no solution near the previous one at t = %.10g",
             m->numbers[FMU_NOW]);
@@ -319,12 +314,12 @@ static int find_unknowns(fmu *m)
     return 0;
 }
 
-/* Finds inputs and algebraic unknowns. */
-static int find_point(fmu *m)
+/* Compute inputs and algebraic unknowns. */
+static int compute_point(fmu *m)
 {
     int status;
     fmu_set_up_run(m);
-    if (m->model->n_algebraic > 0 && find_unknowns(m) != 0) return 1;
+    if (m->model->n_algebraic > 0 && solve_unknowns(m) != 0) return 1;
     status = cotree_run_inputs(&m->run, now(m));
     return status == 0
                ? 0
@@ -349,7 +344,7 @@ static int evaluate(fmu *m, int what)
     }
 }
 
-/* Discards rates and event indicators that are not finite: integrators would carry them on. */
+/* Discard rates and event indicators that are not finite: integrators would propagate them. */
 static int check_finite(fmu *m, int what)
 {
     const int is_rate = what == FMU_HAS_RATES;
@@ -374,19 +369,19 @@ int fmu_refresh(fmu *m, int what)
         m->numbers[FMU_IS_STARTED] == 0.0) {
         if (fmu_start(m) != 0) return 1;
     }
-    if ((m->fresh & FMU_POINT) == 0) {
-        if (find_point(m) != 0) return 1;
-        m->fresh |= FMU_POINT;
+    if ((m->valid & FMU_POINT) == 0) {
+        if (compute_point(m) != 0) return 1;
+        m->valid |= FMU_POINT;
     }
     for (bit = FMU_HAS_RATES; bit <= FMU_HAS_SLOPES; bit *= 2) {
-        if ((what & bit) == 0 || (m->fresh & bit) != 0) continue;
+        if ((what & bit) == 0 || (m->valid & bit) != 0) continue;
         if (evaluate(m, bit) != 0) {
             return fmu_discard(
                 m, "the model cannot be evaluated at t = %.10g: a linear system is singular",
                 m->numbers[FMU_NOW]);
         }
         if (check_finite(m, bit) != 0) return 1;
-        m->fresh |= bit;
+        m->valid |= bit;
     }
     return 0;
 }
@@ -408,8 +403,6 @@ cotree_events *fmu_events(fmu *m)
     return e;
 }
 
-/* Variables. */
-
 int fmu_find(const fmu *m, unsigned reference, int *index)
 {
     int block;
@@ -422,8 +415,9 @@ int fmu_find(const fmu *m, unsigned reference, int *index)
     return -1;
 }
 
-/* Makes what a block is read from; before the initialization only what may be set has a value. */
-static int make(fmu *m, int block, int index)
+/* Compute the values of a block. Before initialization only variables that may be set have
+ * values. */
+static int evaluate_block(fmu *m, int block, int index)
 {
     static const int needs[FMU_N_BLOCKS] = {0,
                                             FMU_POINT,
@@ -441,7 +435,7 @@ static int make(fmu *m, int block, int index)
         return fmu_refuse(m, "variable %d has no value before Initialization Mode",
                           m->offsets[block] + index);
     }
-    /* Where the instance has ended, values are those of its end. */
+    /* After the end, values are those at the end. */
     return fmu_refresh(m, needs[block]);
 }
 
@@ -479,13 +473,13 @@ int fmu_get(fmu *m, const unsigned *references, size_t n, double *values)
         int index = 0;
         const int block = fmu_find(m, references[i], &index);
         if (block < 0) return fmu_refuse(m, "there is no variable %u", references[i]);
-        if (make(m, block, index) != 0) return 1;
+        if (evaluate_block(m, block, index) != 0) return 1;
         values[i] = read_value(m, block, index);
     }
     return 0;
 }
 
-/* Refuses what may not be set. */
+/* Reject variables and values that may not be set. */
 static int check_set(const fmu *m, unsigned reference, double value)
 {
     int index = 0;
@@ -495,11 +489,11 @@ static int check_set(const fmu *m, unsigned reference, double value)
     if (!(fabs(value) <= DBL_MAX))
         return fmu_refuse(m, "variable %u is set to no finite number", reference);
     if (block == FMU_INPUTS) return 0;
-    /* The standard lets parameters change in Event Mode only, and no importer that follows it sets
-     * them elsewhere. CasADi sets them at every evaluation, and integrates again for other values.
-     */
+    /* The standard allows changes of parameters in Event Mode only, and importers that follow it
+     * set them nowhere else. CasADi sets them at every evaluation, and integrates again for
+     * other values. */
     if (block == FMU_PARAMETERS) return 0;
-    /* Some importers set states one by one, as a state that may be reinitialized. */
+    /* Some importers set single states, like a state that may be reinitialized. */
     if (block == FMU_STATES && index < N_RATES && (is_early || m->is_exchanged)) return 0;
     if (block == FMU_STATES && index < N_RATES) {
         return fmu_refuse(m, "state '%s' cannot be set in %s", m->model->states[index].name,
@@ -532,18 +526,16 @@ int fmu_set(fmu *m, const unsigned *references, size_t n, const double *values)
             if (block == FMU_PARAMETERS) m->is_prepared = 0;
         }
         m->numbers[FMU_IS_STARTED] = 0.0;
-        fmu_forget(m);
+        fmu_invalidate(m);
     }
     return 0;
 }
 
-/* State. */
+size_t fmu_state_size(const fmu *m) { return m->n_saved; }
 
-size_t fmu_state_size(const fmu *m) { return m->n_kept; }
+void fmu_save_state(const fmu *m, double *to) { memcpy(to, m->saved, m->n_saved * sizeof(double)); }
 
-void fmu_keep_state(const fmu *m, double *to) { memcpy(to, m->kept, m->n_kept * sizeof(double)); }
-
-/* Tells whether an instance of this kind may be in a state. */
+/* Return whether an instance of this kind has a mode. */
 static int is_mode(const fmu *m, double mode)
 {
     int bit;
@@ -556,13 +548,13 @@ static int is_mode(const fmu *m, double mode)
     return 0;
 }
 
-int fmu_recall_state(fmu *m, const double *from, size_t n)
+int fmu_restore_state(fmu *m, const double *from, size_t n)
 {
-    if (n != m->n_kept) return fmu_refuse(m, "this is no state of this model");
+    if (n != m->n_saved) return fmu_refuse(m, "this is no state of this model");
     if (!is_mode(m, from[FMU_MODE])) return fmu_refuse(m, "this is no state of such an instance");
-    memcpy(m->kept, from, n * sizeof(double));
+    memcpy(m->saved, from, n * sizeof(double));
     m->mode = (int)m->numbers[FMU_MODE];
     m->is_prepared = 0;
-    fmu_forget(m);
+    fmu_invalidate(m);
     return 0;
 }

@@ -1,6 +1,5 @@
-/* fmu_start.c: initialization: a consistent start, and its derivatives.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmu_start.c: initialization with a consistent start, and its derivatives.
+ * Part of the runtime of cotree, the same for every model. */
 #include "fmu.h"
 
 #include <float.h>
@@ -10,8 +9,8 @@
 #define N_STATES (m->model->n_states)
 #define N_RATES (m->model->n_states - m->model->n_algebraic)
 
-/* How often modes of jumps are looked at. */
-#define ROUNDS 100
+/* The largest number of mode changes of jumps. */
+#define MAX_MODE_CHANGES 100
 
 int fmu_set_up(fmu *m, double t, double end, double tolerance)
 {
@@ -31,19 +30,19 @@ int fmu_set_up(fmu *m, double t, double end, double tolerance)
 int fmu_begin(fmu *m)
 {
     m->numbers[FMU_IS_STARTED] = 0.0;
-    fmu_forget(m);
+    fmu_invalidate(m);
     fmu_enter(m, FMU_INITIALIZATION);
     return 0;
 }
 
-/* Whether a state keeps the value that it is given. */
-static int is_kept(const fmu *m, int i)
+/* Return whether a state keeps its initial value. */
+static int is_prescribed(const fmu *m, int i)
 {
     return m->is_own[i] != 0.0 || m->tables->start_tables->given[i];
 }
 
-/* Writes the initial values as they are given, and guesses of the others. */
-static int put_values(fmu *m)
+/* Write the prescribed initial values, and guesses of the others. */
+static int write_initial_values(fmu *m)
 {
     const fmu_tables *const tables = m->tables;
     int i;
@@ -67,20 +66,20 @@ static int put_values(fmu *m)
     return 0;
 }
 
-/* Marks what is kept: initial values that are given or set, and states of is_known, if there are
- * any. Conditions hold unless all coordinates, or all speeds, are set. */
-static void keep(fmu *m, const int *is_known)
+/* Mark prescribed states: with given or set initial values, and those of is_known unless NULL.
+ * Conditions hold unless all coordinates, or all speeds, are set. */
+static void mark_prescribed(fmu *m, const int *is_known)
 {
     cotree_assembly *const a = &m->assembly;
     int i;
     for (i = 0; i < N_STATES; ++i) m->pivots[i] = m->is_own[i] != 0.0;
     cotree_assembly_hold(a, m->pivots);
     for (i = 0; i < N_STATES; ++i) {
-        a->is_kept[i] = is_kept(m, i) || (is_known != NULL && is_known[i]);
+        a->is_kept[i] = is_prescribed(m, i) || (is_known != NULL && is_known[i]);
     }
 }
 
-/* Moves what is not given onto the constraints. */
+/* Project the states that are not prescribed onto the constraints. */
 static int assemble(fmu *m)
 {
     cotree_assembly *const a = &m->assembly;
@@ -90,9 +89,9 @@ static int assemble(fmu *m)
     if (m->tables->start_tables->assembly == NULL) return 0;
     fmu_set_up_run(m);
     if (cotree_run_inputs(&m->run, t) != 0) return fmu_refuse(m, "the inputs have no values");
-    keep(m, NULL);
+    mark_prescribed(m, NULL);
     status = cotree_assembly_normalise(a, m->z);
-    for (i = 0; i < N_STATES; ++i) m->room[i] = m->z[i];
+    for (i = 0; i < N_STATES; ++i) m->work[i] = m->z[i];
     if (status == 0) status = cotree_assembly_measure(a, t, m->z);
     if (status == 0) status = cotree_assembly_move(a, t, m->z);
     if (status == COTREE_ASSEMBLY_VIOLATED && a->culprit >= 0) {
@@ -105,20 +104,20 @@ static int assemble(fmu *m)
     if (status != 0) {
         return fmu_refuse(m, "the constraints have no values at the initial states");
     }
-    m->numbers[FMU_IS_CHOSEN] = (double)cotree_assembly_is_chosen(a, t, m->room, m->z);
+    m->numbers[FMU_IS_CHOSEN] = (double)cotree_assembly_is_chosen(a, t, m->work, m->z);
     return 0;
 }
 
-/* Chooses the modes of dry friction and of rigid stops, which may begin with an impact. */
-static int choose_modes(fmu *m)
+/* Select the modes of dry friction and rigid stops; the start may contain an impact. */
+static int select_modes(fmu *m)
 {
     cotree_events *const e = fmu_events(m);
     const double t = m->numbers[FMU_NOW];
     int i, status;
-    cotree_run_narrow(&m->run, t, m->z, m->room);
-    cotree_events_restore(e, m->watched); /* what a run before this one knew has no bearing on it */
+    cotree_run_narrow(&m->run, t, m->z, m->work);
+    cotree_events_restore(e, m->event_history); /* without the history of an earlier run */
     m->run.is_held = 1;
-    status = cotree_events_select_modes(e, t, m->room);
+    status = cotree_events_select_modes(e, t, m->work);
     m->run.is_held = 0;
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
@@ -126,28 +125,28 @@ static int choose_modes(fmu *m)
     }
     for (i = 0; i < e->n_events; ++i) {
         if (e->rows[i].kind > COTREE_JUMP)
-            m->z[e->rows[i].targets[0]] = m->room[e->rows[i].targets[0]];
+            m->z[e->rows[i].targets[0]] = m->work[e->rows[i].targets[0]];
     }
-    for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->room[i];
-    fmu_forget(m);
+    for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->work[i];
+    fmu_invalidate(m);
     return fmu_refresh(m, FMU_POINT);
 }
 
-/* Puts the modes of jumps inside expressions on the sides where their values are. */
-static int settle_modes(fmu *m)
+/* Set the modes of jumps to the sides of their values. */
+static int initialize_jump_modes(fmu *m)
 {
     const cotree_hybrid *const hybrid = m->model->hybrid;
     const double t = m->numbers[FMU_NOW];
     int round, i, is_changed = hybrid != NULL;
-    for (round = 0; is_changed && round < ROUNDS; ++round) {
+    for (round = 0; is_changed && round < MAX_MODE_CHANGES; ++round) {
         is_changed = 0;
-        m->fresh = 0;
+        m->valid = 0;
         if (fmu_refresh(m, FMU_HAS_INDICATORS) != 0) return 1;
         for (i = 0; i < hybrid->n_events; ++i) {
             const cotree_event *const row = hybrid->events + i;
             if (row->kind != COTREE_JUMP || !(m->g[i] * (double)row->direction > 0.0)) continue;
-            cotree_run_narrow(&m->run, t, m->z, m->room);
-            if (cotree_jumps_compute_new_values(&m->events.jumps, t, m->room) != 0) {
+            cotree_run_narrow(&m->run, t, m->z, m->work);
+            if (cotree_jumps_compute_new_values(&m->events.jumps, t, m->work) != 0) {
                 return fmu_refuse(m, "event '%s' has no values at the start", row->name);
             }
             if (!cotree_jumps_changes_value(&m->events.jumps, i)) continue;
@@ -157,7 +156,7 @@ static int settle_modes(fmu *m)
         }
     }
     if (is_changed) return fmu_refuse(m, "jumps make each other happen at the start");
-    return hybrid == NULL ? 0 : choose_modes(m);
+    return hybrid == NULL ? 0 : select_modes(m);
 }
 
 int fmu_start(fmu *m)
@@ -167,10 +166,10 @@ int fmu_start(fmu *m)
     if (fmu_prepare(m) != 0) return 1;
     m->run.low = m->numbers[FMU_LOW] = -HUGE_VAL;
     m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
-    fmu_forget(m);
-    m->numbers[FMU_IS_STARTED] = 1.0; /* what is called here asks for no start */
-    if (put_values(m) != 0 || assemble(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
-        settle_modes(m) != 0) {
+    fmu_invalidate(m);
+    m->numbers[FMU_IS_STARTED] = 1.0; /* prevents recursion: refresh would call this function */
+    if (write_initial_values(m) != 0 || assemble(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
+        initialize_jump_modes(m) != 0) {
         m->numbers[FMU_IS_STARTED] = 0.0;
         return 1;
     }
@@ -185,7 +184,7 @@ int fmu_start(fmu *m)
         }
         for (i = 0; i < N_STATES; ++i) s[i] = i < N_RATES ? m->seed[i] : 0.0;
     }
-    fmu_forget(m);
+    fmu_invalidate(m);
     return 0;
 }
 
@@ -200,10 +199,8 @@ int fmu_leave_initialization(fmu *m)
     return 0;
 }
 
-/* Derivatives of the start. */
-
-/* Moves what is not given of one level along with the constraints. */
-static int follow(fmu *m, double *seed, int level)
+/* Complete a direction by the states of one level that are not prescribed. */
+static int complete_direction(fmu *m, double *seed, int level)
 {
     const cotree_assembly_tables *const rows = m->assembly.tables;
     const fmu_pattern *const c = &m->tables->constraints;
@@ -213,7 +210,7 @@ static int follow(fmu *m, double *seed, int level)
     for (i = 0; i < n; ++i) rates[i] = 0.0;
     for (j = 0; j < c->n_columns; ++j) {
         for (i = c->starts[j]; i < c->starts[j + 1]; ++i) {
-            /* Norms of quaternions stand between constraints and conditions. */
+            /* Rows of quaternion norms lie between constraints and conditions. */
             const int row = c->rows[i], last = row - rows->n_quaternions;
             if (row >= n_held && row < n_held + rows->n_quaternions) continue;
             rates[row < n_held ? row : last] += m->moved[i] * seed[j];
@@ -227,8 +224,8 @@ static int follow(fmu *m, double *seed, int level)
     return 0;
 }
 
-/* Adds to a direction of given states, inputs and parameters what the other states do. is_known:
- * states whose own entry counts; NULL: none besides those that were set. */
+/* Complete a direction of prescribed states, inputs and parameters by the other states.
+ * is_known: states whose own entry is prescribed; NULL: only those that were set. */
 int fmu_move_start(fmu *m, const int *is_known, double *seed)
 {
     const fmu_tables *const tables = m->tables;
@@ -263,7 +260,7 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
     if (tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
         return fmu_refuse(m, "the constraints have no derivatives");
     }
-    keep(m, is_known);
+    mark_prescribed(m, is_known);
     cotree_assembly_turn(&m->assembly, m->z, seed);
-    return follow(m, seed, 0) != 0 ? 1 : follow(m, seed, 1);
+    return complete_direction(m, seed, 0) != 0 ? 1 : complete_direction(m, seed, 1);
 }

@@ -32,7 +32,7 @@ static void write_state(const fmu *m, fmu_state *to)
     to->head.magic = MAGIC;
     to->head.n = (unsigned)fmu_state_size(m);
     strncpy(to->head.token, m->tables->token, sizeof(to->head.token) - 1);
-    fmu_keep_state(m, to->values);
+    fmu_save_state(m, to->values);
 }
 
 /* Return the FNV-1a checksum (Fowler, Noll, Vo), which detects damaged bytes. */
@@ -118,7 +118,7 @@ static fmu_state *take_state(fmu *m, fmu_states *kept, const char *function, voi
     return own;
 }
 
-int fmu_states_keep(fmu *m, fmu_states *kept, const char *function, void **place)
+int fmu_states_save(fmu *m, fmu_states *kept, const char *function, void **place)
 {
     fmu_state *const own = take_state(m, kept, function, place);
     if (own == NULL) return 1;
@@ -126,10 +126,10 @@ int fmu_states_keep(fmu *m, fmu_states *kept, const char *function, void **place
     return 0;
 }
 
-int fmu_states_recall(fmu *m, const fmu_states *kept, const char *function, const void *from)
+int fmu_states_restore(fmu *m, const fmu_states *kept, const char *function, const void *from)
 {
     if (check_state(m, kept, function, from) != 0) return 1;
-    return fmu_recall_state(m, ((const fmu_state *)from)->values, fmu_state_size(m));
+    return fmu_restore_state(m, ((const fmu_state *)from)->values, fmu_state_size(m));
 }
 
 int fmu_states_free(fmu *m, fmu_states *kept, const char *function, void **place)

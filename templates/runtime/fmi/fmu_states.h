@@ -19,8 +19,8 @@ typedef struct fmu_states {
 
 /* Copy the present state to that of *place, or to a new one if *place is NULL. Restore a state.
  * Free one, or all. */
-int fmu_states_keep(fmu *m, fmu_states *kept, const char *function, void **place);
-int fmu_states_recall(fmu *m, const fmu_states *kept, const char *function, const void *from);
+int fmu_states_save(fmu *m, fmu_states *kept, const char *function, void **place);
+int fmu_states_restore(fmu *m, const fmu_states *kept, const char *function, const void *from);
 int fmu_states_free(fmu *m, fmu_states *kept, const char *function, void **place);
 void fmu_states_free_all(fmu_states *kept);
 

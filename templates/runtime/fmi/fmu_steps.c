@@ -1,6 +1,5 @@
-/* fmu_steps.c: Co-Simulation: a job from one communication point to the next.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmu_steps.c: Co-Simulation with one job for each communication step.
+ * Part of the runtime of cotree, the same for every model. */
 #include "fmu.h"
 
 #include <float.h>
@@ -11,8 +10,8 @@
 #define N_STATES (m->model->n_states)
 #define N_SENSITIVITIES (m->tables->has_sensitivities ? m->model->n_sensitivities : 0)
 
-/* The time that a step begins at is known to a few roundings of what importers sum it from. */
-#define SAME 1e-9
+/* Relative tolerance of the start time of a step: importers accumulate rounding. */
+#define TIME_RTOL 1e-9
 
 static int replace_inputs(double t, double *u, void *context)
 {
@@ -23,7 +22,7 @@ static int replace_inputs(double t, double *u, void *context)
     return 0;
 }
 
-/* The size of a parameter of sensitivity; that of an initial value is one. */
+/* Return the scale of a parameter of sensitivity; 1 for an initial value. */
 static double size_of(const fmu *m, int j)
 {
     const int seed = m->tables->start_tables->seeds[j];
@@ -46,7 +45,7 @@ static double factor_of(const fmu *m, int state)
     return m->tables->sizes == NULL ? 1.0 : m->tables->sizes[state];
 }
 
-/* Fills in absolute tolerances of what is integrated, and tells how many that are. */
+/* Set the absolute tolerances of the entries that are integrated; return their number. */
 static int set_tolerances(fmu *m)
 {
     const fmu_tables *const tables = m->tables;
@@ -77,7 +76,7 @@ static int reserve_corners(fmu *m, size_t n)
     return 0;
 }
 
-/* Lists the start, times where something has a kink, and the end. */
+/* List the corners: the start, time events and the end. */
 static int list_corners(fmu *m, double t, double end, cotree_job *job)
 {
     const size_t n_sensitivities = (size_t)N_SENSITIVITIES;
@@ -106,16 +105,15 @@ static int list_corners(fmu *m, double t, double end, cotree_job *job)
         double least = 1.0;
         int k;
         for (k = 0; k < N_STATES; ++k) least = fmin(least, factor_of(m, k));
-        m->turns[i] = least * atol_of_slope(m, (int)i);
+        m->turn_tolerances[i] = least * atol_of_slope(m, (int)i);
     }
     job->slopes = m->slopes;
     job->spreads = m->spreads;
-    job->turn_tolerances = m->turns;
+    job->turn_tolerances = m->turn_tolerances;
     return 0;
 }
 
-/* Gives the longest step, so that no pulse is stepped over. A limit of zero or no number is none.
- */
+/* Return the longest step, which resolves all pulses. A limit of zero or nan is no limit. */
 static double longest_step(const fmu *m)
 {
     double longest = DBL_MAX;
@@ -127,7 +125,7 @@ static double longest_step(const fmu *m)
     return longest;
 }
 
-static int set_up(fmu *m, cotree_job *job, double t, double end)
+static int set_up_job(fmu *m, cotree_job *job, double t, double end)
 {
     const fmu_tables *const tables = m->tables;
     const int n_events = m->model->hybrid == NULL ? 0 : m->model->hybrid->n_events;
@@ -155,14 +153,14 @@ static int set_up(fmu *m, cotree_job *job, double t, double end)
     if (n_events > 0) {
         job->records = m->records;
         job->most_records = COTREE_EVENTS_AT_ONCE(n_events);
-        job->watched = m->watched;
+        job->watched = m->event_history;
         job->is_continued = m->numbers[FMU_IS_BEGUN] != 0.0;
         job->is_changed = m->numbers[FMU_IS_CHANGED] != 0.0;
         job->span = fmu_span(m);
         job->most_events = m->returns_early ? 1 : 0;
     }
     if (list_corners(m, t, end, job) != 0) return 1;
-    job->wanted = job->corners; /* none of them: n_wanted is zero */
+    job->wanted = job->corners; /* not read: n_wanted is zero */
     n_bytes = cotree_job_memory(job);
     if (n_bytes > m->n_job_memory) {
         free(m->job_memory);
@@ -170,13 +168,13 @@ static int set_up(fmu *m, cotree_job *job, double t, double end)
         m->n_job_memory = m->job_memory == NULL ? 0 : n_bytes;
         if (m->job_memory == NULL) return fmu_refuse(m, "there is no memory");
     }
-    memset(m->job_memory, 0, n_bytes); /* nothing of the step before has a bearing on this one */
+    memset(m->job_memory, 0, n_bytes); /* no data of the previous step remain */
     job->memory = m->job_memory;
     return 0;
 }
 
-/* Says why a job failed. */
-static int report(fmu *m, const cotree_job *job, int is_eventful)
+/* Log why a job failed. */
+static int log_failure(fmu *m, const cotree_job *job, int is_eventful)
 {
     if (job->status == COTREE_TOO_MANY_STEPS) {
         return fmu_discard(m, "the step stops at t = %.10g: the limit of %ld %s is reached", job->t,
@@ -200,9 +198,8 @@ static int report(fmu *m, const cotree_job *job, int is_eventful)
                        cotree_status_message((cotree_status)job->status));
 }
 
-/* Tells events to the log; those of jumps inside expressions are not of interest. Returns how many.
- */
-static int tell_events(const fmu *m, cotree_job *job)
+/* Log the events, except for jumps. Return their number. */
+static int log_events(const fmu *m, cotree_job *job)
 {
     const int width = COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES);
     int i, n_told = 0;
@@ -216,14 +213,14 @@ static int tell_events(const fmu *m, cotree_job *job)
     return n_told;
 }
 
-/* Integrates to the end of the step, or to the first event, within the budgets. */
+/* Integrate to the end of the step, or to the first event, within the budgets. */
 static int run_job(fmu *m, cotree_job *job, long *n_events)
 {
     int result = COTREE_JOB_MORE, has_told = 0;
     while (result == COTREE_JOB_MORE) {
         result = cotree_job_run(job, m->tables->most_steps - job->n_steps);
         *n_events += job->n_records;
-        if (tell_events(m, job) > 0) has_told = 1;
+        if (log_events(m, job) > 0) has_told = 1;
         if (result != COTREE_JOB_MORE) break;
         if (m->returns_early && has_told) {
             cotree_job_stand(job);
@@ -238,14 +235,14 @@ static int run_job(fmu *m, cotree_job *job, long *n_events)
     return result;
 }
 
-/* Takes over what a job has found, up to the time that it has reached. */
-static void take_over(fmu *m, const cotree_job *job, int result)
+/* Copy the results of a job, up to the time that it has reached. */
+static void copy_results(fmu *m, const cotree_job *job, int result)
 {
     m->numbers[FMU_NOW] = job->t;
     m->numbers[FMU_IS_BEGUN] = 1.0;
     m->numbers[FMU_IS_CHANGED] = 0.0;
     m->numbers[FMU_HAS_ENDED] = (double)(result == COTREE_JOB_STOPPED);
-    fmu_forget(m);
+    fmu_invalidate(m);
 }
 
 int fmu_enter_steps(fmu *m)
@@ -253,11 +250,11 @@ int fmu_enter_steps(fmu *m)
     const double t = m->numbers[FMU_NOW];
     cotree_job job;
     int result;
-    if (set_up(m, &job, t, fmu_next_stop(m, t, t + fmu_span(m))) != 0) return 1;
+    if (set_up_job(m, &job, t, fmu_next_stop(m, t, t + fmu_span(m))) != 0) return 1;
     result = cotree_job_start(&job);
-    tell_events(m, &job);
-    take_over(m, &job, result);
-    return result == COTREE_JOB_FAILED ? report(m, &job, 0) : 0;
+    log_events(m, &job);
+    copy_results(m, &job, result);
+    return result == COTREE_JOB_FAILED ? log_failure(m, &job, 0) : 0;
 }
 
 static int check_step(const fmu *m, double t, double step)
@@ -266,11 +263,11 @@ static int check_step(const fmu *m, double t, double step)
     if (!(step > 0.0 && step <= DBL_MAX)) {
         return fmu_refuse(m, "the step size %g is no positive number", step);
     }
-    if (!(fabs(t - at) <= SAME * fmax(1.0, fabs(at)))) {
+    if (!(fabs(t - at) <= TIME_RTOL * fmax(1.0, fabs(at)))) {
         return fmu_refuse(m, "the step begins at t = %.10g, but the instance is at t = %.10g", t,
                           at);
     }
-    if (!(t + step <= end + SAME * fmax(1.0, fabs(end)))) {
+    if (!(t + step <= end + TIME_RTOL * fmax(1.0, fabs(end)))) {
         return fmu_refuse(m, "the step ends at t = %.10g, after the stop time %.10g", t + step,
                           end);
     }
@@ -291,15 +288,16 @@ int fmu_step(fmu *m, double t, double step, int *is_early, double *reached)
         *is_early = m->returns_early;
         return 0;
     }
-    /* New inputs or parameters move algebraic unknowns, from where an integrator finds no way. */
+    /* New inputs or parameters may move algebraic unknowns beyond the convergence of the
+     * integrator. */
     if (m->numbers[FMU_IS_CHANGED] != 0.0 && fmu_refresh(m, FMU_POINT) != 0) return 1;
-    if (set_up(m, &job, t, end) != 0) return 1;
+    if (set_up_job(m, &job, t, end) != 0) return 1;
     result = run_job(m, &job, &n_events);
-    take_over(m, &job, result);
+    copy_results(m, &job, result);
     *reached = job.t;
     *is_early = m->returns_early && job.t != end; /* else an event ended the simulation */
     if (result != COTREE_JOB_FAILED) return 0;
-    /* A shorter step succeeds where a part of this one was computed. */
+    /* If a part of the step was computed, a shorter step succeeds. */
     m->may_discard = job.t > t;
-    return report(m, &job, n_events >= m->tables->most_events);
+    return log_failure(m, &job, n_events >= m->tables->most_events);
 }

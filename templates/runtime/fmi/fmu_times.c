@@ -1,6 +1,5 @@
-/* fmu_times.c: times at which something has a kink.
- * Part of the runtime of cotree, the same for every model.
- */
+/* fmu_times.c: time events of an instance.
+ * Part of the runtime of cotree, the same for every model. */
 #include "fmu.h"
 
 #include "cotree_breakpoints.h"
@@ -8,7 +7,7 @@
 #include <float.h>
 #include <math.h>
 
-/* Writes stops as rows, with periods that are positive, or zero for one time only. */
+/* Write the rows of time events, with positive periods, or zero for a single time. */
 int fmu_find_stops(fmu *m)
 {
     const int n_sensitivities = m->model->n_sensitivities, width = 2 + 2 * n_sensitivities;
@@ -18,7 +17,7 @@ int fmu_find_stops(fmu *m)
     if (m->tables->find_stops(m->p, m->k, m->stops) != 0) {
         return fmu_refuse(m, "the times of corners have no values");
     }
-    /* The last one first, since a row is longer than what the kernel writes. */
+    /* Backwards, since a row is longer than the kernel's result. */
     for (i = m->tables->n_stops - 1; i >= 0; --i) {
         const double *const found = rows + i * width;
         double *const row = rows + i * (width + 1);

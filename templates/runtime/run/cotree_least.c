@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-/* Each projection is done twice: what is left is then orthogonal to rounding. */
+/* Each projection is applied twice, which makes the remainder orthogonal to rounding. */
 #define PASSES 2
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_room *room)
@@ -28,7 +28,7 @@ static cotree_real product(const cotree_real *x, const cotree_real *y, int n, in
     return sum;
 }
 
-/* A = L Q: takes the longest remaining row as the next of Q and subtracts its share of all. */
+/* A = L Q: normalise the longest remaining row as the next row of Q, and project it out of all. */
 static void factorise_rows(cotree_least *a, cotree_real size)
 {
     const int n = a->n_columns, stride = a->stride;
@@ -62,7 +62,7 @@ static void factorise_rows(cotree_least *a, cotree_real size)
     }
 }
 
-/* L = U R, in place of L; the columns of L are independent. */
+/* L = U R in place; the columns of L are independent. */
 static void factorise_columns(cotree_least *a)
 {
     const int stride = a->stride;

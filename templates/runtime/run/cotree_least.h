@@ -1,13 +1,12 @@
-/* cotree_least.h: least-squares solutions of least length, for dense matrices of any rank.
+/* cotree_least.h: minimum-norm least-squares solutions for dense matrices of any rank.
  * Part of the runtime of cotree, the same for every model.
  *
- * A = U R Q with orthonormal rows of Q and columns of U and a triangular R. What rows reach beyond
- * each other by less than a share of COTREE_RANK is rounding, and counts as dependent.
+ * A = U R Q with orthonormal rows of Q, orthonormal columns of U and a triangular R. Rows whose
+ * remainder is below a share of COTREE_RANK count as dependent.
  *
  *     for each row r, a.rows[r * a.n_columns + i] = entries
  *     cotree_least_factorise(&a, n_rows, size)
- *     cotree_least_solve(&a, b, x)
- */
+ *     cotree_least_solve(&a, b, x) */
 #ifndef COTREE_LEAST_H
 #define COTREE_LEAST_H
 
@@ -32,11 +31,11 @@ typedef struct cotree_least {
 
 void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_room *room);
 
-/* Factorises the first n_rows rows and returns their rank. size: the longest row of a matrix beside
- * which these count, or 0. */
+/* Factorise the first n_rows rows, and return their rank. size: a lower bound of the longest row
+ * to which the rank is relative, or 0. */
 int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size);
 
-/* Writes the shortest x, n_columns entries, of those that make A x + b as short as it can be. */
+/* Compute x, n_columns entries: the minimiser of |A x + b| of minimum norm. */
 void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x);
 
 #ifdef __cplusplus

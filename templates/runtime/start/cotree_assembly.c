@@ -1,38 +1,37 @@
-/* cotree_assembly.c: Gauss-Newton steps of least length onto the constraints.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_assembly.c: projection onto the constraints by minimum-norm Gauss-Newton steps.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_assembly.h"
 
 #include <math.h>
 #include <stddef.h>
 
-/* Residuals below MET times the size of the states are met, those below ROUNDED are rounding. One
- * step turns nothing by more than LONGEST, [rad], which might leave the branch. A step below
- * SETTLED is the last, and so is one below COTREE_SMALL_CORRECTION that is not half of the one
- * before it. */
-#define MOST_STEPS 50
-#define MET COTREE_SELECT(1e-11, 1.5e-05f)
-#define ROUNDED COTREE_SELECT(1e-15, 2.4e-07f)
-#define SETTLED (COTREE_F(4.0) * COTREE_EPSILON)
-#define LONGEST COTREE_F(0.5)
+/* Residuals below RESIDUAL_TOLERANCE times the size of the states satisfy the constraints; those
+ * below RESIDUAL_ROUNDING are rounding. A step rotates nothing by more than MAX_ROTATION, [rad], so
+ * that it stays on the same branch. A step below STEP_ROUNDING is the last one, and so is one below
+ * COTREE_SMALL_CORRECTION that is not half the one before. */
+#define MAX_STEPS 50
+#define RESIDUAL_TOLERANCE COTREE_SELECT(1e-11, 1.5e-05f)
+#define RESIDUAL_ROUNDING COTREE_SELECT(1e-15, 2.4e-07f)
+#define STEP_ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
+#define MAX_ROTATION COTREE_F(0.5)
 
-/* How often, and how far, other points are tried where a search fails: gradients may vanish, as
- * that of a length does across it. */
-#define MOST_TRIES 4
-#define ASIDE COTREE_F(0.1)
+/* The number of other starting points after a failure, and their distance: a gradient may vanish
+ * at the first one, like that of a length normal to it. */
+#define MAX_RESTARTS 4
+#define RESTART_DISTANCE COTREE_F(0.1)
 
-/* A derivative of a residual is followed if what is left of it is below the first share of the
- * largest one, or below the second share of the terms that it sums. */
-#define FOLLOWED COTREE_SELECT(1e-8, 3.5e-04f)
-#define ROUNDED_SUM COTREE_SELECT(1e-13, 1.2e-05f)
+/* The derivative of a residual is cancelled if its remainder is below the first share of the
+ * largest one, or below the second share of the terms of its sum. */
+#define REMAINDER_SHARE COTREE_SELECT(1e-8, 3.5e-04f)
+#define SUM_ROUNDING COTREE_SELECT(1e-13, 1.2e-05f)
 
-/* The unit of length: lever arms are looked at in POSITIONS positions, with joints turned by about
- * TURNED, [rad]. Shares of squares below NO_PART are rounding, and so are lengths below NO_LENGTH,
- * [m]. */
+/* Characteristic length: the median lever arm over POSITIONS positions, with joints rotated by
+ * about JOINT_ROTATION, [rad]. Shares of squares below MIN_SQUARE_SHARE, and lengths below
+ * MIN_LENGTH, [m], are rounding. */
 #define POSITIONS 3
-#define TURNED COTREE_F(0.5)
-#define NO_PART COTREE_SELECT(1e-12, 1e-05f)
-#define NO_LENGTH COTREE_SELECT(1e-9, 1e-06f)
+#define JOINT_ROTATION COTREE_F(0.5)
+#define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
+#define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
 #define MODEL (a->run->model)
 #define N_STATES (a->run->model->n_states)
@@ -91,15 +90,13 @@ void cotree_assembly_hold(cotree_assembly *a, const int *is_set)
     }
 }
 
-/* Units. */
-
 static int is_angular(const cotree_assembly *a, int speed)
 {
     const char *const unit = MODEL->states[N_COORDINATES + speed].unit;
     return unit[0] == 'r' && unit[1] == 'a' && unit[2] == 'd';
 }
 
-/* The size of a unit of a speed's direction, in its own unit. */
+/* Return the size of a unit of a motion direction, in its own unit. */
 static cotree_real unit_of_speed(const cotree_assembly *a, int i)
 {
     return is_angular(a, i) ? COTREE_F(1.0) : a->length;
@@ -121,14 +118,14 @@ static cotree_real unit_of_row(const cotree_assembly *a, int row)
     return is_length(a, row) ? a->length : COTREE_F(1.0);
 }
 
-/* A coordinate or a speed free of units of length. */
+/* Return a coordinate or a speed in dimensionless form. */
 static cotree_real scaled(const cotree_assembly *a, const cotree_real *x, int i)
 {
     if (i >= N_COORDINATES) return x[i] / unit_of_speed(a, i - N_COORDINATES);
     return is_shift(a, i) ? x[i] / a->length : x[i];
 }
 
-/* The size of what residuals of a level are made of, at least 1. */
+/* Return the size of the terms in the residuals of a level, at least 1. */
 static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int level)
 {
     const int n = N_COORDINATES + (level == 1 ? N_SPEEDS : 0);
@@ -138,9 +135,7 @@ static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int l
     return COTREE_F(1.0) + largest;
 }
 
-/* Rows and directions of a level. */
-
-/* Lists the rows of a level: its constraints, then its conditions. */
+/* List the rows of a level: its constraints, then its conditions. */
 static void list_rows(cotree_assembly *a, int level, int has_conditions)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -155,8 +150,8 @@ static void list_rows(cotree_assembly *a, int level, int has_conditions)
     }
 }
 
-/* Marks the directions of motion that nothing kept fixes; returns how many there are. */
-static int find_free(cotree_assembly *a, int level)
+/* Mark the free motion directions; return their number. */
+static int mark_free_directions(cotree_assembly *a, int level)
 {
     int i, k, n_free = 0, speed = 0, state = 0;
     while (speed < N_SPEEDS) {
@@ -173,7 +168,7 @@ static int find_free(cotree_assembly *a, int level)
     return n_free;
 }
 
-/* The entry of a row of all, from results of both kernels. */
+/* Return the entry of a row from the results of both kernels. */
 static cotree_real pick(const cotree_assembly *a, int row, const cotree_real *constraints,
                         const cotree_real *conditions)
 {
@@ -181,8 +176,9 @@ static cotree_real pick(const cotree_assembly *a, int row, const cotree_real *co
     return row < n ? constraints[row] : conditions[row - n];
 }
 
-/* Writes the residuals of the listed rows, free of units, and the largest of them to size. */
-static int find_values(cotree_assembly *a, cotree_real t, const cotree_real *x, cotree_real *size)
+/* Compute the dimensionless residuals of the listed rows, and the largest one. */
+static int compute_residuals(cotree_assembly *a, cotree_real t, const cotree_real *x,
+                             cotree_real *size)
 {
     const cotree_run *const run = a->run;
     int r, status = 0;
@@ -194,13 +190,14 @@ static int find_values(cotree_assembly *a, cotree_real t, const cotree_real *x, 
     for (r = 0; r < a->n_own; ++r) {
         const int row = a->places[r];
         a->values[r] = pick(a, row, a->residual, a->conditions) / unit_of_row(a, row);
-        if (!(COTREE_FABS(a->values[r]) <= *size)) *size = COTREE_FABS(a->values[r]); /* nan, too */
+        if (!(COTREE_FABS(a->values[r]) <= *size))
+            *size = COTREE_FABS(a->values[r]); /* a nan, too */
     }
     return status;
 }
 
-/* Writes the gradients of all rows. */
-static int find_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
+/* Compute the gradients of all rows. */
+static int compute_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const cotree_run *const run = a->run;
     int status = 0;
@@ -211,7 +208,7 @@ static int find_gradients(cotree_assembly *a, cotree_real t, const cotree_real *
     return status;
 }
 
-/* The gradient of a row: of a constraint of coordinates that of its rate. */
+/* Return the gradient of a row; for constraints of coordinates that of their rates. */
 static const cotree_real *gradient_of(const cotree_assembly *a, int row)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -221,8 +218,8 @@ static const cotree_real *gradient_of(const cotree_assembly *a, int row)
     return a->start_gradient + (row - tables->n_rows) * N_SPEEDS;
 }
 
-/* Factorises the gradients of the listed rows by the free directions, free of units; *largest is
- * their largest entry. Returns the rank. */
+/* Factorise the dimensionless gradients of the listed rows by the free directions; *largest is
+ * their largest entry. Return the rank. */
 static int factorise(cotree_assembly *a, cotree_real *largest)
 {
     cotree_real longest = COTREE_F(0.0);
@@ -237,14 +234,12 @@ static int factorise(cotree_assembly *a, cotree_real *largest)
             const cotree_real entry = gradient[i] * unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
-            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* nan, too */
+            if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* a nan, too */
         }
         longest = COTREE_FMAX(longest, COTREE_SQRT(square));
     }
     return cotree_least_factorise(&a->least, a->n_own, longest);
 }
-
-/* Moves. */
 
 int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
 {
@@ -259,8 +254,8 @@ int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
     return 0;
 }
 
-/* Adds to change what a step, free of units, along the directions of motion at x changes the
- * coordinates by: of a quaternion q (0, e) / 2, where e turns about its own axes. */
+/* Add the change of coordinates by a dimensionless step along the motion directions at x. A
+ * quaternion q changes by q (0, e) / 2, where e is a rotation about its body axes. */
 static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotree_real *step,
                       cotree_real *change)
 {
@@ -286,7 +281,7 @@ static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotr
     }
 }
 
-/* Moves coordinates (level 0) or speeds (1) of x along a step. */
+/* Change the coordinates (level 0) or speeds (1) of x by a step. */
 static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_real *x)
 {
     int i;
@@ -305,7 +300,7 @@ static cotree_real largest_of(const cotree_real *x, int n)
     cotree_real largest = COTREE_F(0.0);
     int i;
     for (i = 0; i < n; ++i) {
-        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* nan, too */
+        if (!(COTREE_FABS(x[i]) <= largest)) largest = COTREE_FABS(x[i]); /* a nan, too */
     }
     return largest;
 }
@@ -316,35 +311,37 @@ static void copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Takes steps until one is rounding; leaves in x the point of the smallest residual, and that. */
+/* Iterate until a step is rounding. Return the point of the smallest residual in x, and that
+ * residual. */
 static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
                    cotree_real *residual)
 {
-    const cotree_real rounded = ROUNDED * size_of(a, x, level);
+    const cotree_real rounded = RESIDUAL_ROUNDING * size_of(a, x, level);
     cotree_real before = COTREE_INFINITY, size;
-    int i, n, status = find_values(a, t, x, residual);
+    int i, n, status = compute_residuals(a, t, x, residual);
     size = *residual;
     copy(N_STATES, x, a->best);
-    for (n = 0; n < MOST_STEPS && status == 0; ++n) {
+    for (n = 0; n < MAX_STEPS && status == 0; ++n) {
         cotree_real length, largest;
         int is_last;
         if (size <= rounded || !(size <= COTREE_MAX)) break;
-        status = find_gradients(a, t, x);
+        status = compute_gradients(a, t, x);
         if (status != 0) break;
         (void)factorise(a, &largest);
-        /* Without a gradient to speak of, a step would only enlarge rounding. */
+        /* With vanishing gradients a step would amplify rounding. */
         if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) break;
         cotree_least_solve(&a->least, a->values, a->step);
         length = largest_of(a->step, N_SPEEDS);
-        if (level == 0 && length > LONGEST) {
-            for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= LONGEST / length;
+        if (level == 0 && length > MAX_ROTATION) {
+            for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= MAX_ROTATION / length;
         }
         length /= size_of(a, x, level);
-        is_last = length <= SETTLED || (length < COTREE_SMALL_CORRECTION &&
+        is_last =
+            length <= STEP_ROUNDING || (length < COTREE_SMALL_CORRECTION &&
                                         length > COTREE_F(0.5) * before && before <= COTREE_MAX);
         before = length;
         status = move(a, level, a->step, x);
-        if (status == 0) status = find_values(a, t, x, &size);
+        if (status == 0) status = compute_residuals(a, t, x, &size);
         if (status != 0) break;
         if (size < *residual || is_last) {
             copy(N_STATES, x, a->best);
@@ -356,30 +353,31 @@ static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
     return status;
 }
 
-/* Numbers spread evenly over an interval about zero, with the standard deviation one. */
-static cotree_real spread(int n)
+/* Return pseudo-random numbers with mean zero and standard deviation one, uniformly distributed. */
+static cotree_real pseudo_random(int n)
 {
     const cotree_real golden = COTREE_F(0.6180339887498949) * (cotree_real)(n + 1);
     return COTREE_F(1.7320508075688772) *
            (COTREE_F(2.0) * COTREE_FMOD(golden, COTREE_F(1.0)) - COTREE_F(1.0));
 }
 
-/* Moves the states of a level onto their constraints. */
-static int settle(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
+/* Project the states of a level onto its constraints. */
+static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
 {
-    const int n_free = find_free(a, level);
-    const cotree_real met = MET * size_of(a, x, level);
+    const int n_free = mark_free_directions(a, level);
+    const cotree_real met = RESIDUAL_TOLERANCE * size_of(a, x, level);
     cotree_real residual, other;
     int i, n, status;
     list_rows(a, level, 1);
     copy(N_STATES, x, a->aside);
     status = iterate(a, t, x, level, &residual);
-    /* Constraints of speeds are linear in these. */
-    for (n = 0; n < MOST_TRIES && status == 0 && level == 0 && n_free > 0; ++n) {
+    /* Constraints of speeds are linear: other starting points do not help. */
+    for (n = 0; n < MAX_RESTARTS && status == 0 && level == 0 && n_free > 0; ++n) {
         if (residual <= met) return 0;
         copy(N_STATES, a->aside, a->trial);
         for (i = 0; i < N_SPEEDS; ++i)
-            a->step[i] = a->is_free[i] ? ASIDE * spread(n * N_SPEEDS + i) : COTREE_F(0.0);
+            a->step[i] =
+                a->is_free[i] ? RESTART_DISTANCE * pseudo_random(n * N_SPEEDS + i) : COTREE_F(0.0);
         status = move(a, 0, a->step, a->trial);
         if (status == 0) status = iterate(a, t, a->trial, 0, &other);
         if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
@@ -388,7 +386,7 @@ static int settle(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
         }
     }
     if (status != 0 || residual <= met) return status;
-    status = find_values(a, t, x, &residual);
+    status = compute_residuals(a, t, x, &residual);
     a->culprit = -1;
     for (i = 0; i < a->n_own; ++i) {
         if (!(COTREE_FABS(a->values[i]) < residual)) a->culprit = a->places[i];
@@ -400,8 +398,8 @@ int cotree_assembly_move(cotree_assembly *a, cotree_real t, cotree_real *x)
 {
     int status = cotree_assembly_normalise(a, x);
     if (status == 0 && a->tables->n_rows + a->tables->n_conditions > 0) {
-        status = settle(a, t, x, 0);
-        if (status == 0) status = settle(a, t, x, 1);
+        status = project_level(a, t, x, 0);
+        if (status == 0) status = project_level(a, t, x, 1);
     }
     return status;
 }
@@ -414,27 +412,25 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
     for (level = 0; level < 2; ++level) {
         const int first = level == 0 ? 0 : N_COORDINATES;
         const int n = level == 0 ? N_COORDINATES : N_SPEEDS;
-        const int n_free = find_free(a, level);
+        const int n_free = mark_free_directions(a, level);
         cotree_real moved = COTREE_F(0.0), largest;
         for (i = first; i < first + n; ++i)
             moved = COTREE_FMAX(moved, COTREE_FABS(scaled(a, to, i) - scaled(a, from, i)));
-        if (moved <= MET * size_of(a, to, level)) continue;
+        if (moved <= RESIDUAL_TOLERANCE * size_of(a, to, level)) continue;
         list_rows(a, level, 1);
-        if (find_gradients(a, t, to) == 0 && n_free > factorise(a, &largest)) return 1;
+        if (compute_gradients(a, t, to) == 0 && n_free > factorise(a, &largest)) return 1;
     }
     return 0;
 }
 
-/* Sensitivities. */
-
-/* Writes to step what follows the changes of the listed rows, which values holds free of units.
- * Returns whether anything above an allowed share is left; the culprit is what is left most of. */
-static int follow_values(cotree_assembly *a, cotree_real allowed)
+/* Compute the step that cancels the changes of the listed rows, in values. Return whether a
+ * remainder exceeds its bound; the culprit is the row of the largest one. */
+static int cancel_changes(cotree_assembly *a, cotree_real allowed)
 {
     cotree_real most = COTREE_F(0.0);
     int i, r;
     cotree_least_solve(&a->least, a->values, a->step);
-    allowed += FOLLOWED * largest_of(a->values, a->n_own);
+    allowed += REMAINDER_SHARE * largest_of(a->values, a->n_own);
     for (r = 0; r < a->n_own; ++r) {
         const cotree_real *const gradient = gradient_of(a, a->places[r]);
         const cotree_real unit = unit_of_row(a, a->places[r]);
@@ -449,7 +445,7 @@ static int follow_values(cotree_assembly *a, cotree_real allowed)
     return !(most <= allowed);
 }
 
-/* Adds a step along the directions of motion of a level to a direction of the states. */
+/* Add a step along the motion directions of a level to a direction of the states. */
 static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
                      cotree_real *direction)
 {
@@ -461,28 +457,27 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
     for (i = 0; i < N_SPEEDS; ++i) direction[N_COORDINATES + i] += a->step[i] * unit_of_speed(a, i);
 }
 
-/* What rounding leaves of the terms of a row that should vanish, along a direction of the states.
- */
+/* Return the rounding of the sum in a row that should vanish along a direction of the states. */
 static cotree_real rounding_of(const cotree_assembly *a, const cotree_real *s, cotree_real largest)
 {
     const cotree_real size = size_of(a, s, 1) - COTREE_F(1.0);
-    return ROUNDED_SUM * COTREE_FMAX(COTREE_F(1.0), largest) * size;
+    return SUM_ROUNDING * COTREE_FMAX(COTREE_F(1.0), largest) * size;
 }
 
 int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                            const cotree_real *rates, cotree_real *direction)
 {
     cotree_real largest;
-    int r, status = find_gradients(a, t, x);
+    int r, status = compute_gradients(a, t, x);
     if (status != 0) return status;
-    find_free(a, level);
+    mark_free_directions(a, level);
     list_rows(a, level, 1);
     if (a->n_own == 0) return 0;
     factorise(a, &largest);
     for (r = 0; r < a->n_own; ++r) {
         a->values[r] = rates[a->places[r]] / unit_of_row(a, a->places[r]);
     }
-    if (follow_values(a, rounding_of(a, direction, largest))) return COTREE_ASSEMBLY_STUCK;
+    if (cancel_changes(a, rounding_of(a, direction, largest))) return COTREE_ASSEMBLY_STUCK;
     add_step(a, x, level, direction);
     return 0;
 }
@@ -499,9 +494,9 @@ void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree
     }
 }
 
-/* Lets the sensitivities of one level follow, those by parameters or those by states. */
-static int follow_columns(cotree_assembly *a, const cotree_real *x, int level, const int *seeds,
-                          int is_state, cotree_real *s)
+/* Complete the sensitivities of one level, those by parameters or those by states. */
+static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int level,
+                                  const int *seeds, int is_state, cotree_real *s)
 {
     const cotree_assembly_tables *const tables = a->tables;
     cotree_real largest;
@@ -520,12 +515,12 @@ static int follow_columns(cotree_assembly *a, const cotree_real *x, int level, c
             a->values[r] = pick(a, row, slopes, start_slopes) / unit_of_row(a, row);
         }
         if (seeds != NULL) {
-            /* A length or an angle of one over a parameter is the size of a derivative by it. */
+            /* The scale of a derivative is a length or an angle of one over the parameter. */
             const cotree_real p = seeds[n] < 0 ? COTREE_F(1.0) : COTREE_FABS(a->run->p[seeds[n]]);
             rounding = rounding_of(a, own, largest) +
-                       ROUNDED_SUM / (p > COTREE_F(0.0) ? p : COTREE_F(1.0));
+                       SUM_ROUNDING / (p > COTREE_F(0.0) ? p : COTREE_F(1.0));
         }
-        if (follow_values(a, rounding) && seeds != NULL) {
+        if (cancel_changes(a, rounding) && seeds != NULL) {
             a->column = n;
             return COTREE_ASSEMBLY_STUCK;
         }
@@ -541,23 +536,21 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
     int n, level, status = 0;
     for (n = 0; n < N_SENSITIVITIES; ++n) cotree_assembly_turn(a, x, s + n * N_STATES);
     if (a->tables->n_rows + a->tables->n_conditions == 0) return 0;
-    status = find_gradients(a, t, x);
+    status = compute_gradients(a, t, x);
     for (level = 0; level < 2 && status == 0; ++level) {
-        find_free(a, level);
+        mark_free_directions(a, level);
         if (MODEL->n_constraints > 0)
             status = MODEL->constraint_sensitivity(t, x, s, run->u, run->p, run->k, a->slopes);
         if (status == 0 && a->tables->n_conditions > 0)
             status = MODEL->start_sensitivity(t, x, s, run->u, run->p, run->k, a->start_slopes);
-        if (status == 0) status = follow_columns(a, x, level, seeds, 0, s);
-        if (status == 0 && seeds != NULL) status = follow_columns(a, x, level, seeds, 1, s);
+        if (status == 0) status = complete_sensitivities(a, x, level, seeds, 0, s);
+        if (status == 0 && seeds != NULL) status = complete_sensitivities(a, x, level, seeds, 1, s);
     }
     return status;
 }
 
-/* The unit of length. */
-
-/* Adds the squares of the gradients by turns and by shifts to those of their groups. */
-static void add_parts(cotree_assembly *a, cotree_real *turned, cotree_real *shifted)
+/* Add the squares of the gradients by rotations and by translations to those of their groups. */
+static void add_squares(cotree_assembly *a, cotree_real *turned, cotree_real *shifted)
 {
     const cotree_assembly_tables *const tables = a->tables;
     const int n = tables->n_rows + tables->n_conditions;
@@ -570,7 +563,7 @@ static void add_parts(cotree_assembly *a, cotree_real *turned, cotree_real *shif
     }
 }
 
-/* The longest lever of a shift. */
+/* Return the longest lever arm of a translation. */
 static cotree_real longest_lever(const cotree_assembly *a)
 {
     const cotree_assembly_tables *const tables = a->tables;
@@ -586,13 +579,12 @@ static cotree_real longest_lever(const cotree_assembly *a)
     return longest;
 }
 
-/* The median of the quotients of turned and shifted parts, where both are there; 0 where none is.
- */
-static cotree_real middle_of(int n, const cotree_real *turned, const cotree_real *shifted,
+/* Return the median ratio of rotational to translational parts, or 0 if there is none. */
+static cotree_real median_of(int n, const cotree_real *turned, const cotree_real *shifted,
                              cotree_real *sorted)
 {
-    const cotree_real least_turned = NO_PART * NO_PART * largest_of(turned, n);
-    const cotree_real least_shifted = NO_PART * NO_PART * largest_of(shifted, n);
+    const cotree_real least_turned = MIN_SQUARE_SHARE * MIN_SQUARE_SHARE * largest_of(turned, n);
+    const cotree_real least_shifted = MIN_SQUARE_SHARE * MIN_SQUARE_SHARE * largest_of(shifted, n);
     int i, k, n_found = 0;
     for (i = 0; i < n; ++i) {
         cotree_real length;
@@ -614,7 +606,7 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
     if (n == 0) return 0;
     for (i = 0; i < 2 * n; ++i) turned[i] = COTREE_F(0.0);
     list_rows(a, 0, 1);
-    status = find_values(a, t, x, &found);
+    status = compute_residuals(a, t, x, &found);
     for (i = 0; i < a->n_own; ++i) {
         if (is_length(a, a->places[i])) far = COTREE_FMAX(far, COTREE_FABS(a->values[i]));
     }
@@ -624,18 +616,19 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
     for (k = 0; k < POSITIONS && status == 0; ++k) {
         copy(N_STATES, x, a->trial);
         for (i = 0; i < N_COORDINATES; ++i) {
-            if (!is_shift(a, i)) a->trial[i] += TURNED * spread(k * N_COORDINATES + i);
+            if (!is_shift(a, i))
+                a->trial[i] += JOINT_ROTATION * pseudo_random(k * N_COORDINATES + i);
         }
         status = cotree_assembly_normalise(a, a->trial);
-        if (status == 0) status = find_gradients(a, t, a->trial);
+        if (status == 0) status = compute_gradients(a, t, a->trial);
         if (status != 0) break;
-        add_parts(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups);
+        add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups);
         lever = COTREE_FMAX(lever, longest_lever(a));
     }
-    found = middle_of(n, turned, shifted, sorted);
-    if (!(found > NO_PART * far)) {
+    found = median_of(n, turned, shifted, sorted);
+    if (!(found > MIN_SQUARE_SHARE * far)) {
         found = COTREE_FMAX(lever, far);
-        if (!(found > NO_LENGTH)) found = COTREE_F(1.0);
+        if (!(found > MIN_LENGTH)) found = COTREE_F(1.0);
     }
     a->length = found;
     return status;

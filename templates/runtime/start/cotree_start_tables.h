@@ -1,6 +1,5 @@
-/* cotree_start_tables.h: what a consistent start needs to know of a model besides its kernels.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_start_tables.h: tables of a model for its consistent start.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_START_TABLES_H
 #define COTREE_START_TABLES_H
 
@@ -15,34 +14,34 @@ extern "C" {
 typedef struct cotree_assembly_tables {
     int n_coordinates;     /* the first states */
     int n_speeds;          /* the next ones */
-    int n_values;          /* constraints of coordinates */
-    int n_rows;            /* constraints of speeds, as many as the gradient has rows */
-    const int *value_rows; /* n_values: the constraints of speeds that are their rates */
+    int n_values;          /* number of constraints of coordinates */
+    int n_rows;            /* number of constraints of speeds, and rows of the gradient */
+    const int *value_rows; /* n_values: the constraints of speeds that are their time derivatives */
     int n_quaternions;
     const int *quaternions; /* the first state of each */
-    /* Initial values of what is no state: 0 and NULL after the start. */
+    /* Conditions: initial values of variables that are not states. 0 and NULL after the start. */
     int n_conditions;
-    const int *is_rate; /* n_conditions: whether speeds satisfy it, not coordinates */
-    int n_start;        /* results of the kernel start, conditions first */
-    /* For units and messages; NULL: all rows count alike. */
+    const int *is_rate; /* n_conditions: 1 if it constrains speeds, 0 coordinates */
+    int n_start;        /* results of the kernel start; conditions come first */
+    /* For units and messages; NULL: all rows have the same unit. */
     const cotree_quantity *rows;
     int n_groups;
-    const int *groups; /* n_rows + n_conditions: rows of one edge and one unit have one number */
+    const int *groups; /* n_rows + n_conditions: one number for each edge and unit */
 } cotree_assembly_tables;
 
 typedef struct cotree_start_tables {
     const cotree_assembly_tables *assembly; /* NULL: no constraints and no conditions */
-    const int *given; /* n_states: whether the model gives the initial value */
+    const int *given; /* n_states: 1 if the model prescribes the initial value */
     const int *seeds; /* n_sensitivities: a parameter, or -1 less a state */
-    /* Contents of storages, found from a variable that follows from each. */
+    /* States of storages that are found from an algebraic unknown each. */
     int n_contents;
     const int *contents; /* n_contents states, then as many algebraic unknowns */
-    /* Initial values that follow from those of states: the last 2 n_redundant results of the kernel
-     * start are what they follow as, then what they are given as. */
+    /* Redundant initial values: the last 2 n_redundant results of the kernel start are the
+     * values that follow from those of states, then the values given. */
     int n_redundant;
     const cotree_quantity *redundant;
     const int *redundant_starts; /* n_redundant + 1 */
-    const int *redundant_states; /* that each follows from */
+    const int *redundant_states; /* from which each follows */
 } cotree_start_tables;
 /* cotree: end of the part that cffi reads */
 
