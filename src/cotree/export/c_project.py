@@ -2,9 +2,8 @@
 
 The folder holds the model, integrators without dependencies, a main program that integrates the
 model to its end time and prints the end state, and build files. If the model has constraints, the
-main program holds it to them as ``solvers/project.py`` does, from a consistent start that is found
-here and written down. Algebraic unknowns are solved for at each evaluation; the other states are
-integrated.
+main program holds it to them as ``solvers/project.py`` does, from a consistent start that it finds.
+Algebraic unknowns are solved for at each evaluation; the other states are integrated.
 """
 
 from __future__ import annotations
@@ -200,7 +199,16 @@ def write_c_project(
     check_start(evaluated, found)
     numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
     sizes = [] if found is None else evaluated.sizes(found)
-    main = main_context(program, model, methods, numbers, found, sizes, is_strict=is_dependent)
+    main = main_context(
+        program,
+        model,
+        methods,
+        numbers,
+        found,
+        sizes,
+        is_strict=is_dependent,
+        is_found=found is not None and start is None and evaluated.is_found_in_c(found),
+    )
     texts = with_runtime({**texts, "main.c": render("c/main.c.jinja", target, main=main)}, target)
     # The model's own file first, then those of every model.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import INTEGRATORS
 from cotree.codegen.printing import wrapped
+from cotree.codegen.start_tables import start_tables
 from cotree.dag.stops import value_of
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_string
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from cotree.codegen.context import ModelContext
     from cotree.codegen.fixed import FixedStep
     from cotree.codegen.rosenbrock import RosenbrockTableau
+    from cotree.codegen.start_tables import StartTables
     from cotree.codegen.tableaus import Tableau
     from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
@@ -96,8 +98,12 @@ class MainContext:
     seeds : list of int
         Positions of the sensitivity parameters, -1 for initial values.
     start : list of str
-        Lines of C literals: the initial states and sensitivities of a model whose start has to
-        satisfy more than its kernels of the initial state; empty for others.
+        Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
+        for others.
+    start_tables : StartTables or None
+        Tables of a start that C finds: it has to satisfy more than the initial values say.
+    guess : list of str
+        Lines of C literals: guesses of it, if it needs any.
     n_constraints : int
         Number of constraints, with their rates and the norms of quaternions.
     n_algebraic : int
@@ -144,6 +150,8 @@ class MainContext:
     has_sensitivities: bool
     seeds: list[int]
     start: list[str]
+    start_tables: StartTables | None
+    guess: list[str]
     n_constraints: int
     n_algebraic: int
     n_events: int
@@ -167,6 +175,7 @@ def main_context(
     sizes: Sequence[float],
     *,
     is_strict: bool,
+    is_found: bool,
 ) -> MainContext:
     """Gather what the template of the main program needs.
 
@@ -181,11 +190,13 @@ def main_context(
     numbers : Numbers
         Of a run that says nothing else.
     start : Start or None
-        The start, where it had to be found.
+        The start at the scene's parameters, where it has to be found.
     sizes : sequence of float
         Factors of the absolute tolerances of states, if any.
     is_strict : bool
         Whether constraints are dependent, so that rates are taken on them.
+    is_found : bool
+        Whether C finds that start, too, and those at other values of parameters.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target
@@ -211,7 +222,9 @@ def main_context(
         max_step=_max_step(program, target),
         has_sensitivities=bool(model.sensitivities),
         seeds=_seeds(program),
-        start=[] if start is None else _lines(start.z, target),
+        start=[] if start is None or is_found else _lines(start.z, target),
+        start_tables=start_tables(program.layout) if start is not None and is_found else None,
+        guess=_guess(program, start, target) if start is not None and is_found else [],
         n_constraints=model.n_constraints,
         n_algebraic=model.n_algebraic,
         n_events=len(program.layout.events),
@@ -221,7 +234,7 @@ def main_context(
         sizes=_lines(sizes, target),
         least_size=target.literal(least) if least < 1.0 else "",
         parameters=bool(model.parameters),
-        held=_held(program, has_start=start is not None),
+        held=_held(program, has_start=start is not None and not is_found),
         digits="%.17g",
         most_steps=MOST_STEPS,
     )
@@ -259,6 +272,14 @@ def _held(program: Program, *, has_start: bool) -> list[str]:
     held = held_parameters(program, has_start=has_start)
     n = len(program.layout.parameters)
     return wrapped(str(int(i in held)) for i in range(n)) if held else []
+
+
+def _guess(program: Program, start: Start, target: Target) -> list[str]:
+    """Write guesses of algebraic unknowns and of modes of friction and stops; nothing without."""
+    layout = program.layout
+    if not layout.n_algebraic and not any(row.part for row in layout.events):
+        return []
+    return _lines(start.y, target)
 
 
 def _seeds(program: Program) -> list[int]:

@@ -19,6 +19,7 @@ import numpy as np
 from cotree.errors import ParameterError, listed
 from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.finder import Finder, Level
+from cotree.model.lengths import spread
 from cotree.model.linear import SMALL
 from cotree.quiet import level_of_user
 from cotree.tolerances import RANK
@@ -68,12 +69,15 @@ class Start:
         was chosen, and ``s`` does not know how that choice depends on the parameters.
     told : str
         A sentence on the given values that move with a parameter; empty where none does.
+    is_mended : bool
+        Whether given values had to change.
     """
 
     y: Array
     s: Array
     is_chosen: bool = False
     told: str = ""
+    is_mended: bool = False
 
     @cached_property
     def z(self) -> Array:
@@ -126,7 +130,8 @@ def consistent_start(
     found = search.settle(search.settle(finder.normalised(y), 0), 1)
     if at.model.sensitivities and not is_probe:
         s = search.sensitivities(found, s)
-    return Start(found, s, search.is_chosen(y, found), search.told(anew))
+    is_mended = search.is_mended
+    return Start(found, s, search.is_chosen(y, found), search.told(anew), is_mended)
 
 
 class _Search:
@@ -139,18 +144,23 @@ class _Search:
         #: Given values that move, with the parameters that they do with.
         self._following: dict[str, list[str]] = {}
 
+    @property
+    def is_mended(self) -> bool:
+        """Whether given values had to change."""
+        return any(self._mended)
+
     def settle(self, y: Array, level: int) -> Array:
         """Solve one level, keeping what was given; mend nearly consistent values."""
         finder, size = self.finder, self.finder.size(y, level)
         found, residual = self._iterate(y, level)
-        rng, free = np.random.default_rng(0), finder.columns[level]
+        free, n = finder.columns[level], finder.n_speeds
         # Constraints of velocities are linear in the speeds: only positions may need another start.
-        for _ in range(_TRIES if level == 0 and free else 0):
+        for i in range(_TRIES if level == 0 and free else 0):
             if residual <= _MET * size:
                 break
             # Where a gradient vanishes, as that of a length does across it, a step aside shows it.
-            aside = np.zeros(finder.n_speeds)
-            aside[free] = _ASIDE * rng.standard_normal(len(free))
+            aside = np.zeros(n)
+            aside[free] = _ASIDE * spread(i * n, n)[free]
             other = self._iterate(finder.moved(y, aside, 0), 0)
             # A residual that is smaller only by rounding is the same one, perhaps a full turn away.
             if other[1] < (1.0 - SMALL) * residual:

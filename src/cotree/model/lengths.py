@@ -72,9 +72,9 @@ def scene_length(
     float
         [m]; where no constraint has turns and shifts, the longest lever, or how far things are.
     """
-    rng, turns = np.random.default_rng(0), turning_speeds(layout)
+    turns = turning_speeds(layout)
     # The gradients of several positions are stacked, with the position as part of each row's group.
-    rows = np.vstack([gradient(turned(layout, y, rng)) for _ in range(_POSITIONS)])
+    rows = np.vstack([gradient(turned(layout, y, i)) for i in range(_POSITIONS)])
     places = [(i, *group) for i in range(_POSITIONS) for group in groups]
     shifts = np.array([row.unit == "m" for row in layout.states[: layout.n_coordinates]])
     far = float(np.max(np.abs([*y[: len(shifts)][shifts], *gaps]), initial=0.0))
@@ -87,7 +87,16 @@ def scene_length(
     return longest if longest > _NO_LENGTH else 1.0
 
 
-def turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
+def spread(first: int, n: int) -> Array:
+    """Return n numbers spread evenly about zero, with the standard deviation one.
+
+    They are those of ``cotree_assembly.c``, from the place ``first`` on in their sequence.
+    """
+    golden = 0.6180339887498949 * np.arange(first + 1, first + n + 1)
+    return np.asarray(1.7320508075688772 * (2.0 * np.fmod(golden, 1.0) - 1.0))
+
+
+def turned(layout: Layout, y: Array, place: int) -> Array:
     """Turn all joints a little; shifts stay.
 
     Parameters
@@ -96,12 +105,12 @@ def turned(layout: Layout, y: Array, rng: np.random.Generator) -> Array:
         The model's.
     y : ndarray, shape (n_states,)
         States.
-    rng : Generator
-        Gives the turns, normally distributed with half a radian.
+    place : int
+        The number of the position: turns differ, with a standard deviation of half a radian.
     """
-    y = y.copy()
-    for i, row in enumerate(layout.states[: layout.n_coordinates]):
-        y[i] += _TURNED * rng.standard_normal() * (row.unit != "m")
+    y, n = y.copy(), layout.n_coordinates
+    is_turn = np.array([row.unit != "m" for row in layout.states[:n]], dtype=bool)
+    y[:n] += _TURNED * spread(place * n, n) * is_turn
     for first in layout.quaternions:
         y[first : first + 4] /= np.linalg.norm(y[first : first + 4])
     return y

@@ -117,9 +117,8 @@ class Projection:
     def _weakest(self, t: float, z: FloatArray) -> float:
         """Return the singular value of the gradients below which a direction is nearly lost."""
         if not self._gap:
-            # The seed is fixed, so that the same run always finds the same.
-            rng, n = np.random.default_rng(0), self._n_states
-            others = [turned(self._layout, z[:n], rng) for _ in range(_POSITIONS)]
+            n = self._n_states
+            others = [turned(self._layout, z[:n], i) for i in range(_POSITIONS)]
             # The norm of order -2 is the smallest singular value.
             gaps = [np.linalg.norm(self._rows(t, np.concatenate([y, z[n:]])), -2) for y in others]
             self._gap = max(_NEAR * float(max(gaps)), _LEAST)

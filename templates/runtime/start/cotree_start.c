@@ -1,0 +1,361 @@
+/* cotree_start.c: initial values, the constraints, algebraic unknowns, modes of jumps.
+ * Part of the runtime of cotree, the same for every model.
+ */
+#include "cotree_start.h"
+
+#include <math.h>
+#include <stddef.h>
+
+/* Redundant values agree to a share of what they follow from, or to what rounding leaves. */
+#define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
+#define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
+
+/* The most rounds in which contents and the unknowns that they depend on settle, to a share of the
+ * terms of their equations; and rounds per event in which jumps do. */
+#define MOST_ROUNDS 50
+#define SAME COTREE_SELECT(1e-12, 1e-05f)
+
+/* Differences of a start are taken at this share of a parameter, at least LEAST_SIZE: the fourth
+ * power of it is about what rounding leaves of them. */
+#define SHARE COTREE_SELECT(1e-3, 5e-02f)
+#define LEAST_SIZE COTREE_F(1e-3)
+
+#define MODEL (start->run->model)
+#define N_STATES (start->run->model->n_states)
+#define N_RATES (start->run->n_rates)
+#define N_SENSITIVITIES (start->run->n_blocks - 1)
+
+void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
+                       cotree_room *room)
+{
+    const cotree_model *const model = run->model;
+    const cotree_hybrid *const h = model->hybrid;
+    const int m = run->n_blocks - 1;
+    start->run = run;
+    start->tables = tables;
+    start->guess = NULL;
+    start->n_set = 0;
+    start->culprit = start->column = -1;
+    start->is_chosen = 0;
+    start->is_set = cotree_take_ints(room, model->n_states);
+    start->given = cotree_take_doubles(room, model->n_states);
+    start->w = cotree_take_doubles(room, run->n_full);
+    if (tables->assembly != NULL) {
+        cotree_assembly_init(&start->assembly, run, tables->assembly, room);
+        start->conditions = cotree_take_doubles(room, tables->assembly->n_start);
+    }
+    if (tables->assembly != NULL && m > 0) {
+        start->moved = cotree_take_doubles(room, 2 * model->n_states);
+        start->moved_p = cotree_take_doubles(room, model->n_parameters);
+        start->moved_k = cotree_take_doubles(room, model->n_prepared);
+    }
+    if (h != NULL) {
+        start->looked_at = cotree_take_doubles(room, h->n_events + h->n_branches + h->n_quantities);
+        start->news = cotree_take_doubles(room, h->n_jumps);
+    }
+}
+
+/* Initial values. */
+
+/* Writes the initial values as they are given, and the guesses of the others. */
+static int write_states(const cotree_start *start, cotree_real *z)
+{
+    const cotree_run *const run = start->run;
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const int status = MODEL->initial(run->p, run->k, z);
+    int i;
+    if (start->guess != NULL) {
+        for (i = N_RATES; i < N_STATES; ++i) z[i] = start->guess[i];
+        for (i = 0; h != NULL && i < h->n_events; ++i) {
+            const cotree_event *const row = h->events + i;
+            if (row->kind > 1 && row->n_targets > 0)
+                z[row->targets[0]] = start->guess[row->targets[0]];
+        }
+    }
+    for (i = 0; i < start->n_set && status == 0; ++i) z[start->set[i]] = start->values[i];
+    return status;
+}
+
+/* Writes the sensitivities of these. A value that is set depends on no parameter, only on itself.
+ */
+static int write_sensitivities(const cotree_start *start, cotree_real *s)
+{
+    const cotree_run *const run = start->run;
+    const int status = MODEL->initial_sensitivity(run->p, run->k, s);
+    int i, j;
+    for (i = 0; i < start->n_set && status == 0; ++i) {
+        const int state = start->set[i];
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            const int is_own = start->tables->seeds[j] == -1 - state;
+            s[j * N_STATES + state] = is_own ? COTREE_F(1.0) : COTREE_F(0.0);
+        }
+    }
+    return status;
+}
+
+/* The constraints. */
+
+/* Marks what is kept: what the model gives, what is set, and what sensitivities are taken to. */
+static void mark_kept(cotree_start *start)
+{
+    int i;
+    for (i = 0; i < N_STATES; ++i) start->is_set[i] = 0;
+    for (i = 0; i < start->n_set; ++i) start->is_set[start->set[i]] = 1;
+    if (start->tables->assembly == NULL) return;
+    for (i = 0; i < N_STATES; ++i)
+        start->assembly.is_kept[i] = start->tables->given[i] || start->is_set[i];
+    for (i = 0; i < MODEL->n_sensitivities; ++i) {
+        const int seed = start->tables->seeds[i];
+        if (seed < 0) start->assembly.is_kept[-1 - seed] = 1;
+    }
+    cotree_assembly_hold(&start->assembly, start->is_set);
+}
+
+/* Moves states onto the constraints, which depend on the model's own inputs alone. */
+static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_assembly *const a = &start->assembly;
+    const cotree_run *const run = start->run;
+    int status = 0;
+    a->culprit = a->column = -1;
+    if (MODEL->n_inputs > 0) status = MODEL->inputs_of_time(t, run->p, run->k, run->u);
+    if (status == 0) status = cotree_assembly_normalise(a, z);
+    if (status == 0) status = cotree_assembly_measure(a, t, z);
+    return status == 0 ? cotree_assembly_move(a, t, z) : status;
+}
+
+/* Writes the states on the constraints where a sensitivity's parameter or state is moved. */
+static int assemble_aside(cotree_start *start, cotree_real t, int seed, cotree_real value,
+                          cotree_real *x)
+{
+    cotree_run *const run = start->run;
+    const cotree_real *const p = run->p, *const k = run->k;
+    int i, status = 0;
+    if (seed >= 0) {
+        for (i = 0; i < MODEL->n_parameters; ++i) start->moved_p[i] = p[i];
+        start->moved_p[seed] = value;
+        status = MODEL->prepare(start->moved_p, start->moved_k);
+        run->p = start->moved_p;
+        run->k = start->moved_k;
+    }
+    if (status == 0) status = write_states(start, x);
+    if (seed < 0) x[-1 - seed] = value;
+    if (status == 0) status = assemble(start, t, x);
+    run->p = p;
+    run->k = k;
+    return status;
+}
+
+/* Differentiates a start that is the least of several moves: the choice depends on the parameters
+ * through gradients, whose derivatives no kernel has. Five points give it to ten digits. */
+static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    static const cotree_real weights[] = {COTREE_F(1.0), -COTREE_F(8.0), COTREE_F(8.0),
+                                          -COTREE_F(1.0)};
+    static const int places[] = {-2, -1, 1, 2};
+    const int *const starts = MODEL->sensitivity_starts, *const rows = MODEL->sensitivity_rows;
+    cotree_real *const x = start->moved, *const total = x + N_STATES;
+    int i, j, k, status = 0;
+    for (j = 0; j < N_SENSITIVITIES && status == 0; ++j) {
+        const int seed = start->tables->seeds[j];
+        const cotree_real value = seed < 0 ? z[-1 - seed] : start->run->p[seed];
+        const cotree_real least = seed < 0 ? COTREE_F(1.0) : LEAST_SIZE;
+        const cotree_real step = SHARE * COTREE_FMAX(COTREE_FABS(value), least);
+        cotree_real *const s = z + (1 + j) * N_STATES;
+        for (i = 0; i < N_STATES; ++i) total[i] = s[i] = COTREE_F(0.0);
+        for (k = 0; k < 4 && status == 0; ++k) {
+            status = assemble_aside(start, t, seed, value + (cotree_real)places[k] * step, x);
+            for (i = 0; i < N_STATES; ++i) total[i] += weights[k] * x[i];
+        }
+        for (i = starts[j]; i < starts[j + 1]; ++i)
+            s[rows[i]] = total[rows[i]] / (COTREE_F(12.0) * step);
+    }
+    return status;
+}
+
+static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_assembly *const a = &start->assembly;
+    int i, status;
+    for (i = 0; i < N_STATES; ++i) start->given[i] = z[i];
+    status = assemble(start, t, z);
+    if (status == 0 && N_SENSITIVITIES > 0) {
+        status = cotree_assembly_move_sensitivities(a, t, z, start->tables->seeds, z + N_STATES);
+    }
+    if (status == 0) status = cotree_assembly_normalise(a, start->given);
+    if (status == 0) start->is_chosen = cotree_assembly_is_chosen(a, t, start->given, z);
+    start->culprit = a->culprit;
+    start->column = a->column;
+    if (status == 0 && start->is_chosen && N_SENSITIVITIES > 0)
+        status = take_differences(start, t, z);
+    return status;
+}
+
+/* Algebraic unknowns. */
+
+/* Solves for the algebraic unknowns of z and their sensitivities, in place; what z holds of the
+ * former is the guess. */
+static int solve(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    int i, status;
+    cotree_run_narrow(run, t, z, start->w);
+    status = cotree_run_find(run, t, start->w);
+    if (status != 0)
+        return status == COTREE_SINGULAR || status > 0 ? COTREE_START_UNSOLVED : status;
+    for (i = N_RATES; i < N_STATES; ++i) z[i] = run->full[i];
+    for (i = N_STATES; i < run->n_full; ++i) z[i] = run->full[i];
+    return 0;
+}
+
+/* Modes of jumps. */
+
+static int is_jumping(const cotree_start *start)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, n = 0;
+    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == 1;
+    return n;
+}
+
+/* Finds an event of a jump whose mode is not that of the side where its value is, and its new one;
+ * -1: none. */
+static int find_wrong(cotree_start *start, cotree_real t, const cotree_real *x, cotree_real *mode,
+                      int *status)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    int i, first = 0;
+    *status = MODEL->events(t, x, run->u, run->p, run->k, start->looked_at);
+    if (*status == 0) *status = MODEL->jumps(t, x, run->u, run->p, run->k, start->news);
+    for (i = 0; i < h->n_events && *status == 0; ++i) {
+        const cotree_event *const row = h->events + i;
+        const cotree_real side = (cotree_real)row->direction * start->looked_at[i];
+        if (row->kind == 1 && side > COTREE_F(0.0) && x[row->targets[0]] != start->news[first]) {
+            *mode = start->news[first];
+            return i;
+        }
+        first += row->n_targets;
+    }
+    return -1;
+}
+
+static int settle_modes(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    const int most = MOST_ROUNDS * is_jumping(start);
+    int n, status = 0;
+    for (n = 0; n < most; ++n) {
+        cotree_real mode = COTREE_F(0.0);
+        const int event = find_wrong(start, t, z, &mode, &status);
+        if (status != 0 || event < 0) return status;
+        z[MODEL->hybrid->events[event].targets[0]] = mode;
+        start->culprit = event;
+        if (MODEL->n_algebraic > 0) status = solve(start, t, z);
+        if (status != 0) return status;
+    }
+    return most > 0 ? COTREE_START_TURNED_BACK : 0;
+}
+
+/* Checks. */
+
+static int is_agreed(const cotree_start *start, const cotree_real *x, int row, cotree_real follows,
+                     cotree_real given)
+{
+    const cotree_start_tables *const tables = start->tables;
+    cotree_real size = COTREE_FMAX(COTREE_FABS(follows), COTREE_FABS(given));
+    int i;
+    for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
+        const int state = tables->redundant_states[i];
+        if (start->is_set[state]) return 1; /* what follows from it is free */
+        size = COTREE_FMAX(size, COTREE_FABS(x[state]));
+    }
+    return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;
+}
+
+static int check_redundant(cotree_start *start, cotree_real t, const cotree_real *x)
+{
+    const cotree_start_tables *const tables = start->tables;
+    const cotree_run *const run = start->run;
+    const int n = tables->n_redundant;
+    const cotree_real *follows;
+    int i, status;
+    if (n == 0) return 0;
+    status = MODEL->start(t, x, run->u, run->p, run->k, start->conditions);
+    follows = start->conditions + tables->assembly->n_start - 2 * n;
+    for (i = 0; i < n && status == 0; ++i) {
+        if (is_agreed(start, x, i, follows[i], follows[n + i])) continue;
+        start->culprit = i;
+        status = COTREE_START_CONTRADICTED;
+    }
+    return status;
+}
+
+static int check_finite(cotree_start *start, const cotree_real *z)
+{
+    int i;
+    for (i = 0; i < start->run->n_full; ++i) {
+        if (COTREE_FABS(z[i]) <= COTREE_MAX) continue;
+        start->culprit = i % N_STATES;
+        return COTREE_START_UNDEFINED;
+    }
+    return 0;
+}
+
+int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    int status;
+    start->culprit = start->column = -1;
+    start->is_chosen = 0;
+    mark_kept(start);
+    status = write_states(start, z);
+    if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
+    if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
+    if (status == 0) status = cotree_run_inputs(run, t);
+    if (status == 0 && MODEL->n_algebraic > 0) status = solve(start, t, z);
+    if (status == 0) status = settle_modes(start, t, z);
+    if (status == 0) status = check_redundant(start, t, z);
+    return status == 0 ? check_finite(start, z) : status;
+}
+
+const char *cotree_start_message(int status)
+{
+    switch (status) {
+    case COTREE_START_VIOLATED:
+        return "the initial values violate the constraints, and what is given leaves no way to "
+               "mend "
+               "that";
+    case COTREE_START_STUCK:
+        return "no motion follows a parameter of sensitivity to first order, where given values "
+               "stay";
+    case COTREE_START_CONTRADICTED:
+        return "initial values contradict each other";
+    case COTREE_START_UNSOLVED:
+        return "the algebraic equations have no solution near the guess";
+    case COTREE_START_TURNED_BACK:
+        return "a jump turns back what it looks at";
+    case COTREE_START_UNDEFINED:
+        return "an initial value is not finite";
+    default:
+        return "a linear system is singular at the initial values";
+    }
+}
+
+const char *cotree_start_culprit(const cotree_start *start, int status)
+{
+    const int i = start->culprit;
+    if (i < 0) return "";
+    switch (status) {
+    case COTREE_START_VIOLATED:
+    case COTREE_START_STUCK:
+        return start->tables->assembly->rows == NULL ? "" : start->tables->assembly->rows[i].name;
+    case COTREE_START_CONTRADICTED:
+        return start->tables->redundant[i].name;
+    case COTREE_START_TURNED_BACK:
+        return MODEL->hybrid->events[i].name;
+    case COTREE_START_UNDEFINED:
+        return MODEL->states[i].name;
+    default:
+        return "";
+    }
+}

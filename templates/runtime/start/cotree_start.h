@@ -1,0 +1,65 @@
+/* cotree_start.h: states and sensitivities at the start of a run that satisfy all equations.
+ * Part of the runtime of cotree, the same for every model.
+ *
+ * Initial values that are given are kept. Coordinates and speeds that are not follow from the
+ * constraints, then algebraic unknowns from their equations, and modes of jumps inside expressions
+ * from what these look at. Sensitivities are the derivatives of all this.
+ *
+ *     cotree_start_init(&start, &run, &tables, &room);   (twice: see cotree_run.h)
+ *     cotree_start_find(&start, t, z);                   (z: n_full of the run)
+ */
+#ifndef COTREE_START_H
+#define COTREE_START_H
+
+#include "cotree_assembly.h"
+#include "cotree_run.h"
+#include "cotree_start_tables.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Results besides those of kernels. */
+#define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: a row of the assembly */
+#define COTREE_START_STUCK COTREE_ASSEMBLY_STUCK       /* culprit; column: the sensitivity */
+#define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
+#define COTREE_START_UNSOLVED 104    /* the algebraic equations have no solution */
+#define COTREE_START_TURNED_BACK 105 /* culprit: an event, whose jump undoes itself */
+#define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
+
+typedef struct cotree_start {
+    cotree_run *run;
+    const cotree_start_tables *tables;
+    /* Guesses of algebraic unknowns and modes of friction and stops, n_states; NULL after init: the
+     * model's own initial values. */
+    const cotree_real *guess;
+    /* Initial values in place of the model's, none after init. */
+    int n_set;
+    const int *set;            /* n_set: the states */
+    const cotree_real *values; /* n_set */
+    int culprit, column;       /* of a failure; -1: unknown */
+    int is_chosen;             /* whether the least of several moves was taken */
+    cotree_assembly assembly;
+    /* The rest belongs to the start. */
+    int *is_set;
+    cotree_real *given, *w, *moved, *moved_p, *moved_k, *looked_at, *news, *conditions;
+} cotree_start;
+
+void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
+                       cotree_room *room);
+
+/* Writes the states and the run's sensitivities at the start; prepared values are those of run->k.
+ */
+int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
+
+/* Why there is no start, as a sentence without a capital and an end. */
+const char *cotree_start_message(int status);
+
+/* The name of the culprit: a constraint, an initial value, an event or a state; "" if unknown. */
+const char *cotree_start_culprit(const cotree_start *start, int status);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
