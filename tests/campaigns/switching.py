@@ -65,6 +65,8 @@ class Writer:
         The value of the first state at which arguments vanish; None draws one.
     is_registered : bool
         Whether laws are functions of the first state alone that SymPy has, too.
+    is_within : bool
+        Whether kinks may stand within roots, exponentials and divisors.
     """
 
     rng: np.random.Generator
@@ -72,6 +74,7 @@ class Writer:
     is_smooth: bool
     level: float | None
     is_registered: bool = False
+    is_within: bool = False
     n_jumps: int = 0
 
     def number(self, low: float, high: float) -> float:
@@ -115,8 +118,9 @@ class Writer:
         kinds = list(_KINKS) if self.is_smooth else [*_JUMPS, *_JUMPS, *_KINKS]
         if self.is_registered:
             kinds = [kind for kind in _KINKS if kind not in ("table", "by sign")]
+        kinds += [*_WITHIN, *_WITHIN] if self.is_within else []
         kind = str(rng.choice(kinds))
-        text, code = (_KINKS | _JUMPS)[kind]
+        text, code = (_KINKS | _WITHIN | _JUMPS)[kind]
         if kind in _JUMPS:
             self.n_jumps += 1
         values = {
@@ -174,6 +178,17 @@ _KINKS = {
     "table": ("curve({u})", "curve({u})"),
     "by sign": ("{u}*sign({u})", "abs({u})"),
 }
+
+
+_WITHIN = {
+    "root": ("max({u}, 0)**0.6", "max({u}, 0.0)**0.6"),
+    "exponential": ("2**(-{a}*abs({u}))", "2**(-{a}*abs({u}))"),
+    "divided": ("1/(1 + max({u}, 0))", "1/(1 + max({u}, 0.0))"),
+    "rounded": ("(0.1 + abs({u}))**0.5", "(0.1 + abs({u}))**0.5"),
+}
+
+#: From this seed on laws are continuous, and kinks may stand within functions.
+FIRST_WITHIN = 10_000
 
 
 def _bent(u: float, a: float, m: float) -> float:
@@ -337,8 +352,9 @@ def make(seed: int) -> Made:
     elif situation in ("rest", "decay"):
         level = 0.0
         start = [0.0, 0.0] if situation == "rest" else start
-    is_smooth, is_registered = bool(rng.random() < 0.4), place == "registered"
-    writer = Writer(rng, names, is_smooth, level, is_registered)
+    is_within, is_registered = seed >= FIRST_WITHIN, place == "registered"
+    is_smooth = bool(rng.random() < 0.4) or is_within
+    writer = Writer(rng, names, is_smooth, level, is_registered, is_within)
     law = writer.law()
     a, w = writer.number(0.6, 1.6), writer.number(1.0, 3.0)
     drive, force = f"{a}*cos({w}*t)", f"{a}*cos({w}*t)"

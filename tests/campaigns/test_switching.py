@@ -35,6 +35,9 @@ QUICK, SLOW, BLOCK = 3, 60, 20
 #: pieces of a table that Python evaluates, in an FMU, failed on single numbers.
 FOUND = (557, 991, 1650)
 
+#: Kinks within roots, exponentials and divisors.
+WITHIN = range(switching.FIRST_WITHIN, switching.FIRST_WITHIN + 40)
+
 RTOL, ATOL = 1e-8, 1e-10
 #: A hundred tolerances of the largest state, and of methods of variable order a few more for each
 #: switch, at which they begin anew by the first order.
@@ -56,8 +59,9 @@ def outcomes(seed: int) -> list[str]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of runs that stop: they are counted
         try:
-            # The level of a jump on which a run starts has no derivative.
-            on_jump = made.situation in ("start", "rest") and made.n_jumps
+            # The level of a jump on which a run starts, or of an infinite slope, has no derivative.
+            has_none = made.n_jumps or "root" in made.law.kinds
+            on_jump = made.situation in ("start", "rest") and has_none
             wanted = ["q"] if on_jump else ["q", "d"]
             model = made.scene.compile(wanted, optimize="-O0")
         except Error as error:
@@ -230,8 +234,8 @@ def check(seeds: range) -> Counter[str]:
 @pytest.mark.parametrize(
     "seed",
     [
-        pytest.param(i, marks=[pytest.mark.slow] if QUICK <= i < SLOW else [])
-        for i in (*range(SLOW), *FOUND)
+        pytest.param(i, marks=[pytest.mark.slow] if QUICK <= i < SLOW or i in WITHIN[2:] else [])
+        for i in (*range(SLOW), *FOUND, *WITHIN)
     ],
 )
 def test_a_switching_scene_is_right_or_says_why_not(seed: int) -> None:
