@@ -39,6 +39,7 @@ NAMES = [
     "cotree_dopri5.h",
     "cotree_dopri5.c",
     "cotree_history.h",
+    "cotree_interpolation.h",
     "cotree_history.c",
     "cotree_jumps.h",
     "cotree_assembly.h",

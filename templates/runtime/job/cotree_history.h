@@ -31,10 +31,8 @@ typedef struct cotree_history {
     cotree_real t[COTREE_HISTORY_POINTS];
     cotree_real *y[COTREE_HISTORY_POINTS];
     cotree_real *rate[COTREE_HISTORY_POINTS];
-    cotree_real inverse[COTREE_HISTORY_POINTS][COTREE_HISTORY_POINTS]; /* of t[i] - t[j], j < i */
-    cotree_real slopes[COTREE_HISTORY_POINTS]; /* of each point's basis function there */
-    cotree_real
-        weights[COTREE_HISTORY_POINTS]; /* one over the product of its distances to others */
+    cotree_real inverse[COTREE_HISTORY_POINTS][COTREE_HISTORY_POINTS]; /* see cotree_interpolation.h */
+    cotree_real weights[COTREE_HISTORY_POINTS], bends[COTREE_HISTORY_POINTS];
 } cotree_history;
 
 /* Begins without points. The workspace is used as long as the history is. */

@@ -1,0 +1,113 @@
+/* cotree_interpolation.h: Hermite's interpolation through several steps: what values and rates of the
+ * points are multiplied with.
+ * Part of the runtime of cotree, the same for every model.
+ *
+ * Points stand in the order of their times. With l the basis function of a point, which is 1 there and
+ * 0 at the others, the polynomial through values and rates has l^2 (1 - 2 (t - t[i]) slope) times the
+ * value and l^2 (t - t[i]) times the rate; that through values alone has l times the value.
+ *
+ * A file that includes this has a structure cotree_points of n points, with arrays
+ *
+ *     t        their times
+ *     inverse  one over t[i] - t[j], for j < i
+ *     weights  one over the product of the distances to the others
+ *     bends    minus twice the slopes of basis functions, each at its point
+ */
+#ifndef COTREE_INTERPOLATION_H
+#define COTREE_INTERPOLATION_H
+
+#include "cotree_limits.h"
+#ifndef HOLDS /* or a file has vectors of numbers */
+#include "cotree_numbers.h"
+#endif
+
+/* What values and rates of all points are multiplied with. */
+typedef struct cotree_portions {
+    REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
+} cotree_portions;
+
+/* Removes the first point of some lanes. */
+static inline void cotree_points_shift(cotree_points *p, MASK which)
+{
+    int i, j;
+    for (i = 0; i < COTREE_HISTORY_POINTS - 1; ++i) {
+        p->t[i] = cotree_choose(which, p->t[i + 1], p->t[i]);
+        for (j = 0; j < i; ++j) {
+            p->inverse[i][j] = cotree_choose(which, p->inverse[i + 1][j + 1], p->inverse[i][j]);
+        }
+    }
+}
+
+/* Writes the time of a point behind the others, in some lanes. */
+static inline void cotree_points_set(cotree_points *p, MASK which, int last, REAL t)
+{
+    int j;
+    p->t[last] = cotree_choose(which, t, p->t[last]);
+    for (j = 0; j < last; ++j) {
+        const REAL inverse = cotree_inverse(p->t[last] - p->t[j]);
+        p->inverse[last][j] = cotree_choose(which, inverse, p->inverse[last][j]);
+    }
+}
+
+/* Finds the weight of one of the first n points, and its bend where rates are used. */
+static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, int i)
+{
+    REAL slope = ZERO, weight = ALL(COTREE_F(1.0));
+    int j;
+    for (j = 0; j < i; ++j) weight *= p->inverse[i][j];
+    for (j = i + 1; j < n; ++j) weight *= -p->inverse[j][i];
+    p->weights[i] = weight;
+    if (!uses_rates) return;
+    for (j = 0; j < i; ++j) slope += p->inverse[i][j];
+    for (j = i + 1; j < n; ++j) slope -= p->inverse[j][i];
+    p->bends[i] = COTREE_F(-2.0) * slope;
+}
+
+/* Finds what the solution at a time is made of. */
+static inline void cotree_find_portions(const cotree_points *p, int n, int uses_rates, REAL t,
+                                        cotree_portions *found)
+{
+    REAL distance[COTREE_HISTORY_POINTS], basis[COTREE_HISTORY_POINTS];
+    REAL product = ALL(COTREE_F(1.0));
+    int i;
+    for (i = 0; i < n; ++i) {
+        distance[i] = t - p->t[i];
+        basis[i] = p->weights[i] * product;
+        product *= distance[i];
+    }
+    product = ALL(COTREE_F(1.0));
+    for (i = n - 1; i >= 0; --i) {
+        const REAL own = basis[i] * product, square = own * own;
+        product *= distance[i];
+        found->of_y[i] = own;
+        if (!uses_rates) continue;
+        found->of_y[i] = square * cotree_fused(p->bends[i], distance[i], ALL(COTREE_F(1.0)));
+        found->of_rate[i] = square * distance[i];
+    }
+}
+
+/* Finds what the difference is made of between the polynomial through all points and that without the
+ * one farthest from a time: by partial fractions of the divided difference of highest order, or of
+ * the two of these. It is the product of the distances to the points that stay, or of their squares,
+ * times the sum over i of weight[i] y[i], or of
+ * weight[i]^2 ((1 - 2 e slope[i]) y[i] + e rate[i]), e = (t[i] - t[far]) + (t - t[far]). */
+static inline void cotree_find_differences(const cotree_points *p, int n, int uses_rates, REAL t,
+                                           cotree_portions *found)
+{
+    const REAL to_first = t - p->t[0], to_last = t - p->t[n - 1];
+    const MASK is_first = cotree_abs(to_first) > cotree_abs(to_last);
+    const REAL far = cotree_choose(is_first, p->t[0], p->t[n - 1]);
+    REAL product = cotree_choose(is_first, to_last, to_first);
+    int i;
+    for (i = 1; i < n - 1; ++i) product *= t - p->t[i];
+    for (i = 0; i < n; ++i) {
+        const REAL own = p->weights[i] * product, square = own * own;
+        const REAL shift = (p->t[i] - far) + (t - far);
+        found->of_y[i] = own;
+        if (!uses_rates) continue;
+        found->of_y[i] = square * cotree_fused(p->bends[i], shift, ALL(COTREE_F(1.0)));
+        found->of_rate[i] = square * shift;
+    }
+}
+
+#endif
