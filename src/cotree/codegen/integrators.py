@@ -34,7 +34,7 @@ INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
 #: Modules that are the same in all engines and include none but each other: compiled once for all.
-SHARED_MODULES = ("events", "job", "jumps", "run")
+SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
 
 #: Sources that are compiled with a method's own, so that what is called often can be inlined.
 _INLINED = ("cotree_lu.c", "cotree_history.c")

@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.codegen.model_files import declarations
 from cotree.codegen.printing import Constants, int_table
+from cotree.codegen.runtime import source_texts, with_runtime
 from cotree.equations import Quantity
 from cotree.naming import c_string, split_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.program import Layout
 
@@ -106,6 +108,17 @@ def start_tables(layout: Layout) -> StartTables:
         rows=(*layout.constraints[: n_values + n_rows], *conditions),
         redundant=tuple(Quantity(row.name, "") for row in layout.redundant),
     )
+
+
+def start_files() -> dict[str, str]:
+    """Write the start as files of a library, the same for every model."""
+    return with_runtime(source_texts("cotree_start.h"))
+
+
+def start_declarations(files: Mapping[str, str]) -> str:
+    """Return the declarations of the start that cffi reads."""
+    headers = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_start.h")
+    return declarations(files, headers) + "int cotree_start_once(cotree_start_call *);\n"
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:

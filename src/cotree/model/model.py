@@ -16,6 +16,7 @@ from cotree.model.arrays import as_array
 from cotree.model.columns import in_columns, is_many
 from cotree.model.limited_newton import Junctions
 from cotree.model.prepared import PreparedKernels
+from cotree.model.start_in_c import StartInC, start_in_c
 from cotree.model.undefined import why_undefined
 from cotree.scene.expressions import check_number
 from cotree.sharing import Kept, formed_once
@@ -168,6 +169,11 @@ class CompiledModel(PreparedKernels):
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)
+
+    @formed_once
+    def start_in_c(self) -> StartInC | None:
+        """What finds starts in C; None where Python has to."""
+        return start_in_c(self)
 
     @formed_once
     def slopes(self) -> dict[str, tuple[int, int]]:

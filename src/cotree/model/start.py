@@ -8,6 +8,9 @@ each leaves alone what those before it found:
 3. Algebraic unknowns, and what storages hold from what follows from it; then the modes of jumps
    inside expressions, and the unknowns again (:mod:`cotree.model.unknowns`).
 4. A check of what was given twice (:mod:`cotree.model.contents`, :mod:`cotree.model.redundant`).
+
+Where C can, it takes all of them (:mod:`cotree.model.start_in_c`); what it refuses is tried here,
+and refused with the reason.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ from cotree.model.contents import check_followers, held_followers
 from cotree.model.friction_modes import settle_friction, without_sticking
 from cotree.model.moment import Moment
 from cotree.model.redundant import check_redundant
-from cotree.model.unknowns import settle_jumps, solve_start
+from cotree.model.start_in_c import find_in_c
+from cotree.model.unknowns import check_index, settle_jumps, solve_start
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
@@ -47,6 +51,11 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     """
     model = at.model
     initial, slopes = _apart(initial)
+    if model.layout.has_start_equations and not slopes:
+        found = find_in_c(at, initial)
+        if found is not None:
+            check_index(at, found.y)
+            return found
     start = constrained_start(at, initial, slopes)
     if not model.layout.has_start_equations:
         return start

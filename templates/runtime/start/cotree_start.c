@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <stdlib.h>
 
 /* Redundant values agree to a share of what they follow from, or to what rounding leaves. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
@@ -318,6 +319,53 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 ? check_finite(start, z) : status;
 }
 
+/* Prepares a start for a call; while there is no memory, counts what it needs. */
+static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start *start,
+                   cotree_room *room)
+{
+    cotree_real *const u = cotree_take_doubles(room, call->model->n_inputs + 1);
+    cotree_run_init(run, call->model, call->p, call->k, u, call->has_sensitivities, room);
+    cotree_start_init(start, run, call->tables, room);
+    run->n_replaced = call->n_replaced;
+    run->replaced = call->replaced;
+    start->guess = call->guess;
+    start->n_set = call->n_set;
+    start->set = call->set;
+    start->values = call->values;
+}
+
+/* Whether nothing follows from initial values. */
+static int is_plain(const cotree_start *start)
+{
+    return start->tables->assembly == NULL && MODEL->n_algebraic == 0 && is_jumping(start) == 0;
+}
+
+int cotree_start_once(cotree_start_call *call)
+{
+    static const cotree_run no_run;
+    static const cotree_start no_start;
+    cotree_run run = no_run;
+    cotree_start start = no_start;
+    cotree_room room = {NULL, 0};
+    int status;
+    set_up(call, &run, &start, &room);
+    if (is_plain(&start)) {
+        status = write_states(&start, call->z);
+        if (status == 0 && call->has_sensitivities)
+            status = write_sensitivities(&start, call->z + call->model->n_states);
+        return status == 0 ? check_finite(&start, call->z) : status;
+    }
+    room.base = (char *)calloc(1, room.used);
+    if (room.base == NULL) return COTREE_START_NO_MEMORY;
+    room.used = 0;
+    set_up(call, &run, &start, &room);
+    status = cotree_start_find(&start, call->t, call->z);
+    call->culprit = cotree_start_culprit(&start, status);
+    call->is_chosen = start.is_chosen;
+    free(room.base);
+    return status;
+}
+
 const char *cotree_start_message(int status)
 {
     switch (status) {
@@ -334,6 +382,8 @@ const char *cotree_start_message(int status)
         return "the algebraic equations have no solution near the guess";
     case COTREE_START_TURNED_BACK:
         return "a jump turns back what it looks at";
+    case COTREE_START_NO_MEMORY:
+        return "there is no memory";
     case COTREE_START_UNDEFINED:
         return "an initial value is not finite";
     default:

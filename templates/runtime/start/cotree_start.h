@@ -25,7 +25,28 @@ extern "C" {
 #define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
 #define COTREE_START_UNSOLVED 104    /* the algebraic equations have no solution */
 #define COTREE_START_TURNED_BACK 105 /* culprit: an event, whose jump undoes itself */
-#define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
+#define COTREE_START_NO_MEMORY 107
+#define COTREE_START_UNDEFINED 106 /* culprit: a state without a finite value */
+
+/* cotree: begin of the part that cffi reads */
+/* A start in one call. */
+typedef struct cotree_start_call {
+    const cotree_model *model;
+    const cotree_start_tables *tables;
+    const cotree_real *p, *k; /* parameters, and what is prepared of them */
+    cotree_real t;
+    int n_replaced; /* inputs in place of the model's, but for constraints */
+    const cotree_table_input *replaced;
+    const cotree_real *guess; /* as of a start */
+    int n_set;
+    const int *set;
+    const cotree_real *values;
+    int has_sensitivities;
+    cotree_real *z;      /* result: states, then sensitivities */
+    const char *culprit; /* of a failure; "" if unknown */
+    int is_chosen;
+} cotree_start_call;
+/* cotree: end of the part that cffi reads */
 
 typedef struct cotree_start {
     cotree_run *run;
@@ -51,6 +72,9 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 /* Writes the states and the run's sensitivities at the start; prepared values are those of run->k.
  */
 int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
+
+/* The same with memory of its own. */
+COTREE_EXPORT int cotree_start_once(cotree_start_call *call);
 
 /* Why there is no start, as a sentence without a capital and an end. */
 const char *cotree_start_message(int status);

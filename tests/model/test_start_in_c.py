@@ -1,0 +1,88 @@
+"""The start in C is that of Python, and leaves to Python what it does not know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cotree
+from cotree import Scene
+from cotree.model import start as python_start
+from cotree.model.moment import Moment
+from cotree.model.start_in_c import find_in_c
+
+pytestmark = pytest.mark.compiler
+
+
+def hanging_rod() -> Scene:
+    """Draw a free body on a rod, of whose start little is given: a quaternion, and a choice."""
+    scene = Scene("swing", gravity=[0, 0, -9.81])
+    scene.parameter("L", 1.25)
+    start = {"x": 0.75, "y": 0, "vx": 0.4, "vy": 0.5}
+    scene.edge("f", "free", "ground", "A", initial=start)
+    scene.edge("arm", "arm", "A", "B", vector=[0.1, 0.2, 0.0])
+    scene.edge("rod", "distance", "ground", "B", length="L")
+    scene.edge("m", "rigid_body", "ground", "A", mass=1.0, inertia=0.1)
+    return scene
+
+
+def turning_joint() -> Scene:
+    """Draw a loop in which a joint that is no state has an initial value."""
+    scene = Scene("four-bar", gravity=[0, -9.81, 0])
+    scene.parameter("a", 0.5)
+    scene.edge("crank", "revolute", "ground", "A", axis=[0, 0, 1])
+    scene.edge("bar1", "arm", "A", "B", vector=["a", 0, 0])
+    scene.edge("coupler", "revolute", "B", "C", axis=[0, 0, 1])
+    scene.edge("bar2", "arm", "C", "D", vector=[1.5, 0, 0])
+    scene.edge("base", "arm", "ground", "E", vector=[1.6, 0, 0])
+    scene.edge("rocker", "revolute", "E", "F", axis=[0, 0, 1], initial={"theta": 1.9})
+    scene.edge("bar3", "arm", "F", "G", vector=[1.2, 0, 0])
+    scene.edge("close", "revolute", "D", "G", axis=[0, 0, 1], initial={"theta_dot": 0.1})
+    for node in "ACF":
+        scene.edge(f"m{node}", "rigid_body", "ground", node, mass=1.1, inertia=0.2)
+    return scene
+
+
+def ladder() -> Scene:
+    """Draw a network whose source jumps with a state."""
+    scene = Scene("ladder")
+    scene.parameter("R", 2.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="where(C.v > 0.5, 1, 2)")
+    scene.edge("R1", "resistor", "a", "b", resistance="R")
+    scene.edge("D", "diode", "b", "c", saturation_current=1e-6)
+    scene.edge("C", "capacitor", "c", "ground", capacitance=1.0, initial={"v": 0.7})
+    return scene
+
+
+SCENES = {
+    "motor-linkage": (lambda: cotree.load("motor-linkage"), ["L"]),
+    "bridge-rectifier": (lambda: cotree.load("bridge-rectifier"), ["V"]),
+    "swing": (hanging_rod, ["L", "f.x"]),
+    "conditions": (turning_joint, ["a"]),
+    "ladder": (ladder, ["R"]),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_both_find_the_same(name, monkeypatch):
+    make, wanted = SCENES[name]
+    model = make().compile(wanted)
+    at = Moment(model, 0.0, 1.01 * model.default_parameters)
+    found = find_in_c(at, {})
+    assert found is not None
+    monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
+    known = python_start.find_start(at, {})
+    # Both stop where steps are rounding; that of a least move may be 1e-11 of the states' size.
+    assert np.allclose(found.y, known.y, rtol=1e-11, atol=1e-11)
+    # Sensitivities of a least move are differences, to ten digits.
+    assert np.allclose(found.s, known.s, rtol=1e-8, atol=1e-8)
+    assert found.is_chosen == known.is_chosen
+
+
+def test_what_has_to_be_mended_is_left_to_python():
+    scene = Scene("rod", gravity=[0, -9.81, 0])
+    scene.edge("b", "rigid_body", "ground", "C", mass=1.0, initial={"x": 0.5, "y": -1.3})
+    scene.edge("d", "distance", "ground", "C", length=1.4)
+    with pytest.warns(RuntimeWarning, match="changed"):
+        model = scene.compile()
+    assert find_in_c(Moment(model, 0.0, model.default_parameters), {}) is None
