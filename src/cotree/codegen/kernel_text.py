@@ -184,10 +184,12 @@ def kernel_context(
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
     # Guards come last, behind all results: cut_into_blocks relies on that. They are numbered from
-    # one, since zero means success.
+    # one, since zero means success; a condition that was checked before is not checked again.
+    checked: dict[tuple[CExpression, bool], int] = {}
+    for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1):
+        checked.setdefault((value, guard.is_strict), i)
     statements += [
-        LeaveUnless(value, whole(i), guard.is_strict)
-        for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1)
+        LeaveUnless(value, whole(i), is_strict) for (value, is_strict), i in checked.items()
     ]
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
     # An array of loops must not have the name of an argument.

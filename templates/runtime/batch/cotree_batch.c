@@ -2,7 +2,8 @@
  * Part of the runtime of cotree, the same for every model and method.
  */
 #if !defined(_WIN32) && !defined(_POSIX_C_SOURCE)
-#define _POSIX_C_SOURCE 199309L /* clock_gettime */
+/* For clock_gettime. NOLINTNEXTLINE(bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp) */
+#define _POSIX_C_SOURCE 199309L
 #endif
 
 #include "cotree_batch.h"

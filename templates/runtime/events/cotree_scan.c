@@ -176,13 +176,13 @@ static int list_candidates(cotree_events *e)
         e->is_found[i] = 0;
         e->from_side[i] = side;
         e->bracket_start[i] = e->t_before;
-        if (side == COTREE_F(0.0))
-            ++n_open;
-        else if (cotree_classify_range(e, i, side, e->g[i], last[i], e->t_after - e->t_before) !=
-                 RANGE_NONZERO)
-            ++n_open;
-        else
+        if (side != COTREE_F(0.0) &&
+            cotree_classify_range(e, i, side, e->g[i], last[i], e->t_after - e->t_before) ==
+                RANGE_NONZERO) {
             e->is_excluded[i] = 1;
+        } else {
+            ++n_open;
+        }
     }
     return n_open;
 }

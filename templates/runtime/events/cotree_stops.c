@@ -315,12 +315,11 @@ static int acceleration_under_force(cotree_events *e, cotree_real t, int which, 
 static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_real *slope)
 {
     cotree_real without, with;
-    int k;
+    int k, status;
     for (k = 0; k < e->n_modes; ++k) e->trial[PLACE(k, MODE_STATE)] = e->modes[k];
-    if (acceleration_under_force(e, t, which, COTREE_F(0.0), &without) != 0 ||
-        acceleration_under_force(e, t, which, COTREE_F(1.0), &with) != 0) {
-        return e->failure;
-    }
+    status = acceleration_under_force(e, t, which, COTREE_F(0.0), &without);
+    if (status == 0) status = acceleration_under_force(e, t, which, COTREE_F(1.0), &with);
+    if (status != 0) return status;
     *slope = COTREE_FABS(with - without);
     return 0;
 }

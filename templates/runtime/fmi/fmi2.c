@@ -92,6 +92,7 @@ COTREE_FMI_EXPORT fmi2Component FMI2(fmi2Instantiate)(fmi2String name, fmi2Type 
 {
     const fmu_tables *const tables = fmu_tables_of_model();
     instance *const own = (instance *)calloc(1, sizeof(instance));
+    const size_t n_characters = name == NULL ? 1 : strlen(name) + 1;
     const char *why = NULL;
     (void)resources;
     (void)is_visible;
@@ -101,8 +102,8 @@ COTREE_FMI_EXPORT fmi2Component FMI2(fmi2Instantiate)(fmi2String name, fmi2Type 
         own->environment = functions->componentEnvironment;
     }
     own->is_logging = is_logging;
-    own->name = (char *)calloc(1, name == NULL ? 1 : strlen(name) + 1);
-    if (own->name != NULL && name != NULL) memcpy(own->name, name, strlen(name));
+    own->name = (char *)malloc(n_characters);
+    if (own->name != NULL) memcpy(own->name, name == NULL ? "" : name, n_characters);
     if (own->name == NULL) {
         why = "there is no memory";
     } else if (name == NULL || name[0] == '\0') {

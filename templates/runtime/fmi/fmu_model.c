@@ -169,7 +169,7 @@ static void log_message(const fmu *m, enum fmu_severity severity, const char *fo
 {
     char message[1024];
     if (m->logger == NULL) return;
-    vsnprintf(message, sizeof(message), format, arguments);
+    if (vsnprintf(message, sizeof(message), format, arguments) < 0) return;
     m->logger(m->environment, severity, message);
 }
 

@@ -182,6 +182,7 @@ int fmu_states_read(fmu *m, fmu_states *kept, const char *function, const void *
     fmu_state_head head;
     fmu_state *own;
     if (fmu_check_pointer(m, function, bytes) != 0) return 1;
+    memset(&head, 0, sizeof(head));
     if (n >= sizeof(head)) memcpy(&head, bytes, sizeof(head));
     if (n != size_of_state(m) || !is_state(m, &head) || head.checksum != checksum_of(bytes, n)) {
         return fmu_refuse(m, "%s: the bytes are not a state of this model", function);

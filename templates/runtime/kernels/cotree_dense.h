@@ -101,7 +101,7 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
     int i, k;
     for (k = 0; k < rank; ++k) {
         const cotree_real entry = x[k];
-        x[k] = x[rows[k]];
+        x[k] = x[rows[k]]; /* NOLINT(clang-analyzer-core*): the rank is from 0 to n */
         x[rows[k]] = entry;
     }
     for (k = 0; k < rank; ++k) {
@@ -114,6 +114,7 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
     }
     for (k = rank; k < n; ++k) {
         cotree_real along = COTREE_F(0.0);
+        /* NOLINTNEXTLINE(clang-analyzer-core*): the rank is from 0 to n */
         for (i = 0; i < n; ++i) along += x[i] * a[k * n + i];
         for (i = 0; i < n; ++i) x[i] -= along * a[k * n + i];
     }

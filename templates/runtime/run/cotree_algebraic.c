@@ -85,7 +85,7 @@ static int solve_near(cotree_run *run, cotree_real t, cotree_real *x)
         if (status != 0) break;
         size = share(run, step, z);
         for (i = 0; i < m; ++i) before[i] = z[i];
-        for (;; damping *= COTREE_F(0.5)) {
+        for (;;) {
             for (i = 0; i < m; ++i) z[i] = before[i] + damping * step[i];
             status = run->model->rhs(t, x, run->u, run->p, run->k, run->rates);
             if (status != 0 || size <= SETTLED) return status;
@@ -96,6 +96,7 @@ static int solve_near(cotree_run *run, cotree_real t, cotree_real *x)
             if (after <= (COTREE_F(1.0) - COTREE_F(0.25) * damping) * size) break;
             if (damping == COTREE_F(1.0) && size <= RESTING && after <= RESTING) return 0;
             if (damping < LEAST_DAMPING) return 1;
+            damping *= COTREE_F(0.5);
         }
     }
     return status != 0 ? status : 1;
@@ -215,7 +216,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 static void predict(const cotree_run *run, cotree_real t, cotree_real *z)
 {
     const cotree_real *const times = run->times;
-    int a = place_of(run, 1), b = a, i;
+    int a = place_of(run, 1), b, i;
     const cotree_real *from = run->found + a * N_ALGEBRAIC, *to = from;
     cotree_real weight = COTREE_F(0.0);
     if (run->n_found >= 3) {

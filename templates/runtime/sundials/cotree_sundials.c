@@ -67,7 +67,7 @@ static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
     c->firsts = cotree_take_ints(room, n_blocks_of(job) + 1);
 #if COTREE_SENSITIVITIES
     {
-        const size_t n = (size_t)(N_KINDS * job->model->n_sensitivities);
+        const size_t n = (size_t)N_KINDS * (size_t)job->model->n_sensitivities;
         c->apart = allocate(room, n * (size_t)n_states);
         c->pointers = (void **)cotree_take(room, n * sizeof(void *), NULL);
         for (i = 0; (size_t)i < n && c->pointers != NULL; ++i) c->pointers[i] = NULL;
