@@ -1,5 +1,5 @@
-/* cotree_real.h: the type of all numbers, its literals, functions and limits; and qualifiers that
- * compilers spell in different ways.
+/* cotree_real.h: the type of all numbers, its literals, functions and limits; what is compiled; and
+ * qualifiers that compilers spell in different ways.
  * Part of the runtime of cotree, the same for every model.
  */
 #ifndef COTREE_REAL_H
@@ -10,32 +10,11 @@
 #include <stdlib.h>
 
 /* 1: single precision. */
-#ifndef COTREE_SINGLE
-#define COTREE_SINGLE 0
-#endif
+
+/* What is compiled. A project for one model has only what the model uses. */
 
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
  * tolerances are the same share of the digits of either. */
-#if COTREE_SINGLE
-typedef float cotree_real;
-#define COTREE_F(x) x##f
-#define COTREE_SELECT(in_double, in_single) in_single
-#define COTREE_EPSILON FLT_EPSILON
-#define COTREE_MIN FLT_MIN
-#define COTREE_MAX FLT_MAX
-#define COTREE_MANT_DIG FLT_MANT_DIG
-#define COTREE_INFINITY HUGE_VALF
-#define COTREE_EXP expf
-#define COTREE_FABS fabsf
-#define COTREE_FLOOR floorf
-#define COTREE_FMAX fmaxf
-#define COTREE_FMIN fminf
-#define COTREE_FMOD fmodf
-#define COTREE_LOG logf
-#define COTREE_SQRT sqrtf
-#define COTREE_NEXTAFTER nextafterf
-#define COTREE_STRTOD strtof
-#else
 typedef double cotree_real;
 #define COTREE_F(x) x
 #define COTREE_SELECT(in_double, in_single) in_double
@@ -54,7 +33,6 @@ typedef double cotree_real;
 #define COTREE_SQRT sqrt
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
-#endif
 
 #if defined(__cplusplus)
 #define COTREE_RESTRICT

@@ -8,10 +8,12 @@ import subprocess
 
 import pytest
 
-from cotree.codegen.integrators import STEPPERS, integrator_files
+from cotree.codegen.features import ALL
+from cotree.codegen.integrators import STEPPERS, engine_files, integrator_files
 from cotree.codegen.render import template_folder
 from cotree.codegen.runtime import header_text, resolve, with_runtime
 from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
+from cotree.codegen.sundials import SUNDIALS
 from cotree.codegen.targets import DOUBLE, SINGLE
 from cotree.errors import CodegenError
 from cotree.tolerances import LIMITS
@@ -63,11 +65,11 @@ def test_a_corner_that_a_parameter_moves_apart_has_the_status_of_python():
     assert int(re.search(r"#define COTREE_RUN_TURNED (\d+)", text)[1]) == TURNED
 
 
-def test_jobs_know_all_methods():
-    text = header_text("cotree_job.h")
-    assert {*re.findall(r"\bcotree_(\w+)_stepper\(void\)", text)} == {
-        name.replace("-", "_") for name in STEPPERS
-    }
+@pytest.mark.parametrize("name", STEPPERS)
+def test_each_method_declares_its_stepper(name):
+    files = {**engine_files(name)}
+    header = "cotree_sundials.h" if name in SUNDIALS else f"cotree_{name}.h"
+    assert f"cotree_stepper *cotree_{name}_stepper(void);" in files[header]
 
 
 def test_conditions_are_decided():
@@ -75,8 +77,27 @@ def test_conditions_are_decided():
     assert resolve(text, {"COTREE_X": True}) == "a\nb\n#if OTHER\nc\n#endif\n"
     assert resolve(text, {"COTREE_X": False}) == "a\nd\ne\n"
     assert resolve(text, {}) == text
+    both = "#if COTREE_X && !COTREE_Y\na\n#endif\n#if COTREE_X || COTREE_Y\nb\n#endif\n"
+    assert resolve(both, {"COTREE_X": True, "COTREE_Y": False}) == "a\nb\n"
+    assert resolve(both, {"COTREE_X": True, "COTREE_Y": True}) == "b\n"
+    assert resolve(both, {"COTREE_X": False, "COTREE_Y": False}).strip() == ""
+    assert resolve(both, {"COTREE_X": True}) == both  # not known
     default = "#ifndef COTREE_X\n#define COTREE_X 0\n#endif\na\n"
     assert resolve(default, {"COTREE_X": True}) == "a\n"
+
+
+def test_features_have_defaults():
+    """So that the files compile by themselves, with everything."""
+    text = (RUNTIME / "run" / "cotree_real.h").read_text("ascii")
+    defaults = re.findall(r"#ifndef (COTREE_HAS_\w+)\n#define \1 1\b", text)
+    assert {*defaults} == {*ALL.macros()}
+    used = {
+        name
+        for path in RUNTIME.rglob("*.[ch]")
+        for line in re.findall(r"^#if .*", path.read_text("ascii"), re.MULTILINE)
+        for name in re.findall(r"COTREE_HAS_\w+", line)
+    }
+    assert used == {*ALL.macros()}
 
 
 def test_single_precision_is_decided():

@@ -32,8 +32,6 @@ NAMES = [
     "spring_mass_damper.c",
     "cotree_run.h",
     "cotree_run.c",
-    "cotree_lu.h",
-    "cotree_lu.c",
     "cotree_integrator.h",
     "cotree_integrator.c",
     "cotree_dopri5.h",
@@ -41,15 +39,6 @@ NAMES = [
     "cotree_history.h",
     "cotree_interpolation.h",
     "cotree_history.c",
-    "cotree_jumps.h",
-    "cotree_assembly.h",
-    "cotree_assembly.c",
-    "cotree_least.h",
-    "cotree_least.c",
-    "cotree_start_tables.h",
-    "cotree_jumps.c",
-    "cotree_events.h",
-    "cotree_events.c",
     "cotree_job.h",
     "cotree_job.c",
     "cotree_stepper.h",
@@ -96,13 +85,49 @@ def test_files_and_command(program: Program, tmp_path: Path) -> None:
     assert sorted(os.listdir(folder)) == sorted(NAMES)  # and no temporary one
     assert project.command == (
         "cc -std=c99 -O2 -ffp-contract=off -o spring_mass_damper "
-        "spring_mass_damper.c cotree_assembly.c cotree_dopri5.c cotree_dopri5_stepper.c "
-        "cotree_events.c cotree_history.c cotree_integrator.c cotree_job.c cotree_jumps.c "
-        "cotree_least.c cotree_lu.c cotree_run.c main.c -lm"
+        "spring_mass_damper.c cotree_dopri5.c cotree_dopri5_stepper.c cotree_history.c "
+        "cotree_integrator.c cotree_job.c cotree_run.c main.c -lm"
     )
     main = (folder / "main.c").read_text()
     assert "with make" in main[: main.index("*/")]
     assert "request = {\n    10.0,\n    1e-08,\n    1e-10,\n" in main
+
+
+@pytest.mark.parametrize(
+    ("name", "added", "present", "absent"),
+    [
+        ("slider-pendulum", [], ["cotree_pack"], ["cotree_run_project_all", "input_function"]),
+        ("bouncing-ball", ["cotree_events", "cotree_jumps"], [], ["cotree_run_project_all"]),
+        (
+            "motor-linkage",
+            ["cotree_assembly", "cotree_least", "cotree_start"],
+            ["cotree_run_project_all"],
+            ["solve_algebraic", "elimination"],
+        ),
+        (
+            "bridge-rectifier",
+            ["cotree_lu", "cotree_breakpoints", "cotree_assembly", "cotree_least", "cotree_start"],
+            ["solve_algebraic"],
+            ["sensitivity_projection"],
+        ),
+    ],
+)
+def test_a_project_has_what_its_model_uses(
+    tmp_path: Path, name: str, added: list[str], present: list[str], absent: list[str]
+) -> None:
+    sensitivities = ("L",) if name == "slider-pendulum" else ()
+    _, equations, _ = formulate(load_scene(name, SceneDescription), sensitivities, None)
+    project = write(generate(equations)[0], tmp_path)
+    modules = {path.stem for path in project.files if path.suffix == ".c"}
+    common = ["dopri5", "dopri5_stepper", "history", "integrator", "job", "run"]
+    assert {stem for stem in modules if stem.startswith("cotree_")} == {
+        *added,
+        *(f"cotree_{stem}" for stem in common),
+    }
+    run = "".join((tmp_path / f"cotree_run.{end}").read_text() for end in "hc")
+    assert [word for word in present if word not in run] == []
+    assert [word for word in absent if word in run] == []
+    assert not any("COTREE_HAS_" in path.read_text() for path in project.files)
 
 
 def test_constraints_add_a_start_and_a_projection(

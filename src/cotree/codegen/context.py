@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.column_storage import own_rows
+from cotree.codegen.features import Features
 from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.maps import MapContext, constant_columns, map_context
 from cotree.codegen.node_statements import SINES
@@ -117,6 +118,19 @@ class ModelContext(KernelFile):
     n_constraints: int
     n_algebraic: int
     hybrid: HybridContext
+
+    def features(self) -> Features:
+        """Return what the model uses of the runtime, with an explicit method and no helper."""
+        return Features(
+            sensitivities=bool(self.sensitivities),
+            inputs=bool(self.inputs),
+            algebraic=self.n_algebraic > 0,
+            constraints=self.n_constraints > 0,
+            events=bool(self.hybrid.events),
+            moving_corners=False,
+            implicit=False,
+            helper=False,
+        )
 
     @property
     def bodies(self) -> list[Body]:

@@ -11,6 +11,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
+from cotree.codegen.features import ALL
 from cotree.codegen.render import render, template_folder
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
@@ -21,17 +22,24 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    from cotree.codegen.features import Features
     from cotree.codegen.targets import Target
 
 _INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
-_CONDITION = re.compile(r"#if (!?)(COTREE_\w+)$")
+_TERM = r"!?COTREE_\w+"
+#: Macros, joined by one operator.
+_CONDITION = re.compile(rf"#if ({_TERM}(?: && {_TERM})*|{_TERM}(?: \|\| {_TERM})*)$")
 _INTERNAL = "_internal.h"
 #: A source, or several, in one file: functions that only the module calls are its own.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
 
 def with_runtime(
-    files: Mapping[str, str], target: Target = DOUBLE, *, has_sources: bool = True
+    files: Mapping[str, str],
+    target: Target = DOUBLE,
+    *,
+    features: Features = ALL,
+    has_sources: bool = True,
 ) -> dict[str, str]:
     """Add the modules that texts include, and those that these include.
 
@@ -41,6 +49,8 @@ def with_runtime(
         C text by file name.
     target : Target
         The type of numbers.
+    features : Features
+        What is compiled, in the files given, too.
     has_sources : bool
         Whether sources are added, too, or headers alone.
 
@@ -49,8 +59,8 @@ def with_runtime(
     dict of str to str
         Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
     """
-    found = dict(files)
-    waiting = [name for text in files.values() for name in _INCLUDE.findall(text)]
+    found = {name: resolve(text, features.macros()) for name, text in files.items()}
+    waiting = [name for text in found.values() for name in _INCLUDE.findall(text)]
     seen = set()
     while waiting:
         header = waiting.pop(0)
@@ -59,9 +69,9 @@ def with_runtime(
         if header in files:
             continue  # a module whose conditions are decided
         seen.add(header)
-        added = {header: header_text(header, target)}
+        added = {header: header_text(header, target, features)}
         if has_sources:
-            added |= source_texts(header, target)
+            added |= source_texts(header, target, features)
         found |= added
         waiting += [name for text in added.values() for name in _INCLUDE.findall(text)]
     return found
@@ -78,7 +88,7 @@ def abi_header(target: Target = DOUBLE) -> str:
     )
 
 
-def header_text(name: str, target: Target = DOUBLE) -> str:
+def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
     """Return the text of a public header, ``cotree_abi.h`` among them.
 
     Raises
@@ -88,10 +98,10 @@ def header_text(name: str, target: Target = DOUBLE) -> str:
     """
     if name == "cotree_abi.h":
         return abi_header(target)
-    return _resolved(_read(name), target)
+    return _resolved(_read(name), target, features)
 
 
-def source_texts(header: str, target: Target = DOUBLE) -> dict[str, str]:
+def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:
     """Return the sources of a module by name.
 
     Those that share an internal header become one file, whose private functions are static.
@@ -99,13 +109,13 @@ def source_texts(header: str, target: Target = DOUBLE) -> dict[str, str]:
     names = _sources(header)
     internal = header.replace(".h", _INTERNAL)
     if internal not in _paths():
-        return {name: _resolved(_read(name), target) for name in names}
+        return {name: _resolved(_read(name), target, features) for name in names}
     shared = f'#include "{internal}"\n'
     first, *others = map(_read, names)
     head, _, body = first.partition(shared)
     body = "\n".join([body, *(text.replace(shared, "") for text in others)])
     text = f"{head}{_PRIVATE}{_bare(_read(internal))}\n{body.lstrip()}"
-    return {names[0]: _resolved(text, target)}
+    return {names[0]: _resolved(text, target, features)}
 
 
 def _bare(header: str) -> str:
@@ -141,10 +151,9 @@ def _sources(header: str) -> list[str]:
     return sorted(found, key=lambda name: (name != f"{own}.c", name))
 
 
-def _resolved(text: str, target: Target) -> str:
-    """Leave out what a type of numbers has no use for."""
-    known = {"COTREE_SINGLE": target.digits != DOUBLE.digits}
-    return resolve(text, known) if known["COTREE_SINGLE"] else text
+def _resolved(text: str, target: Target, features: Features) -> str:
+    """Leave out what a type of numbers, or a model, has no use for."""
+    return resolve(text, {"COTREE_SINGLE": target.digits != DOUBLE.digits, **features.macros()})
 
 
 def resolve(text: str, known: Mapping[str, bool]) -> str:
@@ -153,19 +162,20 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
     Parameters
     ----------
     text : str
-        C text. Conditions are written ``#if NAME`` or ``#if !NAME``; a default between ``#ifndef
-        NAME`` and ``#endif`` is dropped.
+        C text. Conditions are written ``#if NAME`` or ``#if !NAME``, several joined by ``&&`` or by
+        ``||``; a default between ``#ifndef NAME`` and ``#endif`` is dropped.
     known : mapping of str to bool
         Values of macros; other conditions stay.
     """
+    if not any(name in text for name in known):
+        return text
     lines: list[str] = []
     # Of each open condition: whether it is decided here, and whether its lines are kept.
     open_: list[tuple[bool, bool]] = []
     for line in text.splitlines():
-        condition = _CONDITION.match(line)
         default = re.match(r"#ifndef (\w+)$", line)
-        if condition and condition[2] in known:
-            open_.append((True, known[condition[2]] != bool(condition[1])))
+        if (value := _value(line, known)) is not None:
+            open_.append((True, value))
         elif default and default[1] in known:
             open_.append((True, False))
         elif line.startswith("#if"):
@@ -180,6 +190,18 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
         else:
             _keep(lines, line, open_)
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines) + "\n")
+
+
+def _value(line: str, known: Mapping[str, bool]) -> bool | None:
+    """Return the value of a condition on known macros; None of all other lines."""
+    condition = _CONDITION.match(line)
+    if condition is None:
+        return None
+    join = any if "||" in line else all
+    terms = re.findall(r"(!?)(COTREE_\w+)", condition[1])
+    if not all(name in known for _, name in terms):
+        return None
+    return join(known[name] != bool(negated) for negated, name in terms)
 
 
 def _keep(lines: list[str], line: str, open_: Iterable[tuple[bool, bool]]) -> None:

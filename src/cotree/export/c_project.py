@@ -209,7 +209,15 @@ def write_c_project(
         is_strict=is_dependent,
         is_found=found is not None and start is None and evaluated.is_found_in_c(found),
     )
-    texts = with_runtime({**texts, "main.c": render("c/main.c.jinja", target, main=main)}, target)
+    texts["main.c"] = render("c/main.c.jinja", target, main=main)
+    is_fixed = methods[0] in FIXED
+    features = replace(
+        model.features(),
+        implicit=bool(implicit),
+        events=bool(model.hybrid.events) and not is_fixed,
+        moving_corners=bool(main.stops and model.sensitivities) and not is_fixed,
+    )
+    texts = with_runtime(texts, target, features=features)
     # The model's own file first, then those of every model.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))

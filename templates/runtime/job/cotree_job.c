@@ -18,16 +18,23 @@ cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensi
 {
     cotree_run_init(run, job->model, job->p, cotree_job_prepared(job), job->u, has_sensitivities,
                     room);
+#if COTREE_HAS_INPUTS
     run->n_replaced = job->n_replaced;
     run->replaced = job->replaced;
     run->input_function = job->input_function;
     run->input_context = job->input_context;
+#endif
+#if COTREE_HAS_HELPER
     run->helper = job->helper;
+#endif
+#if COTREE_HAS_CONSTRAINTS
     run->is_held = job->is_held;
+#endif
     run->atol = job->atol;
     return run;
 }
 
+#if COTREE_HAS_EVENTS
 static int has_events(const cotree_job *job)
 {
     const cotree_hybrid *const hybrid = job->model->hybrid;
@@ -66,22 +73,31 @@ static void watch(cotree_job *job, cotree_engine *e, cotree_room *room)
     }
     job->has_fired = e->events.has_fired;
 }
+#endif
 
 /* Deals the memory out; what is only counted is left alone. */
 static void lay_out_job(cotree_job *job, cotree_room *room)
 {
     cotree_engine spare, *const e = (cotree_engine *)cotree_take(room, sizeof(spare), &spare);
+#if COTREE_HAS_MOVING_CORNERS
     int i;
-    e->w = cotree_take_doubles(room, job->n);
-    e->before = cotree_take_doubles(room, job->n);
     for (i = 0; i < 4; ++i) e->room[i] = cotree_take_doubles(room, job->n);
+#endif
+    e->w = cotree_take_doubles(room, job->n);
     e->origin = COTREE_F(0.0);
     e->is_running = 0;
     e->is_helped = 0;
     e->n_short = 0;
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+    e->before = cotree_take_doubles(room, job->n);
+#endif
+#if COTREE_HAS_EVENTS
     copy_prepared(job, room);
+#endif
     STEPPER->lay_out(job, e, room);
+#if COTREE_HAS_EVENTS
     if (has_events(job)) watch(job, e, room);
+#endif
 }
 
 size_t cotree_job_memory(cotree_job *job)
@@ -194,19 +210,25 @@ static void finish(cotree_job *job)
     if (STEPPER->complete(job, job->t, e->w, 1) == COTREE_OK) {
         for (i = 0; i < e->run->n_full; ++i) job->z[i] = e->run->full[i];
     }
+#if COTREE_HAS_CONSTRAINTS
     job->correction = COTREE_FMAX(e->run->correction, e->of_states->correction);
+#endif
+#if COTREE_HAS_EVENTS
     if (job->watched != NULL && has_events(job)) cotree_events_save(&e->events, job->watched);
+#endif
 }
 
 static int give_up(cotree_job *job, int status)
 {
+#if COTREE_HAS_EVENTS
     const cotree_events *const events = &ENGINE->events;
-    job->status = status;
     if (has_events(job)) {
         job->event = events->event;
         job->event_time = events->failure_time;
         job->event_detail = events->detail;
     }
+#endif
+    job->status = status;
     if (STEPPER->blame != NULL) STEPPER->blame(job, status);
     /* What is still wanted before the last good point. */
     if (job->wanted != NULL && ENGINE->is_running) keep_wanted(job, job->t);
@@ -214,12 +236,14 @@ static int give_up(cotree_job *job, int status)
     return COTREE_JOB_FAILED;
 }
 
+#if COTREE_HAS_EVENTS
 static int stop(cotree_job *job)
 {
     job->event = ENGINE->events.terminal_event;
     finish(job);
     return COTREE_JOB_STOPPED;
 }
+#endif
 
 /* Tells whether a stiff problem is worth another method. */
 static int is_leaving(const cotree_job *job)
@@ -237,12 +261,8 @@ static int leave(cotree_job *job)
     return COTREE_JOB_STIFF;
 }
 
+#if COTREE_HAS_MOVING_CORNERS
 /* What sensitivities do at corners whose times depend on parameters. */
-
-static const cotree_real *slopes_of(const cotree_job *job, int corner)
-{
-    return job->slopes == NULL ? NULL : job->slopes + corner * job->model->n_sensitivities;
-}
 
 /* Tells whether the time of a corner depends on a parameter, or what meets there does. */
 static int is_moving(const cotree_job *job, int corner)
@@ -267,7 +287,9 @@ static cotree_turn turn_of(cotree_job *job, int corner)
     turn.left = e->room[1];
     turn.right = e->room[2];
     turn.again = e->room[3];
+#if COTREE_HAS_CONSTRAINTS
     turn.is_constrained = job->is_held && job->model->n_constraints > 0;
+#endif
     turn.slopes = job->slopes + first;
     turn.spreads = job->spreads + first;
     turn.tolerances = job->turn_tolerances;
@@ -313,7 +335,9 @@ static int enter_segment(cotree_job *job)
     }
     return status;
 }
+#endif
 
+#if COTREE_HAS_EVENTS
 /* What events do to a job. */
 
 /* Writes the solution within the last step. */
@@ -363,6 +387,17 @@ static int keep_after(cotree_job *job, cotree_real t)
     return status;
 }
 
+/* Returns the derivatives of a corner's time by the parameters; NULL if it depends on none. */
+static const cotree_real *slopes_of(const cotree_job *job, int corner)
+{
+#if COTREE_HAS_MOVING_CORNERS
+    return job->slopes == NULL ? NULL : job->slopes + corner * job->model->n_sensitivities;
+#else
+    (void)job, (void)corner;
+    return NULL;
+#endif
+}
+
 /* Lets happen what does at a corner. */
 static int look_at_corner(cotree_job *job)
 {
@@ -372,9 +407,11 @@ static int look_at_corner(cotree_job *job)
     cotree_real *const w = events->w;
     int status;
     cotree_run_take(run, t, job->n, ENGINE->w, w);
+#if COTREE_HAS_CONSTRAINTS
     if (cotree_run_is_constrained(run) && cotree_run_project(t, w, run) != 0) {
         return COTREE_NOT_PROJECTED;
     }
+#endif
     if (job->corner > 0) {
         status = cotree_events_resume(events, t, w, slopes_of(job, job->corner));
     } else if (!job->is_continued) {
@@ -405,6 +442,7 @@ static int let_happen(cotree_job *job)
     if (status == COTREE_OK) status = follow_events(job, job->t);
     return status == COTREE_OK ? keep_after(job, job->t) : status;
 }
+#endif
 
 /* The loop. */
 
@@ -418,6 +456,7 @@ static int restart(cotree_job *job)
     return status;
 }
 
+#if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
 /* Finds algebraic unknowns behind a corner with help: they may have jumped too far there for what
  * is near to lead to them. Tells whether integration may begin anew with them. */
 static int ask_for_unknowns(cotree_job *job)
@@ -436,7 +475,9 @@ static int ask_for_unknowns(cotree_job *job)
     e->is_helped = 1;
     return 1;
 }
+#endif
 
+#if COTREE_HAS_INPUTS
 /* Says that a segment begins, from the point that the one before it left. */
 static int tell_reach(cotree_job *job, int is_first)
 {
@@ -450,28 +491,39 @@ static int tell_reach(cotree_job *job, int is_first)
     }
     return job->reach(job->t, z, job->input_context) == 0 ? COTREE_OK : COTREE_RATE_STOPPED;
 }
+#endif
 
 /* Stands at a corner, where rates and with them sensitivities may jump, and events happen. */
 static int begin_segment(cotree_job *job)
 {
     const int is_first = job->corner == 0;
-    int status;
+    int status = COTREE_OK;
     if (is_first) begin_job(job);
+#if COTREE_HAS_INPUTS
     status = tell_reach(job, is_first);
     if (status != COTREE_OK) return status;
+#endif
     ENGINE->is_running = 0;
     hold_between_corners(job, ENGINE->run);
     hold_between_corners(job, ENGINE->of_states);
+#if COTREE_HAS_MOVING_CORNERS
     status = enter_segment(job);
+#if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
     if (status != COTREE_OK && ask_for_unknowns(job)) status = enter_segment(job);
+#endif
+#endif
+#if COTREE_HAS_EVENTS
     if (status == COTREE_OK && has_events(job)) {
         hold_between_corners(job, ENGINE->watched);
         status = look_at_corner(job);
         if (ENGINE->events.terminal_event >= 0) return status;
     }
+#endif
     if (status == COTREE_OK) {
         status = restart(job);
+#if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
         if (status != COTREE_OK && ask_for_unknowns(job)) status = restart(job);
+#endif
     }
     if (status == COTREE_OK && is_first && (job->n_kept == 0 || job->wanted != NULL)) {
         status = keep_step(job, 0);
@@ -483,8 +535,10 @@ static int begin_segment(cotree_job *job)
 static int pass_end(cotree_job *job)
 {
     if (job->t == job->corners[job->corner + 1]) {
+#if COTREE_HAS_MOVING_CORNERS
         const int status = leave_segment(job);
         if (status != COTREE_OK) return give_up(job, status);
+#endif
         ++job->corner;
         job->is_begun = 0;
     }
@@ -493,6 +547,7 @@ static int pass_end(cotree_job *job)
     return COTREE_JOB_DONE;
 }
 
+#if COTREE_HAS_EVENTS
 /* Goes on from what an event leaves. */
 static int go_on_from_event(cotree_job *job)
 {
@@ -511,17 +566,20 @@ static int refuse_step(cotree_job *job, cotree_real start, int status)
     for (i = 0; i < job->n; ++i) ENGINE->w[i] = ENGINE->before[i];
     return give_up(job, status);
 }
+#endif
 
 /* Takes one step, and the corner at its end. */
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
-    int i, status, is_last;
-    /* Only events look back to where a step began. */
+    int status, is_last;
+#if COTREE_HAS_EVENTS
     if (has_events(job)) {
+        int i;
         for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
     }
+#endif
     status = STEPPER->step(job, end);
     if (status != COTREE_OK) return give_up(job, status);
     ++job->n_steps;
@@ -529,11 +587,13 @@ static int advance(cotree_job *job)
     is_last = job->t == end;
     e->n_short = is_short(start, job->t, e->origin) ? e->n_short + 1 : 0;
     if (e->n_short == 0) job->entry = job->row = job->column = -1; /* it has found its way */
+#if COTREE_HAS_EVENTS
     if (has_events(job)) {
         const int found = find_events(job, start, end);
         if (found == COTREE_EVENTS_FOUND) return go_on_from_event(job);
         if (found != COTREE_EVENTS_NONE) return refuse_step(job, start, found);
     }
+#endif
     status = keep_step(job, is_last);
     if (status != COTREE_OK) return give_up(job, status);
     if (!is_last && e->n_short >= STALL_STEPS) return give_up(job, COTREE_STEP_TOO_SMALL);
@@ -544,19 +604,26 @@ static int advance(cotree_job *job)
 /* Takes one step, or what begins a segment before it. */
 static int go_on(cotree_job *job)
 {
-    int result, status;
+    int result;
     if (!job->is_begun) {
-        status = begin_segment(job);
+        const int status = begin_segment(job);
         if (status != COTREE_OK) return give_up(job, status);
+#if COTREE_HAS_EVENTS
         if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop(job);
+#endif
         job->is_begun = 1;
     }
     result = advance(job);
-    if (result != COTREE_JOB_FAILED || !ask_for_unknowns(job)) return result;
-    status = restart(job);
-    return status == COTREE_OK ? advance(job) : give_up(job, status);
+#if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
+    if (result == COTREE_JOB_FAILED && ask_for_unknowns(job)) {
+        const int status = restart(job);
+        result = status == COTREE_OK ? advance(job) : give_up(job, status);
+    }
+#endif
+    return result;
 }
 
+#if COTREE_HAS_EVENTS
 /* Tells the events where to write; those of a job that has not begun are still to be laid out. */
 static void open_records(cotree_job *job)
 {
@@ -565,38 +632,53 @@ static void open_records(cotree_job *job)
     events->n_records = job->n_records;
     events->n_evaluations = 0;
 }
+#endif
 
 int cotree_job_run(cotree_job *job, long most_steps)
 {
+#if COTREE_HAS_EVENTS
     const int n_at_once =
         has_events(job) ? COTREE_EVENTS_AT_ONCE(COTREE_EVENTS_OF(job->model->hybrid)) : 0;
+#endif
     int result = COTREE_JOB_MORE;
     long i;
     for (i = 0; i < most_steps && result == COTREE_JOB_MORE; ++i) {
+#if COTREE_HAS_EVENTS
         if (job->records != NULL && job->n_records + n_at_once > job->most_records) break;
         if (job->most_events > 0 && job->n_records >= job->most_events) break;
         if (has_events(job)) open_records(job);
+#endif
         result = go_on(job);
+#if COTREE_HAS_EVENTS
         if (has_events(job)) {
             job->n_records = ENGINE->events.n_records;
             job->n_evaluations += ENGINE->events.n_evaluations;
         }
+#endif
     }
     return result;
 }
 
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
 int cotree_job_start(cotree_job *job)
 {
     int status;
+#if COTREE_HAS_EVENTS
     if (has_events(job)) open_records(job);
+#endif
     status = begin_segment(job);
+#if COTREE_HAS_EVENTS
     if (has_events(job)) job->n_records = ENGINE->events.n_records;
+#endif
     if (status != COTREE_OK) return give_up(job, status);
+#if COTREE_HAS_EVENTS
     if (has_events(job) && ENGINE->events.terminal_event >= 0) return stop(job);
+#endif
     job->is_begun = 1;
     finish(job);
     return COTREE_JOB_MORE;
 }
+#endif
 
 void cotree_job_stand(cotree_job *job)
 {

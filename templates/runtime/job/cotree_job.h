@@ -14,9 +14,11 @@
 /* A method that takes the steps of a job; cotree_stepper.h says what that is. */
 typedef struct cotree_stepper cotree_stepper;
 
+#if COTREE_HAS_INPUTS
 /* Is told the time and all states and sensitivities where a segment between corners begins, before
  * anything is evaluated in it: values of tables may change. 0: go on. */
 typedef int (*cotree_reach)(cotree_real t, const cotree_real *z, void *context);
+#endif
 
 typedef struct cotree_job {
     /* The model and its parameters, prepared. */
@@ -24,17 +26,25 @@ typedef struct cotree_job {
     const cotree_real *p;
     const cotree_real *k;
     cotree_real *u; /* n_inputs */
+#if COTREE_HAS_INPUTS
     int n_replaced;
     const cotree_table_input *replaced;
     cotree_input_function input_function; /* NULL: none */
+    cotree_reach reach;                   /* NULL: nobody */
     void *input_context;
+#endif
+#if COTREE_HAS_HELPER
     const cotree_helper *helper; /* NULL: nobody */
-    cotree_reach reach;          /* NULL: nobody */
+#endif
     int has_sensitivities;
-    int is_held;     /* to the constraints */
-    int is_strict;   /* rates, too, as dependent constraints need */
+#if COTREE_HAS_CONSTRAINTS
+    int is_held;            /* to the constraints */
+    int is_strict;          /* rates, too, as dependent constraints need */
+    cotree_real correction; /* the largest one, as a share of a state or of 1 */
+#endif
+#if COTREE_HAS_ALGEBRAIC
     int is_extended; /* algebraic unknowns are integrated, too */
-    int is_tested;   /* the error test is to find corners of the rates that depend on the state */
+#endif
     /* The method, and what it needs besides: of implicit methods the model's cotree_newton, of
      * SUNDIALS a cotree_sundials. */
     const cotree_stepper *stepper;
@@ -49,11 +59,14 @@ typedef struct cotree_job {
     const cotree_real *corners;
     cotree_real scale; /* the largest time that these are made of, whose rounding they have */
     int is_start_sharp, is_end_sharp; /* whether rates have a kink or jump there, too */
+#if COTREE_HAS_MOVING_CORNERS
     /* How the times of corners depend on the parameters, a row for each corner, and by how much
      * that differs among all that meets there; NULL: not at all. */
     const cotree_real *slopes;
     const cotree_real *spreads;
     const cotree_real *turn_tolerances; /* of sensitivities to each parameter */
+    int turned; /* the place in z of a sensitivity that does not exist from here on */
+#endif
     /* What is kept: at the wanted times, or where there are none, after each step. */
     int n_wanted;
     const cotree_real *wanted;
@@ -75,7 +88,8 @@ typedef struct cotree_job {
     int complaint;   /* of the kernel that SUNDIALS asked last */
     int entry;       /* of the rate that was not a number, or -1 */
     int row, column; /* of what was not a number in the Jacobian, or -1 */
-    int turned;      /* the place in z of a sensitivity that does not exist from here on */
+#if COTREE_HAS_EVENTS
+    int is_tested; /* the error test is to find corners of the rates that depend on the state */
     /* Events: what happened, a record of COTREE_EVENTS_RECORD cotree_reals each, if there is room
      * for COTREE_EVENTS_AT_ONCE more; else the job waits for more room. NULL: of no interest. */
     cotree_real *records;
@@ -91,11 +105,11 @@ typedef struct cotree_job {
      * where it ended; is_changed: something may have. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;       /* of the whole run that the job is a part of; 0: that of its corners */
-    cotree_real correction; /* the largest one by a projection, as a share of a state or of 1 */
-    void *memory;           /* cotree_job_memory(...) bytes */
+    cotree_real span;    /* of the whole run that the job is a part of; 0: that of its corners */
     cotree_real *pieces; /* the job's own copy of k, with the pieces that its steps hold; NULL: it
                             needs none */
+#endif
+    void *memory; /* cotree_job_memory(...) bytes */
     /* Of explicit methods: whether the job waits where the problem is stiff and worth another one.
      */
     int is_waiting;
@@ -122,26 +136,17 @@ COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
 /* Takes some steps. How many at once changes nothing. */
 COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
 /* Processes the events at the start, in place of the first call, and takes no step. */
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
+#endif
 /* Writes where a job stands that has more to do: nobody may go on from here. A job that has ended
  * or waits has written it. */
 COTREE_EXPORT void cotree_job_stand(cotree_job *job);
 
 /* Frees what a stepper holds outside the memory; cotree's own hold nothing. */
 COTREE_EXPORT void cotree_job_end(cotree_job *job);
-
-/* The stepper of a method, where its file is compiled. */
-COTREE_EXPORT const cotree_stepper *cotree_dopri5_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_rkf45_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_dop853_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_rodas4_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_rodas5_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_cvode_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_ida_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_cvodes_stepper(void);
-COTREE_EXPORT const cotree_stepper *cotree_idas_stepper(void);
 
 #ifdef __cplusplus
 }

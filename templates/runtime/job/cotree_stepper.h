@@ -7,10 +7,12 @@
 #ifndef COTREE_STEPPER_H
 #define COTREE_STEPPER_H
 
-#include "cotree_events.h"
 #include "cotree_history.h"
 #include "cotree_integrator.h"
 #include "cotree_job.h"
+#if COTREE_HAS_EVENTS
+#include "cotree_events.h"
+#endif
 
 #ifdef __cplusplus
 extern "C" {
@@ -22,15 +24,21 @@ typedef struct cotree_engine {
     cotree_run *run;       /* of all that is integrated */
     cotree_run *of_states; /* of the states alone, where a stepper has one; else the same */
     cotree_run *watched;   /* what events look at */
+#if COTREE_HAS_EVENTS
     cotree_events events;
-    cotree_real *w;       /* where the job stands, n values */
-    cotree_real *before;  /* where its last step began */
+#endif
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+    cotree_real *before; /* where its last step began */
+#endif
+#if COTREE_HAS_MOVING_CORNERS
     cotree_real *room[4]; /* for what is done between segments; left is to stay there */
-    cotree_real origin;   /* steps are rounding by their distance from it */
-    int is_running;       /* whether values within the last step can be had */
-    int is_helped;        /* whether w has unknowns of the time behind a corner, not at it */
-    int n_short;          /* steps of rounding, one after another */
-    void *own;            /* of the stepper */
+#endif
+    cotree_real *w;     /* where the job stands, n values */
+    cotree_real origin; /* steps are rounding by their distance from it */
+    int is_running;     /* whether values within the last step can be had */
+    int is_helped;      /* whether w has unknowns of the time behind a corner, not at it */
+    int n_short;        /* steps of rounding, one after another */
+    void *own;          /* of the stepper */
 } cotree_engine;
 
 struct cotree_stepper {
@@ -70,7 +78,10 @@ static inline cotree_engine *cotree_engine_of(const cotree_job *job)
 /* Gives the prepared values, with the pieces that steps hold. */
 static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
 {
-    return job->pieces != NULL ? job->pieces : job->k;
+#if COTREE_HAS_EVENTS
+    if (job->pieces != NULL) return job->pieces;
+#endif
+    return job->k;
 }
 
 /* Gives the direction of time, 1 or -1. */

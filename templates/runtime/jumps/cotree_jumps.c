@@ -24,6 +24,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
     const int n = model->n_states, m = run->n_blocks - 1, n_values = h->n_events + h->n_jumps;
+#if COTREE_HAS_CONSTRAINTS
     const cotree_assembly_tables constraints = {h->n_coordinates,
                                                 h->n_speeds,
                                                 h->n_values,
@@ -37,6 +38,7 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
                                                 NULL,
                                                 0,
                                                 NULL};
+#endif
     int n_forces;
     j->run = run;
     j->hybrid = h;
@@ -48,7 +50,6 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     j->state_rates = cotree_take_doubles(room, n);
     j->value_slopes = cotree_take_doubles(room, m * n_values);
     j->new_values = cotree_take_doubles(room, h->n_jumps);
-    j->given = cotree_take_doubles(room, n);
     n_forces = count_impulse_forces(h);
     if (n_forces > 0) {
         j->w_work = cotree_take_doubles(room, run->n_full);
@@ -57,8 +58,11 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
         j->impulse_forces = cotree_take_doubles(room, 2 * n_forces * run->n_blocks);
         j->force_slopes = cotree_take_doubles(room, m * n_values);
     }
+#if COTREE_HAS_CONSTRAINTS
+    j->given = cotree_take_doubles(room, n);
     j->constraints = constraints;
     if (model->n_constraints > 0) cotree_assembly_init(&j->assembly, run, &j->constraints, room);
+#endif
 }
 
 /* Compute all states at a point, and the inputs there; t is moved into the segment. */
@@ -94,11 +98,14 @@ int cotree_compute_rates_at(cotree_jumps *j, cotree_real t, const cotree_real *x
     if (status != 0) return status;
     for (i = cut; i < N_STATES; ++i) j->state_rates[i] = COTREE_F(0.0);
     status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
+#if COTREE_HAS_ALGEBRAIC
     if (status != 0 || cut == N_STATES) return status;
     /* Residuals stay zero along the motion: g_x x' + g_t + g_z z' = 0. */
     status = cotree_run_follow(run, t, x, j->rates + N_EVENTS + N_JUMPS, j->state_rates + cut);
     if (status != 0) return status;
-    return MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
+    status = MODEL->event_rates(t, x, j->state_rates, run->u, run->p, run->k, j->rates);
+#endif
+    return status;
 }
 
 int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w)
@@ -109,6 +116,7 @@ int cotree_jumps_rates(cotree_jumps *j, cotree_real t, const cotree_real *w)
     return status != 0 ? status : cotree_compute_rates_at(j, t, j->run->full);
 }
 
+#if COTREE_HAS_CONSTRAINTS
 /* Project the states after an event onto the constraints. */
 static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t, cotree_real *x)
 {
@@ -122,6 +130,7 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     if (status != 0 || MODEL->gradient == NULL) return status;
     for (i = 0; i < N_STATES; ++i) j->given[i] = x[i];
     status = cotree_assembly_move(&j->assembly, t, x);
+#if COTREE_HAS_HELPER
     if (status <= 0 || run->helper == NULL) return status;
     if (run->helper->find_states(t, j->given, row->targets, row->n_prescribed,
                                  run->helper->context) != 0) {
@@ -129,7 +138,11 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     }
     for (i = 0; i < N_STATES; ++i) x[i] = j->given[i];
     return 0;
+#else
+    return status;
+#endif
 }
+#endif
 
 /* Complete the states and sensitivities after an event that has set its targets: project them
  * and add (R_x f- + R_t - f+) t_p. state_rates is R_x f- + R_t. */
@@ -138,8 +151,9 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     cotree_run *const run = j->run;
     cotree_real *const s = j->after + N_STATES;
     const cotree_real *const t_p = j->time_sensitivity;
-    const int is_constrained = cotree_run_is_constrained(run);
     int i, n, status;
+#if COTREE_HAS_CONSTRAINTS
+    const int is_constrained = cotree_run_is_constrained(run);
     cotree_real *const given = run->full; /* the states before projection */
     for (i = 0; i < N_STATES; ++i) given[i] = j->after[i];
     status = settle_states(j, row, t, j->after);
@@ -148,6 +162,9 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
         cotree_assembly_is_chosen(&j->assembly, t, given, j->after)) {
         return COTREE_JUMPS_CHOOSE;
     }
+#else
+    (void)row;
+#endif
     cotree_run_narrow(run, t, j->after, w);
     status = cotree_run_find_states(run, t, w);
     if (status != 0) return status;
@@ -161,9 +178,11 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
         for (i = 0; i < run->n_rates; ++i) own[i] += t_p[n] * (j->state_rates[i] - run->full[i]);
         for (; i < N_STATES; ++i) own[i] = COTREE_F(0.0);
     }
+#if COTREE_HAS_CONSTRAINTS
     if (is_constrained)
         status = cotree_assembly_move_sensitivities(&j->assembly, t, j->after, NULL, s);
     if (status != 0) return status;
+#endif
     cotree_run_narrow(run, t, j->after, w);
     status = cotree_run_find(run, t, w);
     for (i = 0; i < run->n_full; ++i) j->after[i] = run->full[i];

@@ -12,16 +12,17 @@
 #ifndef COTREE_JUMPS_H
 #define COTREE_JUMPS_H
 
-#include "cotree_assembly.h"
 #include "cotree_run.h"
+#if COTREE_HAS_CONSTRAINTS
+#include "cotree_assembly.h"
+#endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 /* Results in addition to those of kernels. */
-/* the new values contradict the constraints */
-#define COTREE_JUMPS_CONTRADICT COTREE_ASSEMBLY_VIOLATED
+#define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
 #define COTREE_JUMPS_CHOOSE 101 /* the projection is not unique, so that no sensitivities exist */
 
 /* Kinds of events. A jump chooses a mode of a discontinuous expression; its event function is
@@ -58,9 +59,11 @@ typedef struct cotree_jumps {
     cotree_real *state_rates, *value_slopes, *new_values;
     /* Of impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
+#if COTREE_HAS_CONSTRAINTS
     cotree_real *given;
     cotree_assembly_tables constraints;
-    cotree_assembly assembly; /* of constrained models */
+    cotree_assembly assembly;
+#endif
 } cotree_jumps;
 
 /* An impulse at several constraints. */

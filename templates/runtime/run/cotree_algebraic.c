@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_ALGEBRAIC
 /* Newton's method for algebraic unknowns. It squares its errors, so that after a step below SETTLED
  * nothing but rounding is left. Steps are shortened until the next one is shorter. What cannot be
  * shortened below RESTING is rounding, too. Both are shares of an unknown, or of atol where it is
@@ -159,6 +160,7 @@ static int solve_algebraic(cotree_run *run, cotree_real t, cotree_real *x)
     return status;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* g_z S_z = -(g_x S_x + g_p): the residuals where S_z is zero are the right-hand side. */
 static int solve_sensitivities(cotree_run *run, cotree_real t)
 {
@@ -185,6 +187,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
     }
     return status;
 }
+#endif
 
 /* Straight-line kernels in the place of loops. Each evaluation begins with unknowns extrapolated in
  * time; one step by the model's series leads, nearly always, close enough. */
@@ -313,6 +316,7 @@ int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near, cotree_re
     return status;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Solves for the sensitivities of the unknowns, in run->full; s are those of the states alone. */
 int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t, const cotree_real *s)
 {
@@ -327,11 +331,14 @@ int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t, const cot
     }
     return status;
 }
+#endif
 
 /* Finds rates where unknowns are solved for at each point. Where w holds some, they stay. */
 int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w, cotree_real *dw)
 {
+#if COTREE_HAS_SENSITIVITIES
     const cotree_model *const model = run->model;
+#endif
     const cotree_real *const rates = run->rates;
     const cotree_real goal = CLOSE_ENOUGH * run->rtol;
     const int is_rounding = !(goal > ROUNDING), n = N_RATES, lead = run->n_lead;
@@ -341,12 +348,14 @@ int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w, co
         status = cotree_solve_unknowns(run, t, 0, is_rounding ? ROUNDING : goal,
                                        is_rounding ? run->atol : run->atol / run->rtol, &is_wide);
     }
+#if COTREE_HAS_SENSITIVITIES
     if (status == 0 && run->n_blocks > 1) {
         is_wide = model->extended_augmented_rhs == NULL || is_lost(run);
         status = is_wide ? solve_sensitivities(run, t)
                          : model->extended_augmented_rhs(t, run->full, w + lead, run->u, run->p,
                                                          run->k, run->rates);
     }
+#endif
     if (status != 0) return status;
     if (is_wide) {
         cotree_run_leave_out(run, rates, dw);
@@ -364,8 +373,12 @@ int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w, c
     const cotree_model *const model = run->model;
     const int status = cotree_run_inputs(run, t);
     if (status != 0) return status;
-    if (run->n_blocks == 1) return model->extended_rhs(t, w, run->u, run->p, run->k, dw);
-    return model->extended_augmented_rhs(t, w, w + N_STATES, run->u, run->p, run->k, dw);
+#if COTREE_HAS_SENSITIVITIES
+    if (run->n_blocks > 1) {
+        return model->extended_augmented_rhs(t, w, w + N_STATES, run->u, run->p, run->k, dw);
+    }
+#endif
+    return model->extended_rhs(t, w, run->u, run->p, run->k, dw);
 }
 
 /* Brings integrated unknowns back to where they solve their equations. */
@@ -395,14 +408,17 @@ int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed)
     cotree_run_unpack(run, packed, run->full);
     status = cotree_run_inputs(run, t);
     if (status == 0) status = cotree_solve_unknowns(run, t, 1, ROUNDING, run->atol, &is_wide);
+#if COTREE_HAS_SENSITIVITIES
     if (status == 0 && run->n_blocks > 1) {
         cotree_run_leave_out(run, run->full, run->held);
         status = cotree_solve_unknown_sensitivities(run, t, run->held + run->n_lead);
     }
+#endif
     if (status == 0) cotree_run_pack(run, run->full, packed);
     return status;
 }
 
+#if COTREE_HAS_IMPLICIT
 /* Subtracts f_z g_z^-1 g_x, column by column; the matrix of g_z is factorised. */
 static void eliminate(cotree_run *run, cotree_real *matrix)
 {
@@ -427,7 +443,10 @@ static void eliminate(cotree_run *run, cotree_real *matrix)
         }
     }
 }
+#endif
+#endif
 
+#if COTREE_HAS_IMPLICIT
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context)
 {
     cotree_run *const run = (cotree_run *)context;
@@ -437,7 +456,9 @@ int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix
     t = cotree_run_inside(run, t);
     status = cotree_run_complete(run, t, w);
     if (status == 0) status = cotree_run_inputs(run, t);
+#if COTREE_HAS_ALGEBRAIC
     if (status == 0 && N_ALGEBRAIC > 0) status = cotree_linearise(run, t, run->full);
+#endif
     if (status == 0 && N_ALGEBRAIC == 0) {
         status = model->jacobian(t, run->full, run->u, run->p, run->k, run->nonzeros);
     }
@@ -448,6 +469,9 @@ int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix
             if (rows[i] < N_RATES) matrix[rows[i] * N_RATES + j] = run->nonzeros[i];
         }
     }
+#if COTREE_HAS_ALGEBRAIC
     if (N_ALGEBRAIC > 0) eliminate(run, matrix);
+#endif
     return 0;
 }
+#endif

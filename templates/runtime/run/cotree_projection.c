@@ -7,6 +7,19 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS
+int cotree_run_is_constrained(const cotree_run *run)
+{
+#if COTREE_HAS_CONSTRAINTS
+    return run->is_held && run->model->n_constraints > 0;
+#else
+    (void)run;
+    return 0;
+#endif
+}
+#endif
+
+#if COTREE_HAS_CONSTRAINTS
 /* The projection. A correction of a few units in the last place is rounding. So is one below SMALL
  * that no longer halves, since Newton's method squares its errors; but speeds see the coordinates'
  * correction in the next step only. Residuals, in the constraints' own units, above FLOOR times the
@@ -20,16 +33,6 @@
 #define STRICT_POINTS 100
 #define MOST_FAILURES 3
 #define FARTHEST_OFF COTREE_F(1e3)
-
-int cotree_run_is_constrained(const cotree_run *run)
-{
-    return run->is_held && run->model->n_constraints > 0;
-}
-
-int cotree_run_is_projected(const cotree_run *run)
-{
-    return run->is_extended || cotree_run_is_constrained(run);
-}
 
 /* Takes Newton steps with the states until only rounding is left. Residuals would not do to stop
  * by: near a singular configuration they are squares of the distance that is left. */
@@ -72,19 +75,25 @@ static int check_constraints(cotree_run *run, cotree_real t, const cotree_real *
  * constraints. */
 static int project(cotree_run *run, cotree_real t, cotree_real *z)
 {
+#if COTREE_HAS_SENSITIVITIES
     const cotree_model *const model = run->model;
-    cotree_real *const s = z + N_STATES;
-    int i, n, status;
+    int n;
+#endif
+    int status;
     t = cotree_run_inside(run, t); /* at a corner constraints are those of its own side */
     status = cotree_run_inputs(run, t);
     if (status == 0) status = project_states(run, t, z);
     if (status == 0) status = check_constraints(run, t, z);
+#if COTREE_HAS_SENSITIVITIES
     /* The speeds' sensitivities see the coordinates' new ones in the second step only. */
     for (n = 0; n < 2 && status == 0 && run->n_blocks > 1; ++n) {
+        cotree_real *const s = z + N_STATES;
+        int i;
         status = model->sensitivity_projection(t, z, s, run->u, run->p, run->k, run->step);
         if (status != 0) break;
         for (i = 0; i < run->n_full - N_STATES; ++i) s[i] += run->step[i];
     }
+#endif
     return status;
 }
 
@@ -94,7 +103,7 @@ int cotree_run_project_all(cotree_run *run, cotree_real t, cotree_real *z)
     for (i = 0; i < run->n_full; ++i) run->held[i] = z[i];
     status = project(run, t, run->held);
     if (status != 0) return status;
-    for (i = 0; i < N_RATES; ++i) {
+    for (i = 0; i < run->n_rates; ++i) {
         const cotree_real change =
             COTREE_FABS(run->held[i] - z[i]) / COTREE_FMAX(COTREE_F(1.0), COTREE_FABS(z[i]));
         run->correction = COTREE_FMAX(run->correction, change);
@@ -135,3 +144,4 @@ const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_
     for (i = 0; i < run->n_full; ++i) run->held[i] = z[i];
     return project(run, t, run->held) == 0 ? run->held : z;
 }
+#endif

@@ -1,5 +1,5 @@
-/* cotree_real.h: the type of all numbers, its literals, functions and limits; and qualifiers that
- * compilers spell in different ways.
+/* cotree_real.h: the type of all numbers, its literals, functions and limits; what is compiled; and
+ * qualifiers that compilers spell in different ways.
  * Part of the runtime of cotree, the same for every model.
  */
 #ifndef COTREE_REAL_H
@@ -12,6 +12,32 @@
 /* 1: single precision. */
 #ifndef COTREE_SINGLE
 #define COTREE_SINGLE 0
+#endif
+
+/* What is compiled. A project for one model has only what the model uses. */
+#ifndef COTREE_HAS_SENSITIVITIES
+#define COTREE_HAS_SENSITIVITIES 1
+#endif
+#ifndef COTREE_HAS_INPUTS
+#define COTREE_HAS_INPUTS 1
+#endif
+#ifndef COTREE_HAS_ALGEBRAIC
+#define COTREE_HAS_ALGEBRAIC 1 /* unknowns that satisfy algebraic equations */
+#endif
+#ifndef COTREE_HAS_CONSTRAINTS
+#define COTREE_HAS_CONSTRAINTS 1
+#endif
+#ifndef COTREE_HAS_EVENTS
+#define COTREE_HAS_EVENTS 1 /* events, and kinks of rates whose times depend on states */
+#endif
+#ifndef COTREE_HAS_MOVING_CORNERS
+#define COTREE_HAS_MOVING_CORNERS 1 /* kinks of rates whose times depend on parameters */
+#endif
+#ifndef COTREE_HAS_IMPLICIT
+#define COTREE_HAS_IMPLICIT 1 /* a method that takes a Jacobian */
+#endif
+#ifndef COTREE_HAS_HELPER
+#define COTREE_HAS_HELPER 1 /* another program finds states where iterations fail */
 #endif
 
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;

@@ -29,56 +29,73 @@ int *cotree_take_ints(cotree_room *room, int n)
 void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_real *p,
                      const cotree_real *k, cotree_real *u, int has_sensitivities, cotree_room *room)
 {
-    const int m = model->n_algebraic, n_reached = model->sensitivity_starts[model->n_sensitivities];
+    const int m = model->n_algebraic;
+#if COTREE_HAS_SENSITIVITIES
+    const int n_reached = model->sensitivity_starts[model->n_sensitivities];
     int i;
+#endif
     run->model = model;
     run->p = p;
     run->k = k;
     run->u = u;
+#if COTREE_HAS_INPUTS
     run->n_replaced = 0;
     run->replaced = NULL;
     run->input_function = NULL;
     run->input_context = NULL;
+#endif
+#if COTREE_HAS_HELPER
     run->helper = NULL;
-    run->elimination.linearise = NULL;
-    run->elimination.solve = NULL;
-    run->is_held = 1;
-    run->is_strict = 1;
-    run->n_failed = 0;
-    run->n_strict = 0;
+#endif
     run->rtol = COTREE_F(0.0);
     run->atol = COTREE_F(1e-10);
     run->low = -COTREE_INFINITY;
     run->high = COTREE_INFINITY;
-    run->correction = COTREE_F(0.0);
     run->n_blocks = has_sensitivities ? 1 + model->n_sensitivities : 1;
     run->n_rates = model->n_states - m;
     run->n_lead = run->n_rates;
+    run->n = run->n_rates;
+    run->n_packed = model->n_states;
+    run->n_full = model->n_states * run->n_blocks;
+#if COTREE_HAS_SENSITIVITIES
+    for (i = 0; has_sensitivities && i < n_reached; ++i) {
+        run->n += model->sensitivity_rows[i] < run->n_rates;
+        ++run->n_packed;
+    }
+#endif
+    run->full = cotree_take_doubles(room, run->n_full);
+    run->rates = cotree_take_doubles(room, run->n_full + m + 2);
+    run->held = cotree_take_doubles(room, run->n_full);
+    run->step = cotree_take_doubles(room, run->n_full);
+#if COTREE_HAS_CONSTRAINTS
+    run->is_held = 1;
+    run->is_strict = 1;
+    run->correction = COTREE_F(0.0);
+    run->n_failed = 0;
+    run->n_strict = 0;
+    run->residual = cotree_take_doubles(room, model->n_constraints);
+#endif
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
+    run->nonzeros = cotree_take_doubles(room, model->n_nonzeros);
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    run->elimination.linearise = NULL;
+    run->elimination.solve = NULL;
     run->is_extended = 0;
     run->is_solving = 1;
     run->n_far = 0;
     run->doubt = COTREE_F(0.0);
     run->bend = COTREE_F(0.0);
-    run->n = run->n_rates;
-    for (i = 0; has_sensitivities && i < n_reached; ++i) {
-        run->n += model->sensitivity_rows[i] < run->n_rates;
-    }
-    run->n_packed = model->n_states + (has_sensitivities ? n_reached : 0);
-    run->n_full = model->n_states * run->n_blocks;
-    run->full = cotree_take_doubles(room, run->n_full);
-    run->rates = cotree_take_doubles(room, run->n_full + m + 2);
-    run->held = cotree_take_doubles(room, run->n_full);
-    run->step = cotree_take_doubles(room, run->n_full);
-    run->residual = cotree_take_doubles(room, model->n_constraints);
-    run->nonzeros = cotree_take_doubles(room, model->n_nonzeros);
     run->matrix =
         cotree_lu_of(m, m, m, cotree_take_doubles(room, m * m), cotree_take_ints(room, m));
     run->newton = cotree_take_doubles(room, 3 * m);
     run->found = cotree_take_doubles(room, m * COTREE_RUN_REMEMBERED);
     run->times = cotree_take_doubles(room, COTREE_RUN_REMEMBERED);
     run->n_found = 0;
+#endif
 }
 
+#if COTREE_HAS_ALGEBRAIC
 void cotree_run_extend(cotree_run *run)
 {
     run->is_extended = 1;
@@ -86,7 +103,9 @@ void cotree_run_extend(cotree_run *run)
     run->n += N_STATES - run->n_lead;
     run->n_lead = N_STATES;
 }
+#endif
 
+#if COTREE_HAS_INPUTS
 static cotree_real read_table(const cotree_table_input *table, cotree_real t)
 {
     const cotree_real *const at = table->t;
@@ -104,9 +123,11 @@ static cotree_real read_table(const cotree_table_input *table, cotree_real t)
     return table->u[low] +
            (table->u[high] - table->u[low]) * ((t - at[low]) / (at[high] - at[low]));
 }
+#endif
 
 int cotree_run_inputs(cotree_run *run, cotree_real t)
 {
+#if COTREE_HAS_INPUTS
     int i, status = 0;
     if (run->model->n_inputs == 0) return 0;
     status = run->model->inputs_of_time(t, run->p, run->k, run->u);
@@ -115,8 +136,13 @@ int cotree_run_inputs(cotree_run *run, cotree_real t)
     }
     if (run->input_function == NULL || status != 0) return status;
     return run->input_function(t, run->u, run->input_context);
+#else
+    (void)run, (void)t;
+    return 0;
+#endif
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Writes the sensitivities of the first n states that do not vanish one after another. */
 void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
 {
@@ -143,62 +169,83 @@ static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotr
         }
     }
 }
+#endif
 
 void cotree_run_pack(const cotree_run *run, const cotree_real *z, cotree_real *packed)
 {
     int i;
     for (i = 0; i < N_STATES; ++i) packed[i] = z[i];
+#if COTREE_HAS_SENSITIVITIES
     cotree_pack(run, N_STATES, z + N_STATES, packed + N_STATES);
+#endif
 }
 
 void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_real *z)
 {
     int i;
     for (i = 0; i < N_STATES; ++i) z[i] = packed[i];
+#if COTREE_HAS_SENSITIVITIES
     unpack(run, N_STATES, packed + N_STATES, z + N_STATES);
+#endif
 }
 
 void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_real *w)
 {
     int i;
     for (i = 0; i < run->n_lead; ++i) w[i] = z[i];
+#if COTREE_HAS_SENSITIVITIES
     cotree_pack(run, N_RATES, z + N_STATES, w + run->n_lead);
+#endif
 }
 
 /* Puts w into run->full, with the last algebraic unknowns where it has none. */
 static void widen(cotree_run *run, const cotree_real *w)
 {
-    const int n = N_RATES, m = N_ALGEBRAIC, lead = run->n_lead;
+    const int lead = run->n_lead;
     cotree_real *const z = run->full;
     int i;
     for (i = 0; i < lead; ++i) z[i] = w[i];
-    if (lead == n && m > 0) {
+#if COTREE_HAS_ALGEBRAIC
+    if (lead == N_RATES && N_ALGEBRAIC > 0) {
+        const int n = N_RATES, m = N_ALGEBRAIC;
         const cotree_real *const last = run->found + cotree_guess_place(run, COTREE_F(0.0), 0) * m;
         for (i = 0; i < m; ++i) z[n + i] = last[i];
     }
-    unpack(run, n, w + lead, z + N_STATES);
+#endif
+#if COTREE_HAS_SENSITIVITIES
+    unpack(run, N_RATES, w + lead, z + N_STATES);
+#endif
 }
 
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w)
 {
+#if COTREE_HAS_ALGEBRAIC
     if (N_ALGEBRAIC > 0) cotree_remember(run, t, z);
+#else
+    (void)t;
+#endif
     cotree_run_leave_out(run, z, w);
 }
 
+#if COTREE_HAS_ALGEBRAIC
 /* Puts a point into run->full, on the constraints, and finds its inputs. */
 int cotree_begin_point(cotree_run *run, cotree_real t, const cotree_real *w)
 {
-    int i;
     widen(run, w);
+#if COTREE_HAS_CONSTRAINTS
     if (cotree_run_is_constrained(run)) {
         const cotree_real *const point = cotree_run_held(run, t, run->full);
+        int i;
         for (i = 0; i < run->n_full; ++i) run->full[i] = point[i];
     }
+#endif
     return cotree_run_inputs(run, t);
 }
+#endif
 
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
 {
+#if COTREE_HAS_ALGEBRAIC
     int is_wide, status;
     if (N_ALGEBRAIC == 0) {
         widen(run, w);
@@ -207,12 +254,22 @@ int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
     status = cotree_begin_point(run, t, w);
     if (status == 0)
         status = cotree_solve_unknowns(run, t, !run->is_solving, ROUNDING, run->atol, &is_wide);
-    if (status != 0 || run->n_blocks == 1) return status;
-    return cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+#if COTREE_HAS_SENSITIVITIES
+    if (status == 0 && run->n_blocks > 1) {
+        status = cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+    }
+#endif
+    return status;
+#else
+    (void)t;
+    widen(run, w);
+    return 0;
+#endif
 }
 
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
 {
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
     const cotree_helper *const helper = run->helper;
     int status = cotree_run_complete(run, t, w);
     if (status <= 0 || N_ALGEBRAIC == 0 || helper == NULL) return status;
@@ -220,9 +277,18 @@ int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
     if (status == 0) status = helper->find_unknowns(t, run->full, helper->context);
     if (status != 0) return status;
     cotree_remember(run, t, run->full);
-    return run->n_blocks == 1 ? 0 : cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+#if COTREE_HAS_SENSITIVITIES
+    if (run->n_blocks > 1) {
+        status = cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
+    }
+#endif
+    return status;
+#else
+    return cotree_run_complete(run, t, w);
+#endif
 }
 
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 {
     const int n_blocks = run->n_blocks, n_full = run->n_full;
@@ -234,12 +300,14 @@ int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
     run->n_full = n_full;
     return status;
 }
+#endif
 
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t)
 {
     return t < run->low ? run->low : t > run->high ? run->high : t;
 }
 
+#if COTREE_HAS_ALGEBRAIC
 int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, const cotree_real *g,
                       cotree_real *rates)
 {
@@ -247,6 +315,7 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
     if (status == 0) status = cotree_linearise(run, t, x);
     return status != 0 ? status : cotree_substitute(run, g, rates);
 }
+#endif
 
 /* Inline: it does little besides the call, again and again. */
 static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
@@ -254,38 +323,66 @@ static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real 
     const cotree_model *const model = run->model;
     const int status = cotree_run_inputs(run, t);
     if (status != 0) return status;
-    if (run->n_blocks == 1) return model->rhs(t, z, run->u, run->p, run->k, dz);
-    return model->augmented_rhs(t, z, z + N_STATES, run->u, run->p, run->k, dz);
+#if COTREE_HAS_SENSITIVITIES
+    if (run->n_blocks > 1) {
+        return model->augmented_rhs(t, z, z + N_STATES, run->u, run->p, run->k, dz);
+    }
+#endif
+    return model->rhs(t, z, run->u, run->p, run->k, dz);
 }
 
+#if COTREE_HAS_IMPLICIT || COTREE_HAS_EVENTS
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
 {
     return packed_rate(run, t, z, dz);
 }
+#endif
 
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context)
 {
     cotree_run *const run = (cotree_run *)context;
     t = cotree_run_inside(run, t);
+#if COTREE_HAS_ALGEBRAIC
     if (!run->is_solving) return cotree_extended_rate(run, t, w, dw);
     if (N_ALGEBRAIC > 0) return cotree_reduced_rate(run, t, w, dw);
+#endif
+#if COTREE_HAS_CONSTRAINTS
     if (cotree_are_rates_held(run)) {
         widen(run, w);
         cotree_run_leave_out(run, cotree_run_held(run, t, run->full), run->step);
         w = run->step;
     }
+#endif
     return packed_rate(run, t, w, dw);
+}
+
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
+int cotree_run_is_projected(const cotree_run *run)
+{
+#if COTREE_HAS_ALGEBRAIC
+    if (run->is_extended) return 1;
+#endif
+#if COTREE_HAS_CONSTRAINTS
+    return cotree_run_is_constrained(run);
+#else
+    return 0;
+#endif
 }
 
 int cotree_run_project(cotree_real t, cotree_real *w, void *context)
 {
     cotree_run *const run = (cotree_run *)context;
-    int status;
+    int status = 0;
+#if COTREE_HAS_ALGEBRAIC
     if (run->is_extended) return cotree_project_unknowns(run, cotree_run_inside(run, t), w);
+#endif
+#if COTREE_HAS_CONSTRAINTS
     run->n_failed = 0;
     if (run->n_strict > 0) --run->n_strict;
     widen(run, w);
     status = cotree_run_project_all(run, t, run->full);
     if (status == 0) cotree_run_leave_out(run, run->full, w);
+#endif
     return status;
 }
+#endif

@@ -7,10 +7,13 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_MOVING_CORNERS
 /* Rates jump where they differ by more than this many times what they change by within as much time
  * on one side of a corner: that is rounding of its time. */
 #define NOISE COTREE_JUMP_NOISE
+#endif
 
+#if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
 void cotree_run_take(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                      cotree_real *w)
 {
@@ -34,7 +37,9 @@ int cotree_run_give(cotree_run *run, cotree_real t, const cotree_real *w, int n,
     for (i = 0; i < n; ++i) point[i] = w[i];
     return status;
 }
+#endif
 
+#if COTREE_HAS_MOVING_CORNERS
 /* Gives the rates at a corner as they are on one side of it, from those at two times there: a
  * source with steep edges changes within rounding of t. */
 static int rates_beside(cotree_run *run, cotree_real t, cotree_real way, cotree_turn *turn,
@@ -100,12 +105,17 @@ int cotree_run_enter(cotree_run *run, cotree_real t, cotree_real *point, int n, 
     cotree_run_take(run, t, n, point, turn->w);
     /* Constraints hold for states on both sides, but for sensitivities as before it until they
      * jump; integrated unknowns may jump with the rates. */
+#if COTREE_HAS_ALGEBRAIC
     if (run->is_extended) status = cotree_run_project(t, turn->w, run);
+#endif
     if (status == 0) status = rates_beside(run, t, turn->margin, turn, turn->right);
     if (status != 0) return status;
     turn->turned = find_turned(run, turn);
     if (turn->turned > 0) return COTREE_RUN_TURNED;
     shift_sensitivities(run, turn);
+#if COTREE_HAS_CONSTRAINTS
     if (turn->is_constrained) status = cotree_run_project(t, turn->w, run);
+#endif
     return status != 0 ? status : cotree_run_give(run, t, turn->w, n, point);
 }
+#endif

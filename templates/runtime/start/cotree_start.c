@@ -11,10 +11,9 @@
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
-/* The most rounds in which contents and the unknowns that they depend on settle, to a share of the
- * terms of their equations; and rounds per event in which jumps do. */
+/* The most rounds in which contents and the unknowns that they depend on settle; and rounds per
+ * event in which jumps do. */
 #define MOST_ROUNDS 50
-#define SAME COTREE_SELECT(1e-12, 1e-05f)
 
 /* Differences of a start are taken at this share of a parameter, at least LEAST_SIZE: the fourth
  * power of it is about what rounding leaves of them. */

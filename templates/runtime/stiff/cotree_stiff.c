@@ -11,14 +11,6 @@
  * true ones by at most this share. */
 #define PIVOT_TOLERANCE COTREE_PLANNED_PIVOTS
 
-/* Error estimates hold if the algebraic equations are nearly linear within the correction of a
- * step: if it is at most this share of the distance over which they bend. At 0.5 the error of
- * the diode bridge is twelve tolerances. */
-#define LINEAR_SHARE COTREE_F(0.2)
-
-/* A shift so large that the states stay. */
-#define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
-
 #define N_STATES (stiff->run->model->n_states)
 #define N_ALGEBRAIC (stiff->run->model->n_algebraic)
 #define N_RATES (stiff->run->n_rates)
@@ -228,6 +220,15 @@ static int solve(cotree_real *u, void *context)
     return 0;
 }
 
+#if COTREE_HAS_ALGEBRAIC
+/* Error estimates hold if the algebraic equations are nearly linear within the correction of a
+ * step: if it is at most this share of the distance over which they bend. At 0.5 the error of
+ * the diode bridge is twelve tolerances. */
+#define LINEAR_SHARE COTREE_F(0.2)
+
+/* A shift so large that the states stay. */
+#define FIXING_SHIFT COTREE_SELECT(1e150, 1.0e+19f)
+
 /* Factorise for Newton's method on the algebraic unknowns with the planned pivots: the shift
  * fixes the states. */
 static int linearise_algebraic(cotree_real t, const cotree_real *x, void *context)
@@ -266,6 +267,7 @@ static int solve_algebraic(const cotree_real *g, cotree_real *step, void *contex
     for (i = 0; i < N_ALGEBRAIC; ++i) step[i] = x[N_RATES + i];
     return status;
 }
+#endif
 
 void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton *newton,
                        cotree_room *room)
@@ -296,16 +298,22 @@ void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton
     }
     stiff->algebraic = cotree_take_ints(room, run->model->n_algebraic * run->n_blocks);
     if (stiff->algebraic != NULL) list_algebraic(stiff);
+#if COTREE_HAS_ALGEBRAIC
     run->elimination.linearise = linearise_algebraic;
     run->elimination.solve = solve_algebraic;
     run->elimination.context = stiff;
+#endif
 }
 
 cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
 {
+#if COTREE_HAS_INPUTS
     const cotree_run *const run = stiff->run;
     /* The time derivatives of replaced inputs are not known. */
     const int is_replaced = run->n_replaced > 0 || run->input_function != NULL;
+#else
+    const int is_replaced = 0;
+#endif
     cotree_implicit_equation equation;
     equation.n = stiff->run->n_packed;
     equation.n_algebraic = stiff->n_algebraic;
@@ -316,12 +324,18 @@ cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff)
     equation.linearise = linearise;
     equation.factorise = factorise;
     equation.solve = solve;
+#if COTREE_HAS_ALGEBRAIC
     equation.follow = follow;
     equation.is_bent = is_bent;
+#else
+    equation.follow = NULL;
+    equation.is_bent = NULL;
+#endif
     equation.context = stiff;
     return equation;
 }
 
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 int cotree_stiff_is_projected(const cotree_stiff *stiff)
 {
     return stiff->n_algebraic > 0 || cotree_run_is_projected(stiff->run);
@@ -332,10 +346,15 @@ int cotree_stiff_project(cotree_real t, cotree_real *z, void *context)
     cotree_run *const run = ((cotree_stiff *)context)->run;
     int status = 0;
     t = cotree_run_inside(run, t);
+#if COTREE_HAS_CONSTRAINTS
     if (cotree_run_is_constrained(run)) status = cotree_run_project_packed(run, t, z);
-    if (status != 0 || run->model->n_algebraic == 0) return status;
-    return cotree_run_solve_packed(run, t, z);
+#endif
+#if COTREE_HAS_ALGEBRAIC
+    if (status == 0 && run->model->n_algebraic > 0) status = cotree_run_solve_packed(run, t, z);
+#endif
+    return status;
 }
+#endif
 
 int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real *z)
 {

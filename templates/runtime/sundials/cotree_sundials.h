@@ -118,4 +118,10 @@ typedef struct cotree_sundials_aid {
 } cotree_sundials_aid;
 /* cotree: end of the part that cffi reads */
 
+/* Return what takes the steps of a job; each in the text of its own library. */
+COTREE_EXPORT const cotree_stepper *cotree_cvode_stepper(void);
+COTREE_EXPORT const cotree_stepper *cotree_cvodes_stepper(void);
+COTREE_EXPORT const cotree_stepper *cotree_ida_stepper(void);
+COTREE_EXPORT const cotree_stepper *cotree_idas_stepper(void);
+
 #endif
