@@ -1,0 +1,86 @@
+/* test_breakpoints.c: times of single and of periodic breakpoints, and their derivatives. */
+#include "cotree_breakpoints.h"
+
+#include "check.h"
+
+/* Rounding of times of order 1. */
+#define TOLERANCE 1e-15
+
+/* With one sensitivity: a single time; a period in both directions; one that begins at its first
+ * time; one that ends there; and one that does not exist. */
+static const cotree_real rows[5][5] = {
+    {0.7, 0.0, 0.0, 1.0, 0.0},       {0.25, 1.0, 0.0, 0.0, 2.0}, {2.1, 0.5, 1.0, 0.0, 0.0},
+    {-1.0, 0.3, -1.0, 0.0, 0.0},     {HUGE_VAL, 0.0, 0.0, 0.0, 0.0},
+};
+
+static void check_forwards(void)
+{
+    const cotree_breakpoints all = {5, 1, rows[0]};
+    const double expected[6] = {0.25, 0.7, 1.25, 2.1, 2.25, 2.6};
+    double t = 0.0;
+    int i;
+    for (i = 0; i < 6; ++i) {
+        t = cotree_next_breakpoint(&all, t, 2.7);
+        CHECK_NEAR(t, expected[i], TOLERANCE * 4.0);
+        CHECK(cotree_is_breakpoint(&all, t));
+    }
+    CHECK_NEAR(cotree_next_breakpoint(&all, t, 2.7), 2.7, 0.0);
+    CHECK(!cotree_is_breakpoint(&all, 0.5));
+}
+
+static void check_backwards(void)
+{
+    const cotree_breakpoints all = {5, 1, rows[0]};
+    const double expected[5] = {0.25, -0.75, -1.0, -1.3, -1.6};
+    double t = 0.5;
+    int i;
+    for (i = 0; i < 5; ++i) {
+        t = cotree_next_breakpoint(&all, t, -1.7);
+        CHECK_NEAR(t, expected[i], TOLERANCE * 4.0);
+    }
+    CHECK_NEAR(cotree_next_breakpoint(&all, t, -1.7), -1.7, 0.0);
+}
+
+/* A breakpoint at the end is the end itself, and one within its rounding, too. */
+static void check_end(void)
+{
+    const cotree_breakpoints single = {1, 1, rows[0]};
+    CHECK_NEAR(cotree_next_breakpoint(&single, 0.0, 0.7), 0.7, 0.0);
+    CHECK_NEAR(cotree_next_breakpoint(&single, 0.0, 0.7 * (1.0 + 1e-15)), 0.7 * (1.0 + 1e-15), 0.0);
+    CHECK_NEAR(cotree_next_breakpoint(&single, 0.0, HUGE_VAL), 0.7, 0.0);
+    CHECK(cotree_next_breakpoint(&single, 0.7, HUGE_VAL) > 1e300);
+}
+
+static void check_largest(void)
+{
+    const cotree_breakpoints all = {5, 1, rows[0]};
+    CHECK_NEAR(cotree_largest_breakpoint(&all, 1.0), 2.1, 0.0);
+    CHECK_NEAR(cotree_largest_breakpoint(&all, -9.0), 9.0, 0.0);
+}
+
+/* The third time of the period moves by twice the derivative of the period. */
+static void check_slopes(void)
+{
+    const cotree_breakpoints all = {5, 1, rows[0]};
+    const cotree_real meeting[2][5] = {{1.0, 0.0, 0.0, 1.0, 0.0}, {1.0, 0.0, 0.0, 4.0, 0.0}};
+    const cotree_breakpoints both = {2, 1, meeting[0]};
+    cotree_real slope, spread;
+    cotree_find_breakpoint_slopes(&all, 2.25, 0, &slope, &spread);
+    CHECK_NEAR(slope, 4.0, 0.0);
+    CHECK_NEAR(spread, 0.0, 0.0);
+    cotree_find_breakpoint_slopes(&both, 1.0, 0, &slope, &spread);
+    CHECK_NEAR(spread, 3.0, 0.0);
+    cotree_find_breakpoint_slopes(&both, 1.0, 1, &slope, &spread); /* the start does not move */
+    CHECK_NEAR(slope, 0.0, 0.0);
+    CHECK_NEAR(spread, 4.0, 0.0);
+}
+
+int main(void)
+{
+    check_forwards();
+    check_backwards();
+    check_end();
+    check_largest();
+    check_slopes();
+    return RESULT;
+}
