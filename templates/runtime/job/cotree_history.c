@@ -1,6 +1,5 @@
-/* cotree_history.c: Hermite's interpolation through several steps.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_history.c: Hermite interpolation through the points of several steps.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_history.h"
 
 #include <float.h>
@@ -21,7 +20,7 @@ void cotree_history_init(cotree_history *h, int n, cotree_real *workspace)
     }
 }
 
-/* The oldest point makes room for a new one. */
+/* Remove the oldest point. */
 static void forget_first(cotree_history *h)
 {
     cotree_real *const first_y = h->y[0], *const first_rate = h->rate[0];
@@ -52,8 +51,8 @@ void cotree_history_add(cotree_history *h, cotree_real t, const cotree_real *y,
     for (i = 0; i < h->n_points; ++i) cotree_points_weigh(h, h->n_points, h->uses_rates, i);
 }
 
-/* Adds what all points contribute to the difference from the last one: what stays the same, as
- * modes do, is read without rounding, however large the portions are. */
+/* Add the contributions of all points to the difference from the last one. Constant entries,
+ * such as modes, are then interpolated without rounding, however large the factors are. */
 static void contribute(const cotree_history *h, const cotree_portions *of,
                        cotree_real *COTREE_RESTRICT y)
 {

@@ -1,32 +1,30 @@
-/* cotree_interpolation.h: Hermite's interpolation through several steps: what values and rates of the
- * points are multiplied with.
+/* cotree_interpolation.h: factors of Hermite interpolation through the points of several steps.
  * Part of the runtime of cotree, the same for every model.
  *
- * Points stand in the order of their times. With l the basis function of a point, which is 1 there and
- * 0 at the others, the polynomial through values and rates has l^2 (1 - 2 (t - t[i]) slope) times the
- * value and l^2 (t - t[i]) times the rate; that through values alone has l times the value.
+ * Points are in the order of their times. With l the Lagrange basis function of a point, the
+ * polynomial through values and rates has the factor l^2 (1 - 2 (t - t[i]) slope) for the value
+ * and l^2 (t - t[i]) for the rate; the polynomial through values has the factor l.
  *
- * A file that includes this has a structure cotree_points of n points, with arrays
+ * The including file defines a structure cotree_points of n points, with arrays
  *
- *     t        their times
+ *     t        times
  *     inverse  one over t[i] - t[j], for j < i
  *     weights  one over the product of the distances to the others
- *     bends    minus twice the slopes of basis functions, each at its point
- */
+ *     bends    minus twice the slopes of the basis functions, each at its point */
 #ifndef COTREE_INTERPOLATION_H
 #define COTREE_INTERPOLATION_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* or a file has vectors of numbers */
+#ifndef HOLDS /* else the file computes with vectors */
 #include "cotree_numbers.h"
 #endif
 
-/* What values and rates of all points are multiplied with. */
+/* Factors of the values and rates of all points. */
 typedef struct cotree_portions {
     REAL of_y[COTREE_HISTORY_POINTS], of_rate[COTREE_HISTORY_POINTS];
 } cotree_portions;
 
-/* Removes the first point of some lanes. */
+/* Remove the first point, in some lanes. */
 static inline void cotree_points_shift(cotree_points *p, MASK which)
 {
     int i, j;
@@ -38,7 +36,7 @@ static inline void cotree_points_shift(cotree_points *p, MASK which)
     }
 }
 
-/* Writes the time of a point behind the others, in some lanes. */
+/* Set the time of a point after the others, in some lanes. */
 static inline void cotree_points_set(cotree_points *p, MASK which, int last, REAL t)
 {
     int j;
@@ -49,7 +47,7 @@ static inline void cotree_points_set(cotree_points *p, MASK which, int last, REA
     }
 }
 
-/* Finds the weight of one of the first n points, and its bend where rates are used. */
+/* Compute the weight of one of the first n points, and its slope if rates are used. */
 static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, int i)
 {
     REAL slope = ZERO, weight = ALL(COTREE_F(1.0));
@@ -63,7 +61,7 @@ static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, 
     p->bends[i] = COTREE_F(-2.0) * slope;
 }
 
-/* Finds what the solution at a time is made of. */
+/* Compute the factors of the points in the solution at a time. */
 static inline void cotree_find_portions(const cotree_points *p, int n, int uses_rates, REAL t,
                                         cotree_portions *found)
 {
@@ -86,11 +84,11 @@ static inline void cotree_find_portions(const cotree_points *p, int n, int uses_
     }
 }
 
-/* Finds what the difference is made of between the polynomial through all points and that without the
- * one farthest from a time: by partial fractions of the divided difference of highest order, or of
- * the two of these. It is the product of the distances to the points that stay, or of their squares,
- * times the sum over i of weight[i] y[i], or of
- * weight[i]^2 ((1 - 2 e slope[i]) y[i] + e rate[i]), e = (t[i] - t[far]) + (t - t[far]). */
+/* Compute the factors of the points in the difference between the polynomial through all points
+ * and that without the farthest one: a divided difference of highest order, or of the two
+ * highest with rates, in partial fractions. It is the product of the distances to the remaining
+ * points, or of their squares, times the sum over i of weight[i] y[i], or of weight[i]^2 ((1 - 2
+ * e slope[i]) y[i] + e rate[i]), e = (t[i] - t[far]) + (t - t[far]). */
 static inline void cotree_find_differences(const cotree_points *p, int n, int uses_rates, REAL t,
                                            cotree_portions *found)
 {

@@ -1,17 +1,16 @@
-/* cotree_dense.h: linear equations of a few unknowns, of any rank.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_dense.h: linear equations in a few unknowns, of any rank.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_DENSE_H
 #define COTREE_DENSE_H
 
 #include "cotree_real.h"
 
-/* In the place of the first row's number, where a matrix was factorised without exchanges. */
+/* Stands for the number of the first row if a matrix was factorised without exchanges. */
 #define COTREE_NOT_EXCHANGED (-1)
 
-/* Factorises a in place by elimination with complete pivoting. rows[k] and columns[k] say what was
- * exchanged with k. Returns the rank: pivots below the tolerance times the largest entry, or times
- * the reference size, count as zero. */
+/* Factorise a in place by elimination with complete pivoting. rows[k] and columns[k] are those
+ * exchanged with k. Return the rank: pivots below the tolerance times the largest entry, or
+ * times the reference size, count as zero. */
 static inline int cotree_factorise(int n, cotree_real reference, cotree_real tolerance,
                                    cotree_real *a, int *rows, int *columns)
 {
@@ -20,7 +19,7 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     for (i = 0; i < n * n; ++i) {
         if (COTREE_FABS(a[i]) > largest) largest = COTREE_FABS(a[i]);
     }
-    /* Of a singular matrix, too, every entry has a value: callers copy all of them. */
+    /* All entries are defined, also of a singular matrix: callers copy all of them. */
     for (k = 0; k < n; ++k) rows[k] = columns[k] = k;
     for (k = 0; k < n; ++k) {
         cotree_real best = COTREE_F(0.0);
@@ -52,10 +51,9 @@ static inline int cotree_factorise(int n, cotree_real reference, cotree_real tol
     return n;
 }
 
-/* Puts orthonormal directions that the matrix does not see into its rows without a pivot. columns
- * is as cotree_factorise left it. Returns whether the first n_determined unknowns are left alone by
- * them: what a 1 of such a direction does to one of these is then below
- * 1e-9, in single precision 1.2e-4. */
+/* Write an orthonormal basis of the null space to the rows without a pivot. columns is as
+ * cotree_factorise left it. Return whether the first n_determined unknowns are determined:
+ * whether their entries in the basis are below 1e-9, in single precision 1.2e-4. */
 static inline int cotree_complete(int n, int n_determined, int rank, cotree_real *a,
                                   const int *columns)
 {
@@ -93,8 +91,8 @@ static inline int cotree_complete(int n, int n_determined, int rank, cotree_real
     return accepted;
 }
 
-/* Solves for one right-hand side, which x holds and the solution overwrites. Where unknowns are
- * without a pivot, the solution of least norm is taken. */
+/* Solve for one right-hand side in place. Without full rank the result is the solution of
+ * minimum norm. */
 static inline void cotree_substitute(int n, int rank, const cotree_real *a, const int *rows,
                                      const int *columns, cotree_real *x)
 {
@@ -125,8 +123,8 @@ static inline void cotree_substitute(int n, int rank, const cotree_real *a, cons
     }
 }
 
-/* Divides rows and columns by the roots of their sizes, which then hold one over these; a row of
- * nothing but zeros, as of a constraint that nothing moves in one position, stays one. */
+/* Divide rows and columns by the square roots of their sizes, and store the inverses. A row of
+ * zeros, as of a constraint that no motion changes in one position, keeps the factor one. */
 static inline void cotree_scale(int n, cotree_real *sizes, cotree_real *a)
 {
     int i, j;

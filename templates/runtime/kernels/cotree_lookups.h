@@ -1,13 +1,11 @@
 /* cotree_lookups.h: functions given by tables.
- * Part of the runtime of cotree, the same for every model.
- */
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_LOOKUPS_H
 #define COTREE_LOOKUPS_H
 
 #include "cotree_real.h"
 
-/* The name of a function. Where vectors have functions of these names, those of one number have
- * others. */
+/* The name of a function for one number, if functions for vectors have the plain names. */
 #ifndef COTREE_LOOKUP
 #define COTREE_LOOKUP(name) cotree_##name
 #endif
@@ -34,7 +32,7 @@ static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotre
     result[0] = y[low] + result[1] * (at - x[low]);
 }
 
-/* The piece of an axis that holds a number; the outermost ones reach beyond the ends. */
+/* Return the interval of an axis that contains a number; the outermost ones extend to infinity. */
 static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
 {
     int low = 0, high = n - 1;
@@ -49,7 +47,7 @@ static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
     return low;
 }
 
-/* Value, first, second and third derivative of a piecewise cubic function in Hermite's form. */
+/* Value, first, second and third derivative of a piecewise cubic Hermite function. */
 static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotree_real *y,
                                         const cotree_real *slopes, cotree_real at,
                                         cotree_real *result)
@@ -64,8 +62,8 @@ static inline void COTREE_LOOKUP(cubic)(int n, const cotree_real *x, const cotre
     result[3] = COTREE_F(6.0) * c;
 }
 
-/* Value and slope of a piecewise linear function, constant outside its range, both ends of its
- * piece, and the number of that, which is held unless it is zero. */
+/* Value and slope of a piecewise linear function, constant outside its range; both ends of the
+ * interval, and its number, which is held unless it is zero. */
 static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const cotree_real *y,
                                              cotree_real at, cotree_real held, cotree_real *result)
 {
@@ -97,7 +95,7 @@ static inline void COTREE_LOOKUP(held_table)(int n, const cotree_real *x, const 
     result[0] = y[piece - 1] + result[1] * (at - x[piece - 1]);
 }
 
-/* The piece of an axis that is held, or that holds a number; both its ends, and its number. */
+/* Find the interval of an axis that is held, or else contains a number: its ends and its number. */
 static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at, cotree_real held,
                                     cotree_real *result)
 {
@@ -125,8 +123,8 @@ static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, cons
     result[3] = twist;
 }
 
-/* Value of a bilinear function, and its derivatives by x, by y and by both; then, of each axis, the
- * ends of its piece and its number, which is held unless it is zero. */
+/* Value of a bilinear function, and its derivatives by x, by y and by both; then for each axis
+ * the ends of its interval and its number, which is held unless it is zero. */
 static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
                                              const cotree_real *y, const cotree_real *z,
                                              cotree_real at, cotree_real beside, cotree_real held_x,
