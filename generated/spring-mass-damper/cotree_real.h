@@ -1,7 +1,6 @@
-/* cotree_real.h: the type of all numbers, its literals, functions and limits; what is compiled; and
- * qualifiers that compilers spell in different ways.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_real.h: the number type, its literals, functions and limits; the features that are
+ * compiled; compiler-specific qualifiers.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
 #define COTREE_REAL_H
 
@@ -11,7 +10,7 @@
 
 /* 1: single precision. */
 
-/* What is compiled. A project for one model has only what the model uses. */
+/* Features: the project of one model contains only those that the model uses. */
 
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
  * tolerances are the same share of the digits of either. */
@@ -42,7 +41,7 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels stay apart: compilers take too long where they are joined. */
+/* Blocks of long kernels are not inlined: joined, they would take too long to compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -51,7 +50,7 @@ typedef double cotree_real;
 #define COTREE_APART
 #endif
 
-/* Arrays that vectors are read from. */
+/* Alignment of arrays that vectors are loaded from. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_ALIGNED __attribute__((aligned(64)))
 #else
@@ -64,7 +63,7 @@ typedef double cotree_real;
 #define COTREE_EXPORT
 #endif
 
-/* Functions that only the runtime calls: static where it is one file with all that calls them. */
+/* Functions called by the runtime only: static if they and their callers form one file. */
 #ifndef COTREE_PRIVATE
 #define COTREE_PRIVATE
 #endif

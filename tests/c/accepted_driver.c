@@ -17,10 +17,10 @@ static REAL u[BRIDGE_RECTIFIER_N_INPUTS + 1];
 static cotree_run run;
 static cotree_stiff stiff;
 
-static void set_up(cotree_room *room)
+static void set_up(cotree_arena *arena)
 {
-    cotree_run_init(&run, bridge_rectifier_abi(), p, k, u, 1, room);
-    cotree_stiff_init(&stiff, &run, bridge_rectifier_newton(), room);
+    cotree_run_init(&run, bridge_rectifier_abi(), p, k, u, 1, arena);
+    cotree_stiff_init(&stiff, &run, bridge_rectifier_newton(), arena);
 }
 
 int main(int argc, char **argv)
@@ -28,16 +28,16 @@ int main(int argc, char **argv)
     static REAL workspace[COTREE_RODAS5_WORKSPACE(N_PACKED)], z[N_PACKED], w[N_PACKED];
     const REAL rtol = argc > 1 ? (REAL)atof(argv[1]) : (REAL)1e-6;
     REAL of_states = 0, of_sensitivities = 0;
-    cotree_room room = {NULL, 0};
+    cotree_arena arena = {NULL, 0};
     cotree_status status = COTREE_OK;
     cotree_rodas5 d;
     int i;
     for (i = 0; i < BRIDGE_RECTIFIER_N_PARAMETERS; ++i) p[i] = bridge_rectifier_abi()->parameter_values[i];
     if (bridge_rectifier_prepare(p, k) != 0) return 1;
-    set_up(&room);
-    room.base = (char *)calloc(1, room.used);
-    room.used = 0;
-    set_up(&room);
+    set_up(&arena);
+    arena.base = (char *)calloc(1, arena.used);
+    arena.used = 0;
+    set_up(&arena);
     cotree_run_pack(&run, z, w);
     status = cotree_rodas5_init(&d, cotree_stiff_equation(&stiff), 0, w, rtol, rtol / 100, workspace);
     d.project = cotree_stiff_project;
@@ -53,6 +53,6 @@ int main(int argc, char **argv)
     }
     printf("%d %ld %.17g %.17g %.17g\n", (int)status, d.n_steps, (double)d.t, (double)of_states,
            (double)of_sensitivities);
-    free(room.base);
+    free(arena.base);
     return 0;
 }

@@ -61,17 +61,17 @@ int main(void)
     static struct ramp ramp;
     static cotree_run run;
     static cotree_rk4 d;
-    static cotree_room room;
+    static cotree_arena arena;
     const cotree_model *const model = crane_abi();
     int i;
     for (i = 0; i < CRANE_N_PARAMETERS; ++i) p[i] = model->parameter_values[i];
     if (crane_prepare(p, k) != 0 || crane_initial(p, k, z) != 0) return 1;
     if (crane_initial_sensitivity(p, k, z + CRANE_N_STATES) != 0) return 1;
-    cotree_run_init(&run, model, p, k, u, 1, &room); /* counts what it needs */
-    room.base = (char *)calloc(1, room.used);
-    if (room.base == NULL) return 1;
-    room.used = 0;
-    cotree_run_init(&run, model, p, k, u, 1, &room);
+    cotree_run_init(&run, model, p, k, u, 1, &arena); /* counts what it needs */
+    arena.base = (char *)calloc(1, arena.used);
+    if (arena.base == NULL) return 1;
+    arena.used = 0;
+    cotree_run_init(&run, model, p, k, u, 1, &arena);
     run.input_function = valve;
     run.input_context = &ramp;
     cotree_run_narrow(&run, 0.0, z, w);

@@ -151,7 +151,7 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
         declarations(files, headers)
         + f"const cotree_stepper *cotree_{name}_stepper(void);\n"
         + "size_t cotree_job_memory(cotree_job *);\n"
-        + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_stand(cotree_job *);\n"
+        + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_sync(cotree_job *);\n"
         + "void cotree_job_end(cotree_job *);\n"
         + "".join(f"{result} {f}({arguments});\n" for f, (result, arguments) in functions.items())
     )

@@ -146,7 +146,7 @@ class Worker:
         """Put in a member whose budget is spent."""
         c, members, engine = self._worker, self._members, self._pattern.engine.library
         address = int(self._ffi.cast("uintptr_t", self._ffi.addressof(c, "job")))
-        engine.lib.cotree_job_stand(engine.ffi.cast("cotree_job *", address))
+        engine.lib.cotree_job_sync(engine.ffi.cast("cotree_job *", address))
         problem = self._problem_in_work(member)
         kept = members.results.z[member, : members.n_kept[member]].copy()
         method = self._pattern.row.name

@@ -278,7 +278,7 @@ class Job:
 
     def stand(self) -> None:
         """Write where a job stands that is broken off."""
-        self._lib.cotree_job_stand(self.job)
+        self._lib.cotree_job_sync(self.job)
 
     def end(self) -> None:
         """Free what the stepper holds."""

@@ -202,7 +202,7 @@ typedef struct cotree_events {
  * run->n, or run->n_full if these points contain algebraic unknowns and their sensitivities. */
 void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_real span,
                         cotree_real rtol, const cotree_real *atols, cotree_real atol,
-                        cotree_solution_function solution, void *context, cotree_room *room);
+                        cotree_solution_function solution, void *context, cotree_arena *arena);
 
 /* Apply the events whose functions cross zero at the start of a run. */
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w);

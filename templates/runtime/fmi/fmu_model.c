@@ -28,20 +28,20 @@ static int n_events_of(const fmu *m)
 static int largest_int(int a, int b) { return a > b ? a : b; }
 
 /* Allocate the state, in the order in which it is saved. */
-static void lay_out_state(fmu *m, cotree_room *room)
+static void lay_out_state(fmu *m, cotree_arena *arena)
 {
     const cotree_model *const model = m->model;
-    m->numbers = cotree_take_doubles(room, FMU_N_NUMBERS);
-    m->z = cotree_take_doubles(room, N_FULL);
-    m->p = cotree_take_doubles(room, model->n_parameters);
-    m->outside = cotree_take_doubles(room, m->tables->n_inputs);
-    m->own_values = cotree_take_doubles(room, N_STATES);
-    m->is_own = cotree_take_doubles(room, N_STATES);
-    m->old = cotree_take_doubles(room, N_RATES);
-    m->event_history = cotree_take_doubles(room, COTREE_EVENTS_SAVED(n_events_of(m)));
+    m->numbers = cotree_arena_reals(arena, FMU_N_NUMBERS);
+    m->z = cotree_arena_reals(arena, N_FULL);
+    m->p = cotree_arena_reals(arena, model->n_parameters);
+    m->outside = cotree_arena_reals(arena, m->tables->n_inputs);
+    m->own_values = cotree_arena_reals(arena, N_STATES);
+    m->is_own = cotree_arena_reals(arena, N_STATES);
+    m->old = cotree_arena_reals(arena, N_RATES);
+    m->event_history = cotree_arena_reals(arena, COTREE_EVENTS_SAVED(n_events_of(m)));
 }
 
-static void lay_out(fmu *m, cotree_room *room)
+static void lay_out(fmu *m, cotree_arena *arena)
 {
     const cotree_model *const model = m->model;
     const fmu_tables *const tables = m->tables;
@@ -49,43 +49,43 @@ static void lay_out(fmu *m, cotree_room *room)
     const cotree_assembly_tables *const rows = tables->start_tables->assembly;
     const int n_rows = rows == NULL ? 0 : model->n_constraints + rows->n_conditions;
     const int n = largest_int(N_STATES, n_rows) + 1;
-    m->saved = (double *)cotree_take(room, 0, NULL);
-    lay_out_state(m, room);
+    m->saved = (double *)cotree_arena_alloc(arena, 0, NULL);
+    lay_out_state(m, arena);
     m->n_saved = (size_t)FMU_N_NUMBERS + (size_t)N_FULL + (size_t)model->n_parameters +
                  (size_t)tables->n_inputs + 2 * (size_t)N_STATES + (size_t)N_RATES +
                  (size_t)COTREE_EVENTS_SAVED(n_events);
-    m->k = cotree_take_doubles(room, model->n_prepared + 1);
-    m->u = cotree_take_doubles(room, model->n_inputs + 1);
-    m->dx = cotree_take_doubles(room, N_STATES + 1);
-    m->y = cotree_take_doubles(room, model->n_outputs + 1);
+    m->k = cotree_arena_reals(arena, model->n_prepared + 1);
+    m->u = cotree_arena_reals(arena, model->n_inputs + 1);
+    m->dx = cotree_arena_reals(arena, N_STATES + 1);
+    m->y = cotree_arena_reals(arena, model->n_outputs + 1);
     m->g =
-        cotree_take_doubles(room, n_events + (n_events > 0 ? model->hybrid->n_quantities : 0) + 1);
-    m->dy = cotree_take_doubles(room, model->n_outputs * n_sensitivities + 1);
-    m->stops = cotree_take_doubles(room, tables->n_limits +
+        cotree_arena_reals(arena, n_events + (n_events > 0 ? model->hybrid->n_quantities : 0) + 1);
+    m->dy = cotree_arena_reals(arena, model->n_outputs * n_sensitivities + 1);
+    m->stops = cotree_arena_reals(arena, tables->n_limits +
                                              tables->n_stops * (3 + 2 * model->n_sensitivities));
     m->partials =
-        cotree_take_doubles(room, tables->partials.starts[tables->partials.n_columns] + 1);
-    m->initial = cotree_take_doubles(room, tables->initial.starts[tables->initial.n_columns] + 1);
+        cotree_arena_reals(arena, tables->partials.starts[tables->partials.n_columns] + 1);
+    m->initial = cotree_arena_reals(arena, tables->initial.starts[tables->initial.n_columns] + 1);
     m->moved =
-        cotree_take_doubles(room, tables->constraints.starts[tables->constraints.n_columns] + 1);
-    m->seed = cotree_take_doubles(room, tables->partials.n_columns);
-    m->rows = cotree_take_doubles(room, tables->partials.n_rows + 1);
-    m->solved = cotree_take_doubles(room, 3 * n);
-    m->dense = cotree_take_doubles(room, model->n_algebraic * model->n_algebraic);
-    m->work = cotree_take_doubles(room, N_FULL + 1);
-    m->atols = cotree_take_doubles(room, N_FULL + 1);
-    m->turn_tolerances = cotree_take_doubles(room, n_sensitivities + 1);
-    m->before = cotree_take_doubles(room, N_STATES + 1);
-    m->spare = cotree_take_doubles(room, (int)m->n_saved);
-    m->pivots = cotree_take_ints(room, n);
-    m->known = cotree_take_ints(room, n);
-    m->records = cotree_take_doubles(room, COTREE_EVENTS_AT_ONCE(n_events) *
+        cotree_arena_reals(arena, tables->constraints.starts[tables->constraints.n_columns] + 1);
+    m->seed = cotree_arena_reals(arena, tables->partials.n_columns);
+    m->rows = cotree_arena_reals(arena, tables->partials.n_rows + 1);
+    m->solved = cotree_arena_reals(arena, 3 * n);
+    m->dense = cotree_arena_reals(arena, model->n_algebraic * model->n_algebraic);
+    m->work = cotree_arena_reals(arena, N_FULL + 1);
+    m->atols = cotree_arena_reals(arena, N_FULL + 1);
+    m->turn_tolerances = cotree_arena_reals(arena, n_sensitivities + 1);
+    m->before = cotree_arena_reals(arena, N_STATES + 1);
+    m->spare = cotree_arena_reals(arena, (int)m->n_saved);
+    m->pivots = cotree_arena_ints(arena, n);
+    m->known = cotree_arena_ints(arena, n);
+    m->records = cotree_arena_reals(arena, COTREE_EVENTS_AT_ONCE(n_events) *
                                                COTREE_EVENTS_RECORD(N_STATES, n_sensitivities));
-    cotree_run_init(&m->run, model, m->p, m->k, m->u, 0, room);
-    if (rows != NULL) cotree_assembly_init(&m->assembly, &m->run, rows, room);
+    cotree_run_init(&m->run, model, m->p, m->k, m->u, 0, arena);
+    if (rows != NULL) cotree_assembly_init(&m->assembly, &m->run, rows, arena);
     if (n_events > 0) {
         cotree_events_init(&m->events, &m->run, m->run.n, tables->span, tables->rtol, m->atols,
-                           tables->atol, NULL, NULL, room);
+                           tables->atol, NULL, NULL, arena);
     }
 }
 
@@ -132,7 +132,7 @@ void fmu_reset(fmu *m)
 fmu *fmu_new(const fmu_tables *tables, int is_exchanged, int returns_early, fmu_logger logger,
              void *environment)
 {
-    cotree_room room = {NULL, 0};
+    cotree_arena arena = {NULL, 0};
     fmu *const m = (fmu *)calloc(1, sizeof(fmu));
     if (m == NULL) return NULL;
     m->tables = tables;
@@ -141,15 +141,15 @@ fmu *fmu_new(const fmu_tables *tables, int is_exchanged, int returns_early, fmu_
     m->returns_early = returns_early;
     m->logger = logger;
     m->environment = environment;
-    lay_out(m, &room);
-    m->memory = calloc(1, room.used);
+    lay_out(m, &arena);
+    m->memory = calloc(1, arena.used);
     if (m->memory == NULL) {
         free(m);
         return NULL;
     }
-    room.base = (char *)m->memory;
-    room.used = 0;
-    lay_out(m, &room);
+    arena.base = (char *)m->memory;
+    arena.used = 0;
+    lay_out(m, &arena);
     find_offsets(m);
     fmu_reset(m);
     return m;

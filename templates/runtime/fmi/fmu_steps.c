@@ -223,12 +223,12 @@ static int run_job(fmu *m, cotree_job *job, long *n_events)
         if (log_events(m, job) > 0) has_told = 1;
         if (result != COTREE_JOB_MORE) break;
         if (m->returns_early && has_told) {
-            cotree_job_stand(job);
+            cotree_job_sync(job);
             break;
         }
         if (job->n_steps >= m->tables->most_steps || *n_events >= m->tables->most_events) {
             job->status = COTREE_TOO_MANY_STEPS;
-            cotree_job_stand(job);
+            cotree_job_sync(job);
             result = COTREE_JOB_FAILED;
         }
     }

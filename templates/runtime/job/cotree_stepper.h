@@ -1,9 +1,8 @@
-/* cotree_stepper.h: what takes the steps of a job, and what a job shares with it.
+/* cotree_stepper.h: the interface between a job and the method that takes its steps.
  * Part of the runtime of cotree, the same for every model.
  *
- * The job knows corners, wanted points and events, but no method; a stepper knows nothing else than
- * its method. A new one is one file with a cotree_stepper. Functions return 0 or a cotree_status.
- */
+ * The job handles corners, wanted points and events; the stepper implements one method. A new
+ * method is one file with a cotree_stepper. Functions return 0 or a cotree_status. */
 #ifndef COTREE_STEPPER_H
 #define COTREE_STEPPER_H
 
@@ -18,64 +17,65 @@
 extern "C" {
 #endif
 
-/* What a job has at the front of its memory. */
+/* The head of a job's memory. */
 typedef struct cotree_engine {
-    cotree_run runs[3];    /* those that follow, as many as differ */
-    cotree_run *run;       /* of all that is integrated */
-    cotree_run *of_states; /* of the states alone, where a stepper has one; else the same */
-    cotree_run *watched;   /* what events look at */
+    cotree_run runs[3];    /* storage of the runs below, as many as differ */
+    cotree_run *run;       /* with all that is integrated */
+    cotree_run *of_states; /* states only, if the stepper has such a run; else the same */
+    cotree_run *watched;   /* evaluates event functions */
 #if COTREE_HAS_EVENTS
     cotree_events events;
 #endif
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
-    cotree_real *before; /* where its last step began */
+    cotree_real *before; /* the start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS
-    cotree_real *room[4]; /* for what is done between segments; left is to stay there */
+    cotree_real *work[4]; /* work between segments; left must persist */
 #endif
-    cotree_real *w;     /* where the job stands, n values */
-    cotree_real origin; /* steps are rounding by their distance from it */
-    int is_running;     /* whether values within the last step can be had */
-    int is_helped;      /* whether w has unknowns of the time behind a corner, not at it */
-    int n_short;        /* steps of rounding, one after another */
-    void *own;          /* of the stepper */
+    cotree_real *w;     /* the present point, n numbers */
+    cotree_real origin; /* the rounding of steps is relative to their distance from this time */
+    int is_running;     /* 1: the last step can be interpolated */
+    int is_helped;      /* 1: w has the unknowns after a corner, not at it */
+    int n_short;        /* successive steps at rounding level */
+    void *own;          /* data of the stepper */
 } cotree_engine;
 
 struct cotree_stepper {
-    /* Takes its memory: engine->own, and the runs. Called before engine_of tells the engine. */
-    void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_room *room);
-    /* Begins the runs, and writes where the job begins to engine->w. */
+    /* Allocate engine->own and the runs. cotree_engine_of is not available yet. */
+    void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_arena *arena);
+    /* Initialise the runs, and write the start of the job to engine->w. */
     void (*open)(cotree_job *job);
-    /* Begins anew from engine->w at job->t, to where the corner ends; moves w onto constraints. */
+    /* Restart from engine->w at job->t towards the next corner; project w. */
     int (*begin)(cotree_job *job);
-    /* Takes one step towards the end: moves job->t and engine->w, or leaves them. */
+    /* Take one step towards the end: advance job->t and engine->w, or leave both unchanged. */
     int (*step)(cotree_job *job, cotree_real end);
-    /* Gives the time up to which wanted points should be read now. */
+    /* Return the time up to which wanted points can be interpolated now. */
     cotree_real (*known)(const cotree_job *job, int is_last);
-    /* Gives the values at a time that is known, or, where is_careful, within the last step as
-     * accurate as steps are. is_exact: they are those of a step's end. They may be changed. */
+    /* Compute the solution at a time within the last step, as accurate as the steps if
+     * is_careful. is_exact: it is the end of a step. The caller may change the values. */
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
-    /* What cheap values within the last step are read from; NULL: careful ones are cheap. */
+    /* Return the history for cheap interpolation within the last step; NULL: careful values are
+     * cheap. */
     const cotree_history *(*history)(const cotree_job *job);
-    /* Completes a point, on the constraints, with its algebraic unknowns: to run->full. */
+    /* Compute run->full: the point projected, with its algebraic unknowns. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);
-    /* Looks for what a status is due to; may be NULL. */
+    /* Find the entry that caused a status; may be NULL. */
     void (*blame)(cotree_job *job, int status);
-    /* Frees what it holds outside the memory; may be NULL. */
+    /* Free resources outside the memory; may be NULL. */
     void (*close)(cotree_job *job);
 };
 
-/* Begins a run of a job. */
+/* Initialise a run of a job. */
 cotree_run *cotree_job_begin_run(cotree_job *job, cotree_run *run, int has_sensitivities,
-                                 cotree_room *room);
+                                 cotree_arena *arena);
 
-/* Inline: steppers ask for it again and again. */
+/* Inline: called very often. */
 static inline cotree_engine *cotree_engine_of(const cotree_job *job)
 {
     return (cotree_engine *)job->memory;
 }
 
-/* Gives the prepared values, with the pieces that steps hold. */
+/* Return the prepared values, with the branches that steps hold. */
 static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
 {
 #if COTREE_HAS_EVENTS
@@ -84,7 +84,7 @@ static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
     return job->k;
 }
 
-/* Gives the direction of time, 1 or -1. */
+/* Return the direction of time, 1 or -1. */
 cotree_real cotree_job_ahead(const cotree_job *job);
 
 #ifdef __cplusplus

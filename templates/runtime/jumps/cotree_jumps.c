@@ -19,7 +19,7 @@ static int count_impulse_forces(const cotree_hybrid *h)
     return n > 0 ? n + n_loads : 0;
 }
 
-void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
+void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
 {
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
@@ -42,26 +42,26 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room)
     int n_forces;
     j->run = run;
     j->hybrid = h;
-    j->values = cotree_take_doubles(room, h->n_events + h->n_branches + h->n_quantities);
-    j->rates = cotree_take_doubles(room, n_values + model->n_algebraic);
-    j->before = cotree_take_doubles(room, run->n_full);
-    j->after = cotree_take_doubles(room, run->n_full);
-    j->time_sensitivity = cotree_take_doubles(room, m);
-    j->state_rates = cotree_take_doubles(room, n);
-    j->value_slopes = cotree_take_doubles(room, m * n_values);
-    j->new_values = cotree_take_doubles(room, h->n_jumps);
+    j->values = cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
+    j->rates = cotree_arena_reals(arena, n_values + model->n_algebraic);
+    j->before = cotree_arena_reals(arena, run->n_full);
+    j->after = cotree_arena_reals(arena, run->n_full);
+    j->time_sensitivity = cotree_arena_reals(arena, m);
+    j->state_rates = cotree_arena_reals(arena, n);
+    j->value_slopes = cotree_arena_reals(arena, m * n_values);
+    j->new_values = cotree_arena_reals(arena, h->n_jumps);
     n_forces = count_impulse_forces(h);
     if (n_forces > 0) {
-        j->w_work = cotree_take_doubles(room, run->n_full);
-        j->packed = cotree_take_doubles(room, run->n_full);
-        j->response = cotree_take_doubles(room, 2 * run->n_full);
-        j->impulse_forces = cotree_take_doubles(room, 2 * n_forces * run->n_blocks);
-        j->force_slopes = cotree_take_doubles(room, m * n_values);
+        j->w_work = cotree_arena_reals(arena, run->n_full);
+        j->packed = cotree_arena_reals(arena, run->n_full);
+        j->response = cotree_arena_reals(arena, 2 * run->n_full);
+        j->impulse_forces = cotree_arena_reals(arena, 2 * n_forces * run->n_blocks);
+        j->force_slopes = cotree_arena_reals(arena, m * n_values);
     }
 #if COTREE_HAS_CONSTRAINTS
-    j->given = cotree_take_doubles(room, n);
+    j->given = cotree_arena_reals(arena, n);
     j->constraints = constraints;
-    if (model->n_constraints > 0) cotree_assembly_init(&j->assembly, run, &j->constraints, room);
+    if (model->n_constraints > 0) cotree_assembly_init(&j->assembly, run, &j->constraints, arena);
 #endif
 }
 

@@ -80,7 +80,7 @@ typedef struct cotree_impulse {
 } cotree_impulse;
 
 /* Initialise. The model must have events. */
-void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_room *room);
+void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena);
 
 /* Compute values. */
 int cotree_jumps_values(cotree_jumps *j, cotree_real t, const cotree_real *w);

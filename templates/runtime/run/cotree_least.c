@@ -8,16 +8,16 @@
 /* Each projection is applied twice, which makes the remainder orthogonal to rounding. */
 #define PASSES 2
 
-void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_room *room)
+void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena)
 {
     a->n_columns = n_columns;
     a->n_rows = a->rank = 0;
     a->stride = most_rows;
-    a->rows = cotree_take_doubles(room, most_rows * n_columns);
-    a->basis = cotree_take_doubles(room, most_rows * n_columns);
-    a->lower = cotree_take_doubles(room, most_rows * most_rows);
-    a->upper = cotree_take_doubles(room, most_rows * most_rows);
-    a->weights = cotree_take_doubles(room, most_rows);
+    a->rows = cotree_arena_reals(arena, most_rows * n_columns);
+    a->basis = cotree_arena_reals(arena, most_rows * n_columns);
+    a->lower = cotree_arena_reals(arena, most_rows * most_rows);
+    a->upper = cotree_arena_reals(arena, most_rows * most_rows);
+    a->weights = cotree_arena_reals(arena, most_rows);
 }
 
 static cotree_real product(const cotree_real *x, const cotree_real *y, int n, int stride)

@@ -29,7 +29,7 @@ typedef struct cotree_least {
     cotree_real *weights; /* stride */
 } cotree_least;
 
-void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_room *room);
+void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_arena *arena);
 
 /* Factorise the first n_rows rows, and return their rank. size: a lower bound of the longest row
  * to which the rank is relative, or 0. */

@@ -1,7 +1,6 @@
-/* cotree_real.h: the type of all numbers, its literals, functions and limits; what is compiled; and
- * qualifiers that compilers spell in different ways.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_real.h: the number type, its literals, functions and limits; the features that are
+ * compiled; compiler-specific qualifiers.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_REAL_H
 #define COTREE_REAL_H
 
@@ -14,7 +13,7 @@
 #define COTREE_SINGLE 0
 #endif
 
-/* What is compiled. A project for one model has only what the model uses. */
+/* Features: the project of one model contains only those that the model uses. */
 #ifndef COTREE_HAS_SENSITIVITIES
 #define COTREE_HAS_SENSITIVITIES 1
 #endif
@@ -22,7 +21,7 @@
 #define COTREE_HAS_INPUTS 1
 #endif
 #ifndef COTREE_HAS_ALGEBRAIC
-#define COTREE_HAS_ALGEBRAIC 1 /* unknowns that satisfy algebraic equations */
+#define COTREE_HAS_ALGEBRAIC 1 /* algebraic unknowns */
 #endif
 #ifndef COTREE_HAS_CONSTRAINTS
 #define COTREE_HAS_CONSTRAINTS 1
@@ -31,13 +30,13 @@
 #define COTREE_HAS_EVENTS 1 /* events, and kinks of rates whose times depend on states */
 #endif
 #ifndef COTREE_HAS_MOVING_CORNERS
-#define COTREE_HAS_MOVING_CORNERS 1 /* kinks of rates whose times depend on parameters */
+#define COTREE_HAS_MOVING_CORNERS 1 /* time events that depend on parameters of sensitivity */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
-#define COTREE_HAS_IMPLICIT 1 /* a method that takes a Jacobian */
+#define COTREE_HAS_IMPLICIT 1 /* an implicit method */
 #endif
 #ifndef COTREE_HAS_HELPER
-#define COTREE_HAS_HELPER 1 /* another program finds states where iterations fail */
+#define COTREE_HAS_HELPER 1 /* solvers of the caller, used if iterations fail */
 #endif
 
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
@@ -90,7 +89,7 @@ typedef double cotree_real;
 #define COTREE_RESTRICT
 #endif
 
-/* Blocks of long kernels stay apart: compilers take too long where they are joined. */
+/* Blocks of long kernels are not inlined: joined, they would take too long to compile. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_APART __attribute__((noinline))
 #elif defined(_MSC_VER)
@@ -99,7 +98,7 @@ typedef double cotree_real;
 #define COTREE_APART
 #endif
 
-/* Arrays that vectors are read from. */
+/* Alignment of arrays that vectors are loaded from. */
 #if defined(__GNUC__) || defined(__clang__)
 #define COTREE_ALIGNED __attribute__((aligned(64)))
 #else
@@ -112,7 +111,7 @@ typedef double cotree_real;
 #define COTREE_EXPORT
 #endif
 
-/* Functions that only the runtime calls: static where it is one file with all that calls them. */
+/* Functions called by the runtime only: static if they and their callers form one file. */
 #ifndef COTREE_PRIVATE
 #define COTREE_PRIVATE
 #endif

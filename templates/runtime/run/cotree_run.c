@@ -1,33 +1,34 @@
-/* cotree_run.c: inputs, constraints and algebraic unknowns of a model on the way.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_run.c: the rates of a model for integrators, with inputs, constraints and algebraic
+ * unknowns.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_run_internal.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
 
-void *cotree_take(cotree_room *room, size_t size, void *spare)
+void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
-    void *const place = room->base == NULL ? spare : room->base + room->used;
-    /* What follows may be pointers. */
+    void *const place = arena->base == NULL ? spare : arena->base + arena->used;
+    /* The next allocation may hold pointers. */
     const size_t unit = sizeof(void *) > sizeof(cotree_real) ? sizeof(void *) : sizeof(cotree_real);
-    room->used += (size + unit - 1) / unit * unit;
+    arena->used += (size + unit - 1) / unit * unit;
     return place;
 }
 
-cotree_real *cotree_take_doubles(cotree_room *room, int n)
+cotree_real *cotree_arena_reals(cotree_arena *arena, int n)
 {
-    return (cotree_real *)cotree_take(room, (size_t)n * sizeof(cotree_real), NULL);
+    return (cotree_real *)cotree_arena_alloc(arena, (size_t)n * sizeof(cotree_real), NULL);
 }
 
-int *cotree_take_ints(cotree_room *room, int n)
+int *cotree_arena_ints(cotree_arena *arena, int n)
 {
-    return (int *)cotree_take(room, (size_t)n * sizeof(int), NULL);
+    return (int *)cotree_arena_alloc(arena, (size_t)n * sizeof(int), NULL);
 }
 
 void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_real *p,
-                     const cotree_real *k, cotree_real *u, int has_sensitivities, cotree_room *room)
+                     const cotree_real *k, cotree_real *u, int has_sensitivities,
+                     cotree_arena *arena)
 {
     const int m = model->n_algebraic;
 #if COTREE_HAS_SENSITIVITIES
@@ -63,20 +64,20 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
         ++run->n_packed;
     }
 #endif
-    run->full = cotree_take_doubles(room, run->n_full);
-    run->rates = cotree_take_doubles(room, run->n_full + m + 2);
-    run->held = cotree_take_doubles(room, run->n_full);
-    run->step = cotree_take_doubles(room, run->n_full);
+    run->full = cotree_arena_reals(arena, run->n_full);
+    run->rates = cotree_arena_reals(arena, run->n_full + m + 2);
+    run->held = cotree_arena_reals(arena, run->n_full);
+    run->step = cotree_arena_reals(arena, run->n_full);
 #if COTREE_HAS_CONSTRAINTS
     run->is_held = 1;
     run->is_strict = 1;
     run->correction = COTREE_F(0.0);
     run->n_failed = 0;
     run->n_strict = 0;
-    run->residual = cotree_take_doubles(room, model->n_constraints);
+    run->residual = cotree_arena_reals(arena, model->n_constraints);
 #endif
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
-    run->nonzeros = cotree_take_doubles(room, model->n_nonzeros);
+    run->nonzeros = cotree_arena_reals(arena, model->n_nonzeros);
 #endif
 #if COTREE_HAS_ALGEBRAIC
     run->elimination.linearise = NULL;
@@ -84,13 +85,13 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     run->is_extended = 0;
     run->is_solving = 1;
     run->n_far = 0;
-    run->doubt = COTREE_F(0.0);
+    run->pivot_growth = COTREE_F(0.0);
     run->bend = COTREE_F(0.0);
     run->matrix =
-        cotree_lu_of(m, m, m, cotree_take_doubles(room, m * m), cotree_take_ints(room, m));
-    run->newton = cotree_take_doubles(room, 3 * m);
-    run->found = cotree_take_doubles(room, m * COTREE_RUN_REMEMBERED);
-    run->times = cotree_take_doubles(room, COTREE_RUN_REMEMBERED);
+        cotree_lu_of(m, m, m, cotree_arena_reals(arena, m * m), cotree_arena_ints(arena, m));
+    run->newton = cotree_arena_reals(arena, 3 * m);
+    run->found = cotree_arena_reals(arena, m * COTREE_RUN_REMEMBERED);
+    run->times = cotree_arena_reals(arena, COTREE_RUN_REMEMBERED);
     run->n_found = 0;
 #endif
 }
@@ -143,7 +144,7 @@ int cotree_run_inputs(cotree_run *run, cotree_real t)
 }
 
 #if COTREE_HAS_SENSITIVITIES
-/* Writes the sensitivities of the first n states that do not vanish one after another. */
+/* Copy the sensitivities of the first n states that do not vanish to adjacent places. */
 void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real *packed)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -156,7 +157,7 @@ void cotree_pack(const cotree_run *run, int n, const cotree_real *s, cotree_real
     }
 }
 
-/* The other way: what vanishes, and what there is of further states, becomes zero. */
+/* The inverse: sensitivities that vanish, and those of further states, become zero. */
 static void unpack(const cotree_run *run, int n, const cotree_real *packed, cotree_real *s)
 {
     const int *const starts = run->model->sensitivity_starts;
@@ -198,8 +199,8 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 #endif
 }
 
-/* Puts w into run->full, with the last algebraic unknowns where it has none. */
-static void widen(cotree_run *run, const cotree_real *w)
+/* Expand w to run->full, with the algebraic unknowns found last if w has none. */
+static void expand(cotree_run *run, const cotree_real *w)
 {
     const int lead = run->n_lead;
     cotree_real *const z = run->full;
@@ -220,7 +221,7 @@ static void widen(cotree_run *run, const cotree_real *w)
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w)
 {
 #if COTREE_HAS_ALGEBRAIC
-    if (N_ALGEBRAIC > 0) cotree_remember(run, t, z);
+    if (N_ALGEBRAIC > 0) cotree_store_guess(run, t, z);
 #else
     (void)t;
 #endif
@@ -228,10 +229,10 @@ void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cot
 }
 
 #if COTREE_HAS_ALGEBRAIC
-/* Puts a point into run->full, on the constraints, and finds its inputs. */
-int cotree_begin_point(cotree_run *run, cotree_real t, const cotree_real *w)
+/* Expand a point to run->full, project it, and compute its inputs. */
+int cotree_prepare_point(cotree_run *run, cotree_real t, const cotree_real *w)
 {
-    widen(run, w);
+    expand(run, w);
 #if COTREE_HAS_CONSTRAINTS
     if (cotree_run_is_constrained(run)) {
         const cotree_real *const point = cotree_run_held(run, t, run->full);
@@ -248,10 +249,10 @@ int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
 #if COTREE_HAS_ALGEBRAIC
     int is_wide, status;
     if (N_ALGEBRAIC == 0) {
-        widen(run, w);
+        expand(run, w);
         return 0;
     }
-    status = cotree_begin_point(run, t, w);
+    status = cotree_prepare_point(run, t, w);
     if (status == 0)
         status = cotree_solve_unknowns(run, t, !run->is_solving, ROUNDING, run->atol, &is_wide);
 #if COTREE_HAS_SENSITIVITIES
@@ -262,7 +263,7 @@ int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w)
     return status;
 #else
     (void)t;
-    widen(run, w);
+    expand(run, w);
     return 0;
 #endif
 }
@@ -273,10 +274,10 @@ int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
     const cotree_helper *const helper = run->helper;
     int status = cotree_run_complete(run, t, w);
     if (status <= 0 || N_ALGEBRAIC == 0 || helper == NULL) return status;
-    status = cotree_begin_point(run, t, w);
+    status = cotree_prepare_point(run, t, w);
     if (status == 0) status = helper->find_unknowns(t, run->full, helper->context);
     if (status != 0) return status;
-    cotree_remember(run, t, run->full);
+    cotree_store_guess(run, t, run->full);
 #if COTREE_HAS_SENSITIVITIES
     if (run->n_blocks > 1) {
         status = cotree_solve_unknown_sensitivities(run, t, w + run->n_lead);
@@ -317,7 +318,7 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 }
 #endif
 
-/* Inline: it does little besides the call, again and again. */
+/* Inline: short, and called very often. */
 static inline int packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz)
 {
     const cotree_model *const model = run->model;
@@ -347,8 +348,8 @@ int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *
     if (N_ALGEBRAIC > 0) return cotree_reduced_rate(run, t, w, dw);
 #endif
 #if COTREE_HAS_CONSTRAINTS
-    if (cotree_are_rates_held(run)) {
-        widen(run, w);
+    if (cotree_are_rates_projected(run)) {
+        expand(run, w);
         cotree_run_leave_out(run, cotree_run_held(run, t, run->full), run->step);
         w = run->step;
     }
@@ -379,7 +380,7 @@ int cotree_run_project(cotree_real t, cotree_real *w, void *context)
 #if COTREE_HAS_CONSTRAINTS
     run->n_failed = 0;
     if (run->n_strict > 0) --run->n_strict;
-    widen(run, w);
+    expand(run, w);
     status = cotree_run_project_all(run, t, run->full);
     if (status == 0) cotree_run_leave_out(run, run->full, w);
 #endif

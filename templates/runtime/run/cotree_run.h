@@ -1,24 +1,21 @@
-/* cotree_run.h: a model as integrators need it: one vector w and its rates.
+/* cotree_run.h: a model in the form w' = f(t, w) for integrators.
  * Part of the runtime of cotree, the same for every model.
  *
- * w holds the states, then their sensitivities parameter by parameter, those left out that vanish
- * at all times. Algebraic unknowns are left out, too: they are solved for at each point. Or the
- * states have them among them, where the model has rates for them: cotree_run_extend between init
- * and narrow, and d.project; their sensitivities are left out. Constraints are held by projection.
+ * w holds the states, then their sensitivities by parameter, without those that vanish at all
+ * times. Algebraic unknowns are not part of w: they are solved for at each point. If the model
+ * has rates for them, they may be part of w (cotree_run_extend between init and narrow, and
+ * d.project), but not their sensitivities. Constraints are satisfied by projection.
  *
  *     cotree_run run;
- *     cotree_room room = {NULL, 0};
- *     cotree_run_init(&run, model, p, k, u, 1, &room);   (room.used: the bytes that it needs)
- *     room.base = memory, room.used = 0;
- *     cotree_run_init(&run, model, p, k, u, 1, &room);
- *     cotree_run_narrow(&run, z, w);                     (z: all states and sensitivities at the
- * start)
- *     ... an integrator with cotree_run_rate, &run as its context, and d.project =
- * cotree_run_project cotree_run_complete(&run, t, w);                   (run.full: all states and
- * sensitivities)
+ *     cotree_arena arena = {NULL, 0};
+ *     cotree_run_init(&run, model, p, k, u, 1, &arena);   (arena.used: the bytes needed)
+ *     arena.base = memory, arena.used = 0;
+ *     cotree_run_init(&run, model, p, k, u, 1, &arena);
+ *     cotree_run_narrow(&run, t, z, w);     (z: all states and sensitivities at the start)
+ *     ... an integrator with cotree_run_rate, the context &run, and d.project = cotree_run_project
+ *     cotree_run_complete(&run, t, w);      (run.full: all states and sensitivities)
  *
- * Nothing is allocated; a run is used by one integration at a time.
- */
+ * Nothing is allocated. Only one integration at a time may use a run. */
 #ifndef COTREE_RUN_H
 #define COTREE_RUN_H
 
@@ -33,13 +30,14 @@ extern "C" {
 #endif
 
 #if COTREE_HAS_ALGEBRAIC
-/* How many solutions of algebraic equations are remembered as guesses, a power of two. */
+/* The number of stored solutions of the algebraic equations that serve as guesses, a power of
+ * two. */
 #define COTREE_RUN_REMEMBERED 256
 
 #endif
 /* cotree: begin of the part that cffi reads */
 #if COTREE_HAS_INPUTS
-/* A piecewise linear function in place of an input, constant outside its range. */
+/* A piecewise linear function that replaces an input, constant outside its range. */
 typedef struct cotree_table_input {
     int input;
     int length;
@@ -47,15 +45,15 @@ typedef struct cotree_table_input {
     const cotree_real *u;
 } cotree_table_input;
 
-/* Writes the inputs that are functions of another program into u. A negative result stops the
+/* Write the inputs that are functions of the caller into u. Return a negative number to stop the
  * integration. */
 typedef int (*cotree_input_function)(cotree_real t, cotree_real *u, void *context);
 
 #endif
 #if COTREE_HAS_HELPER
-/* Another program that looks farther than iterations here do. Each function gets all states x and
- * returns 0 where it changed them to a solution: the algebraic unknowns among them, or whatever is
- * not kept, so that constraints hold. */
+/* Solvers of the caller, used if the iterations here fail. Each gets all states x and returns 0
+ * if it changed them to a solution: find_unknowns the algebraic unknowns, find_states those not
+ * kept, so that the constraints hold. */
 typedef int (*cotree_find_unknowns)(cotree_real t, cotree_real *x, void *context);
 typedef int (*cotree_find_states)(cotree_real t, cotree_real *x, const int *kept, int n_kept,
                                   void *context);
@@ -67,16 +65,15 @@ typedef struct cotree_helper {
 #endif
 /* cotree: end of the part that cffi reads */
 
-/* Memory that is dealt out. While base is NULL nothing is: then it is counted what is needed. */
-typedef struct cotree_room {
+/* An arena. While base is NULL, allocations are counted only, and return NULL. */
+typedef struct cotree_arena {
     char *base;
     size_t used;
-} cotree_room;
+} cotree_arena;
 
 #if COTREE_HAS_ALGEBRAIC
-/* Linear systems of the algebraic equations g, where something knows better than a dense matrix:
- * writes the nonzeros of the Jacobian at x to the run's, and solves -g_z step = g. Functions return
- * as kernels do. */
+/* Linear systems of the algebraic equations g, if an implicit method provides them: linearise
+ * factorises g_z at x, solve computes -g_z^-1 g. They return like kernels. */
 typedef struct cotree_elimination {
     int (*linearise)(cotree_real t, const cotree_real *x, void *context);
     int (*solve)(const cotree_real *g, cotree_real *step, void *context);
@@ -95,35 +92,38 @@ typedef struct cotree_run {
     void *input_context;
 #endif
 #if COTREE_HAS_HELPER
-    const cotree_helper *helper; /* NULL: nobody */
+    const cotree_helper *helper; /* NULL: none */
 #endif
 #if COTREE_HAS_CONSTRAINTS
-    int is_held;   /* to the constraints; 1 unless you say otherwise */
-    int is_strict; /* rates, too, always, as dependent constraints need; 0: where steps fail */
-    cotree_real
-        correction; /* the largest change of a state by a projection, as a share of it or of 1 */
+    int is_held;   /* 1, the default: constraints are satisfied by projection */
+    int is_strict; /* 1: rates are always evaluated on the constraints, as redundant ones require;
+                      0: after failed steps */
+    cotree_real correction; /* the largest change of a state by a projection, as a share of the
+                               state or of 1 */
 #endif
-    cotree_real rtol; /* of the integration: algebraic unknowns are as good; 0: to rounding */
-    cotree_real atol; /* algebraic unknowns near zero are known to this; 1e-10 unless you say so */
-    cotree_real low, high; /* the times that rates are asked for, between two jumps */
-    cotree_real *full;     /* what complete found */
+    cotree_real rtol; /* of the integration; algebraic unknowns are solved to a share of it; 0: to
+                         rounding */
+    cotree_real atol; /* absolute tolerance of algebraic unknowns; 1e-10 by default */
+    cotree_real low, high; /* bounds of evaluations: the segment without its jumps */
+    cotree_real *full;     /* the last complete point */
     int n;                 /* length of w */
-    int n_full;            /* of z */
-    int n_packed;          /* of z without sensitivities that vanish */
+    int n_full;            /* entries of z: all states and sensitivities */
+    int n_packed;          /* entries of z without sensitivities that vanish */
 #if COTREE_HAS_ALGEBRAIC
-    cotree_elimination elimination; /* of NULL unless you say so */
+    cotree_elimination elimination; /* functions NULL by default */
 #endif
-    /* The rest belongs to the run. */
+    /* The rest is private. */
     int n_blocks;
-    int n_rates; /* of the states; algebraic unknowns have none */
-    int n_lead;  /* of w, before the sensitivities */
+    int n_rates; /* states without algebraic unknowns */
+    int n_lead;  /* entries of w before the sensitivities */
     cotree_real *rates, *held, *step;
 #if COTREE_HAS_ALGEBRAIC
-    int is_extended;   /* it holds algebraic unknowns */
-    int is_solving;    /* for these at each point, whether it holds them or not */
-    int n_far;         /* how often these were lost */
-    cotree_real doubt; /* about them: what pivots lost */
-    cotree_real bend;  /* how far their last solution was, as a part of where the equations bend */
+    int is_extended; /* 1: w contains algebraic unknowns */
+    int is_solving;  /* 1: these are solved for at each point, even if w contains them */
+    int n_far;       /* how often they were far from their solution, less how often they were not */
+    cotree_real pivot_growth; /* growth of their errors by the planned pivots */
+    cotree_real bend; /* length of their last correction, as a share of the distance over which the
+                         equations bend */
     cotree_real *newton, *found, *times;
     cotree_lu matrix; /* of the algebraic equations */
     int n_found;
@@ -138,61 +138,64 @@ typedef struct cotree_run {
 } cotree_run;
 
 #if COTREE_HAS_MOVING_CORNERS
-/* A corner: a time at which rates have a kink or jump, and which parameters move. */
-typedef struct cotree_turn {
+/* The jump of sensitivities at a time event that depends on parameters, with the rates f before
+ * and after it: S+ = S- + (f- - f+) t_p. */
+typedef struct cotree_corner_sensitivity {
     cotree_real *w, *left, *right,
-        *again;                    /* n of the run each: a point, and rates before and behind */
-    const cotree_real *slopes;     /* derivatives of its time by the parameters */
-    const cotree_real *spreads;    /* by how much these differ among all that meets there */
-    const cotree_real *tolerances; /* what sensitivities to each parameter may err by */
-    cotree_real rtol;              /* and as a share of themselves */
-    cotree_real margin; /* how far behind the corner rates are taken, with time's direction */
+        *work;                  /* run->n numbers each: a point, rates before and after it, work */
+    const cotree_real *slopes;  /* t_p: derivatives of the time by the parameters */
+    const cotree_real *spreads; /* the largest difference among coinciding events */
+    const cotree_real *tolerances; /* absolute tolerances of the sensitivities to each parameter */
+    cotree_real rtol;              /* relative tolerance */
+    cotree_real margin; /* distance from the event at which rates are evaluated, with the direction
+                           of time */
     int is_constrained;
-    int turned; /* the place in z of a sensitivity that does not exist from there on */
-} cotree_turn;
+    int undefined; /* the place in z of a sensitivity that does not exist after the event */
+} cotree_corner_sensitivity;
 
-/* A result of cotree_run_enter: rates jump where corners meet that a parameter moves apart. */
+/* A result of cotree_run_jump_sensitivities: rates jump where events coincide that a parameter
+ * moves apart. */
 #define COTREE_RUN_TURNED 60
 
 #endif
-/* Takes bytes of a room; spare while they are only counted. */
-void *cotree_take(cotree_room *room, size_t size, void *spare);
-cotree_real *cotree_take_doubles(cotree_room *room, int n);
-int *cotree_take_ints(cotree_room *room, int n);
+/* Allocate bytes in an arena. Return spare while they are only counted. */
+void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare);
+cotree_real *cotree_arena_reals(cotree_arena *arena, int n);
+int *cotree_arena_ints(cotree_arena *arena, int n);
 
-/* Takes its memory, and stands ready. */
+/* Allocate and initialise. */
 void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_real *p,
                      const cotree_real *k, cotree_real *u, int has_sensitivities,
-                     cotree_room *room);
+                     cotree_arena *arena);
 
 #if COTREE_HAS_ALGEBRAIC
-/* Has algebraic unknowns integrated. The model needs extended_rhs for it, or with sensitivities
+/* Make the algebraic unknowns part of w. The model needs extended_rhs, or with sensitivities
  * extended_augmented_rhs, and no input may be replaced. */
 void cotree_run_extend(cotree_run *run);
 #endif
-/* Leaves sensitivities that vanish out of z, and puts zero in their places. */
+/* Copy z without the sensitivities that vanish, and back with zeros for them. */
 void cotree_run_pack(const cotree_run *run, const cotree_real *z, cotree_real *packed);
 void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_real *z);
 
-/* Leaves the algebraic unknowns of z out, too. */
+/* Copy z in the form w: also without algebraic unknowns. */
 void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_real *w);
 
-/* The same, and begins with them as guesses. */
+/* The same, and store the algebraic unknowns as a guess. */
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w);
 
 #if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
-/* Takes a point as a stepper has it, of n entries: run->n, or n_packed with algebraic unknowns
- * among them, which become guesses; and gives w as such a point. */
-void cotree_run_take(cotree_run *run, cotree_real t, int n, const cotree_real *point,
-                     cotree_real *w);
-int cotree_run_give(cotree_run *run, cotree_real t, const cotree_real *w, int n,
-                    cotree_real *point);
+/* Convert between w and a point of a stepper, of n entries: run->n, or n_packed with algebraic
+ * unknowns, which become guesses. */
+void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
+                           cotree_real *w);
+int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, int n,
+                        cotree_real *point);
 
 #endif
-/* Writes the inputs at a time to run->u. */
+/* Compute run->u, the inputs at a time. */
 int cotree_run_inputs(cotree_run *run, cotree_real t);
 
-/* For integrators; context is the run. */
+/* For integrators; the context is the run. */
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context);
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 int cotree_run_project(cotree_real t, cotree_real *w, void *context);
@@ -202,73 +205,74 @@ void cotree_run_rejected(void *context);
 #endif
 
 #if COTREE_HAS_IMPLICIT || COTREE_HAS_EVENTS
-/* The rates of all states and sensitivities, packed, at a time inside; of algebraic unknowns
- * residuals. */
+/* Compute the rates of all states and sensitivities, packed, at a time inside the segment;
+ * residuals in the places of algebraic unknowns. */
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz);
 
 #endif
 #if COTREE_HAS_CONSTRAINTS
-/* Projects all states and sensitivities, algebraic unknowns included; and the same packed. */
+/* Project all states and sensitivities, algebraic unknowns included; the same for a packed
+ * point. */
 int cotree_run_project_all(cotree_run *run, cotree_real t, cotree_real *z);
 int cotree_run_project_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
 #endif
 #if COTREE_HAS_ALGEBRAIC
-/* Solves for the algebraic unknowns of a packed point, which are near their solution, and then for
- * their sensitivities. Returns a positive number where that leads nowhere. */
+/* Solve for the algebraic unknowns of a packed point, near their solution, and for their
+ * sensitivities. Return a positive number if Newton's method fails. */
 int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
 #endif
 #if COTREE_HAS_CONSTRAINTS
-/* Gives the point, of all states and sensitivities, that rates are taken at: z, or on the
- * constraints next to it, until the next call. */
+/* Return the point at which rates are evaluated: z, or its projection, valid until the next
+ * call. */
 const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_real *z);
 
 #endif
 #if COTREE_HAS_IMPLICIT
-/* Writes the derivatives of the states' rates by the states, algebraic unknowns eliminated: n_rates
- * rows. */
+/* Compute the Jacobian of the states' rates with algebraic unknowns eliminated: n_rates rows. */
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context);
 
 #endif
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS
-/* Whether there are constraints to project on. */
+/* Return whether there are constraints to project onto. */
 int cotree_run_is_constrained(const cotree_run *run);
 
 #endif
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
-/* Whether an integrator has to project. */
+/* Return whether an integrator has to project. */
 int cotree_run_is_projected(const cotree_run *run);
 
 #endif
-/* Writes all states and sensitivities to run->full. */
+/* Compute run->full, all states and sensitivities. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* The same; what cannot be solved for here, the helper is asked for. */
+/* The same; call the helper if the iterations here fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
 #if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
-/* The same, all states alone. */
+/* The same, without sensitivities. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 
 #endif
-/* Gives the time nearest to t that rates are asked for. */
+/* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
 #if COTREE_HAS_ALGEBRAIC
-/* Where the residuals at the states x change at rates g, writes the rates of algebraic unknowns
- * that make up for it. */
+/* Compute the rates of the algebraic unknowns that keep the residuals zero, if these change at
+ * rates g at the states x. */
 int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, const cotree_real *g,
                       cotree_real *rates);
 
 #endif
 #if COTREE_HAS_MOVING_CORNERS
-/* Takes the rates at the end of what comes before a corner; behind it, after low and high are those
- * of what follows, lets sensitivities jump by what rates did, times the slopes. A point has n
- * entries: run->n, or n_packed. */
-int cotree_run_leave(cotree_run *run, cotree_real t, const cotree_real *point, int n,
-                     cotree_turn *turn);
-int cotree_run_enter(cotree_run *run, cotree_real t, cotree_real *point, int n, cotree_turn *turn);
+/* Compute the rates before a time event. After low and high are those of the next segment,
+ * compute the rates after it, and let the sensitivities jump. A point has n entries: run->n, or
+ * n_packed. */
+int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *point, int n,
+                          cotree_corner_sensitivity *crossing);
+int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,
+                                  cotree_corner_sensitivity *crossing);
 
 #endif
 #ifdef __cplusplus

@@ -27,12 +27,12 @@ COTREE_PRIVATE void cotree_pack(const cotree_run *run, int n, const cotree_real 
                                 cotree_real *packed);
 #endif
 #if COTREE_HAS_ALGEBRAIC
-COTREE_PRIVATE int cotree_begin_point(cotree_run *run, cotree_real t, const cotree_real *w);
+COTREE_PRIVATE int cotree_prepare_point(cotree_run *run, cotree_real t, const cotree_real *w);
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
 /* cotree_projection.c */
-COTREE_PRIVATE int cotree_are_rates_held(const cotree_run *run);
+COTREE_PRIVATE int cotree_are_rates_projected(const cotree_run *run);
 #endif
 
 #if COTREE_HAS_ALGEBRAIC
@@ -41,7 +41,7 @@ COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int 
 COTREE_PRIVATE int cotree_substitute(const cotree_run *run, const cotree_real *g,
                                      cotree_real *step);
 COTREE_PRIVATE int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x);
-COTREE_PRIVATE void cotree_remember(cotree_run *run, cotree_real t, const cotree_real *x);
+COTREE_PRIVATE void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x);
 COTREE_PRIVATE int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near,
                                          cotree_real goal, cotree_real near_zero, int *is_wide);
 #if COTREE_HAS_SENSITIVITIES

@@ -40,7 +40,7 @@
 #define N_SPEEDS (a->tables->n_speeds)
 
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
-                          cotree_room *room)
+                          cotree_arena *arena)
 {
     const cotree_model *const model = run->model;
     const int n = model->n_states, m = run->n_blocks - 1;
@@ -50,23 +50,23 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
     a->holds[0] = a->holds[1] = 1;
     a->length = COTREE_F(1.0);
     a->culprit = a->column = -1;
-    a->is_kept = cotree_take_ints(room, n);
-    a->places = cotree_take_ints(room, n_all);
-    a->is_free = cotree_take_ints(room, tables->n_speeds);
-    a->residual = cotree_take_doubles(room, model->n_constraints);
-    a->conditions = cotree_take_doubles(room, tables->n_start);
-    a->gradient = cotree_take_doubles(room, tables->n_rows * tables->n_speeds);
-    a->start_gradient = cotree_take_doubles(room, tables->n_conditions * tables->n_speeds);
-    a->slopes = cotree_take_doubles(room, m * model->n_constraints);
-    a->start_slopes = cotree_take_doubles(room, m * tables->n_start);
-    a->values = cotree_take_doubles(room, tables->n_values + n_all);
-    a->step = cotree_take_doubles(room, tables->n_speeds);
-    a->change = cotree_take_doubles(room, tables->n_coordinates);
-    a->best = cotree_take_doubles(room, n);
-    a->trial = cotree_take_doubles(room, n);
-    a->aside = cotree_take_doubles(room, n);
-    a->parts = cotree_take_doubles(room, 3 * POSITIONS * tables->n_groups);
-    cotree_least_init(&a->least, n_all, tables->n_speeds, room);
+    a->is_kept = cotree_arena_ints(arena, n);
+    a->places = cotree_arena_ints(arena, n_all);
+    a->is_free = cotree_arena_ints(arena, tables->n_speeds);
+    a->residual = cotree_arena_reals(arena, model->n_constraints);
+    a->conditions = cotree_arena_reals(arena, tables->n_start);
+    a->gradient = cotree_arena_reals(arena, tables->n_rows * tables->n_speeds);
+    a->start_gradient = cotree_arena_reals(arena, tables->n_conditions * tables->n_speeds);
+    a->slopes = cotree_arena_reals(arena, m * model->n_constraints);
+    a->start_slopes = cotree_arena_reals(arena, m * tables->n_start);
+    a->values = cotree_arena_reals(arena, tables->n_values + n_all);
+    a->step = cotree_arena_reals(arena, tables->n_speeds);
+    a->change = cotree_arena_reals(arena, tables->n_coordinates);
+    a->best = cotree_arena_reals(arena, n);
+    a->trial = cotree_arena_reals(arena, n);
+    a->aside = cotree_arena_reals(arena, n);
+    a->parts = cotree_arena_reals(arena, 3 * POSITIONS * tables->n_groups);
+    cotree_least_init(&a->least, n_all, tables->n_speeds, arena);
 }
 
 static int is_quaternion(const cotree_assembly *a, int state)

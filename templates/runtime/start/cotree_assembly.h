@@ -6,7 +6,7 @@
  * a characteristic length, so that the results do not depend on units. Sensitivities follow to
  * first order.
  *
- *     cotree_assembly_init(&a, &run, &tables, &room);    (twice: see cotree_run.h)
+ *     cotree_assembly_init(&a, &run, &tables, &arena);    (twice: see cotree_run.h)
  *     a.is_kept[i] = ..., run.u = inputs
  *     cotree_assembly_measure(&a, t, x);                 (at a start; after events a.length is 1)
  *     cotree_assembly_move(&a, t, x);
@@ -44,7 +44,7 @@ typedef struct cotree_assembly {
 
 /* Initialise. The run decides whether there are sensitivities. */
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
-                          cotree_room *room);
+                          cotree_arena *arena);
 
 /* Compute length, the median lever arm (translation per rotation) of the constraint gradients. */
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x);

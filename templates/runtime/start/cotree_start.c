@@ -26,7 +26,7 @@
 #define N_SENSITIVITIES (start->run->n_blocks - 1)
 
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
-                       cotree_room *room)
+                       cotree_arena *arena)
 {
     const cotree_model *const model = run->model;
     const cotree_hybrid *const h = model->hybrid;
@@ -37,21 +37,21 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     start->n_set = 0;
     start->culprit = start->column = -1;
     start->is_chosen = 0;
-    start->is_set = cotree_take_ints(room, model->n_states);
-    start->given = cotree_take_doubles(room, model->n_states);
-    start->w = cotree_take_doubles(room, run->n_full);
+    start->is_set = cotree_arena_ints(arena, model->n_states);
+    start->given = cotree_arena_reals(arena, model->n_states);
+    start->w = cotree_arena_reals(arena, run->n_full);
     if (tables->assembly != NULL) {
-        cotree_assembly_init(&start->assembly, run, tables->assembly, room);
-        start->conditions = cotree_take_doubles(room, tables->assembly->n_start);
+        cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
+        start->conditions = cotree_arena_reals(arena, tables->assembly->n_start);
     }
     if (tables->assembly != NULL && m > 0) {
-        start->moved = cotree_take_doubles(room, 2 * model->n_states);
-        start->moved_p = cotree_take_doubles(room, model->n_parameters);
-        start->moved_k = cotree_take_doubles(room, model->n_prepared);
+        start->moved = cotree_arena_reals(arena, 2 * model->n_states);
+        start->moved_p = cotree_arena_reals(arena, model->n_parameters);
+        start->moved_k = cotree_arena_reals(arena, model->n_prepared);
     }
     if (h != NULL) {
-        start->looked_at = cotree_take_doubles(room, h->n_events + h->n_branches + h->n_quantities);
-        start->news = cotree_take_doubles(room, h->n_jumps);
+        start->looked_at = cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
+        start->news = cotree_arena_reals(arena, h->n_jumps);
     }
 }
 
@@ -320,11 +320,11 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
 
 /* Prepares a start for a call; while there is no memory, counts what it needs. */
 static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start *start,
-                   cotree_room *room)
+                   cotree_arena *arena)
 {
-    cotree_real *const u = cotree_take_doubles(room, call->model->n_inputs + 1);
-    cotree_run_init(run, call->model, call->p, call->k, u, call->has_sensitivities, room);
-    cotree_start_init(start, run, call->tables, room);
+    cotree_real *const u = cotree_arena_reals(arena, call->model->n_inputs + 1);
+    cotree_run_init(run, call->model, call->p, call->k, u, call->has_sensitivities, arena);
+    cotree_start_init(start, run, call->tables, arena);
     run->n_replaced = call->n_replaced;
     run->replaced = call->replaced;
     start->guess = call->guess;
@@ -345,23 +345,23 @@ int cotree_start_once(cotree_start_call *call)
     static const cotree_start no_start;
     cotree_run run = no_run;
     cotree_start start = no_start;
-    cotree_room room = {NULL, 0};
+    cotree_arena arena = {NULL, 0};
     int status;
-    set_up(call, &run, &start, &room);
+    set_up(call, &run, &start, &arena);
     if (is_plain(&start)) {
         status = write_states(&start, call->z);
         if (status == 0 && call->has_sensitivities)
             status = write_sensitivities(&start, call->z + call->model->n_states);
         return status == 0 ? check_finite(&start, call->z) : status;
     }
-    room.base = (char *)calloc(1, room.used);
-    if (room.base == NULL) return COTREE_START_NO_MEMORY;
-    room.used = 0;
-    set_up(call, &run, &start, &room);
+    arena.base = (char *)calloc(1, arena.used);
+    if (arena.base == NULL) return COTREE_START_NO_MEMORY;
+    arena.used = 0;
+    set_up(call, &run, &start, &arena);
     status = cotree_start_find(&start, call->t, call->z);
     call->culprit = cotree_start_culprit(&start, status);
     call->is_chosen = start.is_chosen;
-    free(room.base);
+    free(arena.base);
     return status;
 }
 

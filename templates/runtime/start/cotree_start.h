@@ -5,7 +5,7 @@
  * constraints, then algebraic unknowns from their equations, and modes of jumps inside expressions
  * from what these look at. Sensitivities are the derivatives of all this.
  *
- *     cotree_start_init(&start, &run, &tables, &room);   (twice: see cotree_run.h)
+ *     cotree_start_init(&start, &run, &tables, &arena);   (twice: see cotree_run.h)
  *     cotree_start_find(&start, t, z);                   (z: n_full of the run)
  */
 #ifndef COTREE_START_H
@@ -67,7 +67,7 @@ typedef struct cotree_start {
 } cotree_start;
 
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
-                       cotree_room *room);
+                       cotree_arena *arena);
 
 /* Writes the states and the run's sensitivities at the start; prepared values are those of run->k.
  */

@@ -270,33 +270,33 @@ static int solve_algebraic(const cotree_real *g, cotree_real *step, void *contex
 #endif
 
 void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton *newton,
-                       cotree_room *room)
+                       cotree_arena *arena)
 {
     const int n = run->model->n_states, n_dense = n <= COTREE_STIFF_DENSE ? n : 0;
     stiff->run = run;
     stiff->newton = newton;
     stiff->n_exchanged = 0;
-    stiff->linear = cotree_take_doubles(room, run->model->n_nonzeros);
+    stiff->linear = cotree_arena_reals(arena, run->model->n_nonzeros);
     stiff->values = stiff->linear;
-    stiff->carried = cotree_take_doubles(room, newton->n_carried);
-    stiff->couplings = cotree_take_doubles(room, newton->n_couplings);
-    stiff->factors = cotree_take_doubles(room, newton->n_factors);
-    stiff->work = cotree_take_doubles(room, COTREE_NEWTON_BLOCKS * n);
-    stiff->given = cotree_take_doubles(room, n);
-    stiff->residual = cotree_take_doubles(room, n);
-    stiff->right = cotree_take_doubles(room, n);
+    stiff->carried = cotree_arena_reals(arena, newton->n_carried);
+    stiff->couplings = cotree_arena_reals(arena, newton->n_couplings);
+    stiff->factors = cotree_arena_reals(arena, newton->n_factors);
+    stiff->work = cotree_arena_reals(arena, COTREE_NEWTON_BLOCKS * n);
+    stiff->given = cotree_arena_reals(arena, n);
+    stiff->residual = cotree_arena_reals(arena, n);
+    stiff->right = cotree_arena_reals(arena, n);
     stiff->dense =
-        cotree_lu_of(n_dense, n_dense, n_dense, cotree_take_doubles(room, n_dense * n_dense),
-                     cotree_take_ints(room, n_dense));
+        cotree_lu_of(n_dense, n_dense, n_dense, cotree_arena_reals(arena, n_dense * n_dense),
+                     cotree_arena_ints(arena, n_dense));
     stiff->zero_sensitivities = NULL;
     if (run->n_blocks == 1 && n_reached(run->model) > 0) {
         const int n_zeros = n_reached(run->model), n_all = 2 * n_zeros + n;
         int i;
-        stiff->zero_sensitivities = cotree_take_doubles(room, n_all);
-        for (i = 0; room->base != NULL && i < n_zeros; ++i)
+        stiff->zero_sensitivities = cotree_arena_reals(arena, n_all);
+        for (i = 0; arena->base != NULL && i < n_zeros; ++i)
             stiff->zero_sensitivities[i] = COTREE_F(0.0);
     }
-    stiff->algebraic = cotree_take_ints(room, run->model->n_algebraic * run->n_blocks);
+    stiff->algebraic = cotree_arena_ints(arena, run->model->n_algebraic * run->n_blocks);
     if (stiff->algebraic != NULL) list_algebraic(stiff);
 #if COTREE_HAS_ALGEBRAIC
     run->elimination.linearise = linearise_algebraic;

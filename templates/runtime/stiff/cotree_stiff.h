@@ -7,7 +7,7 @@
  * unknowns. A projection after each step solves the algebraic equations.
  *
  *     cotree_stiff stiff;
- *     cotree_stiff_init(&stiff, &run, newton, &room);          (after cotree_run_init)
+ *     cotree_stiff_init(&stiff, &run, newton, &arena);          (after cotree_run_init)
  *     ... a method with cotree_stiff_equation(&stiff), and d.project = cotree_stiff_project
  *     cotree_stiff_complete(&stiff, t, z);                     (run.full: with exact unknowns) */
 #ifndef COTREE_STIFF_H
@@ -43,7 +43,7 @@ typedef struct cotree_stiff {
 } cotree_stiff;
 
 void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton *newton,
-                       cotree_room *room);
+                       cotree_arena *arena);
 
 /* Return the equation for an integrator; its context is the structure. */
 cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff);

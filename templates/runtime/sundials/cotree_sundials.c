@@ -34,42 +34,42 @@ static void list_blocks(const cotree_job *job)
     }
 }
 
-static double *allocate(cotree_room *room, size_t n)
+static double *allocate(cotree_arena *arena, size_t n)
 {
-    return (double *)cotree_take(room, n * sizeof(double), NULL);
+    return (double *)cotree_arena_alloc(arena, n * sizeof(double), NULL);
 }
 
-static void lay_out(cotree_job *job, cotree_engine *e, cotree_room *room)
+static void lay_out(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 {
     const cotree_sundials_aid *const aid = (const cotree_sundials_aid *)job->aid;
     const int n_states = BLOCK(job->model), has_sensitivities = job->has_sensitivities;
-    cotree_bdf spare, *const c = (cotree_bdf *)cotree_take(room, sizeof(spare), &spare);
+    cotree_bdf spare, *const c = (cotree_bdf *)cotree_arena_alloc(arena, sizeof(spare), &spare);
     int i;
     memset(c, 0, sizeof(*c));
     e->own = c;
     e->run = e->of_states = e->watched =
-        cotree_job_begin_run(job, &e->runs[0], has_sensitivities, room);
-    if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, room);
+        cotree_job_begin_run(job, &e->runs[0], has_sensitivities, arena);
+    if (has_sensitivities) e->of_states = cotree_job_begin_run(job, &e->runs[1], 0, arena);
     /* New values of events may violate the constraints: their run projects. */
     if (job->model->hybrid != NULL) {
-        e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, room);
+        e->watched = cotree_job_begin_run(job, &e->runs[2], has_sensitivities, arena);
     }
     c->aid = aid;
     c->sundials = aid->sundials;
-    for (i = 0; i < N_VECTORS; ++i) c->vectors[i] = cotree_take_doubles(room, job->n);
-    c->ordered = cotree_take_doubles(room, n_states);
-    c->jacobian = allocate(room, entries_of_jacobian(job->model));
-    c->trial = allocate(room, entries_of_jacobian(job->model));
-    c->entries = allocate(room, cotree_lu_doubles(n_states, aid->lower, aid->upper));
+    for (i = 0; i < N_VECTORS; ++i) c->vectors[i] = cotree_arena_reals(arena, job->n);
+    c->ordered = cotree_arena_reals(arena, n_states);
+    c->jacobian = allocate(arena, entries_of_jacobian(job->model));
+    c->trial = allocate(arena, entries_of_jacobian(job->model));
+    c->entries = allocate(arena, cotree_lu_doubles(n_states, aid->lower, aid->upper));
     c->matrix = cotree_lu_of(n_states, aid->lower, aid->upper, c->entries,
-                             cotree_take_ints(room, n_states));
-    c->rows = cotree_take_ints(room, job->n);
-    c->firsts = cotree_take_ints(room, n_blocks_of(job) + 1);
+                             cotree_arena_ints(arena, n_states));
+    c->rows = cotree_arena_ints(arena, job->n);
+    c->firsts = cotree_arena_ints(arena, n_blocks_of(job) + 1);
 #if COTREE_SENSITIVITIES
     {
         const size_t n = (size_t)N_KINDS * (size_t)job->model->n_sensitivities;
-        c->apart = allocate(room, n * (size_t)n_states);
-        c->pointers = (void **)cotree_take(room, n * sizeof(void *), NULL);
+        c->apart = allocate(arena, n * (size_t)n_states);
+        c->pointers = (void **)cotree_arena_alloc(arena, n * sizeof(void *), NULL);
         for (i = 0; (size_t)i < n && c->pointers != NULL; ++i) c->pointers[i] = NULL;
     }
 #endif

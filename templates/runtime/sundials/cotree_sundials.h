@@ -29,10 +29,10 @@ typedef int (*cotree_sundials_residual)(double t, void *y, void *dy, void *left,
 #if COTREE_SENSITIVITIES
 /* The same for all sensitivities, one vector each. */
 typedef int (*cotree_sundials_sensitivity_rate)(int n, double t, void *y, void *dy, void **s,
-                                                void **ds, void *data, void *room, void *more);
+                                                void **ds, void *data, void *work, void *more);
 typedef int (*cotree_sundials_sensitivity_residual)(int n, double t, void *y, void *dy, void *left,
                                                     void **s, void **ds, void **lefts, void *data,
-                                                    void *room, void *more, void *most);
+                                                    void *work, void *more, void *most);
 #endif
 
 /* Functions of the library by name. */

@@ -162,12 +162,12 @@ static int follower_solve(void *solver, void *start, void *correction, void *wei
 #if !COTREE_IDA
 /* Compute the rates of all sensitivities, together with those of the states. */
 static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, void **ds, void *data,
-                            void *room, void *more)
+                            void *work, void *more)
 {
     cotree_job *const job = (cotree_job *)data;
     double *const z = vector_of(job, MOVED);
     int status;
-    (void)n, (void)dy, (void)room, (void)more;
+    (void)n, (void)dy, (void)work, (void)more;
     copy_block(job, bdf_of(job)->sundials->N_VGetArrayPointer(y), z);
     gather(job, s, 1, z);
     status = cotree_bdf_evaluate(job, all_of(job), clock_at(job, since), z, vector_of(job, RATES));
@@ -177,10 +177,10 @@ static int sensitivity_rate(int n, double since, void *y, void *dy, void **s, vo
 #else
 /* Not called: the nonlinear solver evaluates the residuals. */
 static int sensitivity_residual(int n, double t, void *y, void *dy, void *left, void **s, void **ds,
-                                void **lefts, void *data, void *room, void *more, void *most)
+                                void **lefts, void *data, void *work, void *more, void *most)
 {
     (void)n, (void)t, (void)y, (void)dy, (void)left, (void)s, (void)ds, (void)lefts, (void)data;
-    (void)room, (void)more, (void)most;
+    (void)work, (void)more, (void)most;
     return RATES_FAIL;
 }
 #endif
