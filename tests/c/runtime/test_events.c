@@ -1,5 +1,6 @@
 /* test_events.c: zeros of a cubic that lie within one step are located, and the last one ends the
  * run. */
+#include "cotree_dopri5.h"
 #include "cotree_events.h"
 #include "cotree_job.h"
 

@@ -1,5 +1,6 @@
 /* test_job.c: a job through breakpoints of an input, with wanted points, some steps at a time. */
 #include "cotree_breakpoints.h"
+#include "cotree_dopri5.h"
 #include "cotree_job.h"
 
 #include "check.h"
