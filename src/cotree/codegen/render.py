@@ -44,8 +44,7 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         The type of numbers. Templates of C write ``{{ real }}`` for the type, ``{{ f }}`` behind
         each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
         in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
-        empty and the others are what they are called. Functions that only their own file calls
-        begin with ``{{ static }}``.
+        empty and the others are what they are called.
     is_html : bool
         Whether texts are HTML.
     """
@@ -70,7 +69,6 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         "DBL": target.limits,
         "HUGE_VAL": target.infinity,
         "strtod": target.reader,
-        "static": target.static,
         "share": target.share,
         "extreme": target.extreme,
     }

@@ -39,8 +39,6 @@ class Target:
         What ``math.h`` calls a positive infinity of the type.
     reader : str
         Function of the C library that reads a number from text.
-    static : str
-        Qualifier of a function that only its own file calls.
     function : str
         Qualifiers and result of a function that is part of another.
     name : str
@@ -76,7 +74,6 @@ class Target:
     limits: str = "DBL"
     infinity: str = "HUGE_VAL"
     reader: str = "strtod"
-    static: str = "static"
     function: str = "COTREE_APART static void"
     name: str = "{}"
     aligned: str = "COTREE_ALIGNED "
