@@ -75,15 +75,15 @@ static void check_solution(cotree_run *run, double z, double guess)
 int main(void)
 {
     cotree_model model = cubic();
-    cotree_room room = {NULL, 0};
+    cotree_arena arena = {NULL, 0};
     cotree_run run;
     void *memory;
     double w[1] = {2.0};
-    cotree_run_init(&run, &model, NULL, NULL, NULL, 0, &room);
-    memory = malloc(room.used);
-    room.base = (char *)memory;
-    room.used = 0;
-    cotree_run_init(&run, &model, NULL, NULL, NULL, 0, &room);
+    cotree_run_init(&run, &model, NULL, NULL, NULL, 0, &arena);
+    memory = malloc(arena.used);
+    arena.base = (char *)memory;
+    arena.used = 0;
+    cotree_run_init(&run, &model, NULL, NULL, NULL, 0, &arena);
     CHECK(run.n == 1);
     check_solution(&run, 0.5, 0.5);
     check_solution(&run, 0.5, 0.4);

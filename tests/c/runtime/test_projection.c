@@ -49,15 +49,15 @@ static cotree_model circle(void)
 /* Makes a run in memory of just the size that was counted. */
 static void *begin(cotree_run *run, const cotree_model *model)
 {
-    cotree_room room = {NULL, 0};
+    cotree_arena arena = {NULL, 0};
     size_t counted;
-    cotree_run_init(run, model, NULL, NULL, NULL, 0, &room);
-    counted = room.used;
-    room.base = (char *)malloc(counted);
-    room.used = 0;
-    cotree_run_init(run, model, NULL, NULL, NULL, 0, &room);
-    CHECK(room.used == counted);
-    return room.base;
+    cotree_run_init(run, model, NULL, NULL, NULL, 0, &arena);
+    counted = arena.used;
+    arena.base = (char *)malloc(counted);
+    arena.used = 0;
+    cotree_run_init(run, model, NULL, NULL, NULL, 0, &arena);
+    CHECK(arena.used == counted);
+    return arena.base;
 }
 
 static void check_point(cotree_run *run, double x, double y, double vx, double vy)
