@@ -1,12 +1,11 @@
-/* cotree_breakpoints.c: times at which functions of time have a kink or a step.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_breakpoints.c: time events: times at which functions of time have a kink or a step.
+ * Part of the runtime of cotree, the same for every model. */
 #include "cotree_breakpoints.h"
 
-/* A few roundings of a time. */
+/* A few roundings of a time, relative. */
 #define SLACK (COTREE_F(16.0) * COTREE_EPSILON)
 
-/* The row of one breakpoint. */
+/* Return the row of one breakpoint. */
 static const cotree_real *row_of(const cotree_breakpoints *breakpoints, int i)
 {
     return breakpoints->rows + i * (3 + 2 * breakpoints->n_sensitivities);
@@ -16,7 +15,7 @@ cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree
                                    cotree_real t_end)
 {
     const cotree_real ahead = t_end > t ? COTREE_F(1.0) : -COTREE_F(1.0);
-    /* So that neither t itself nor the end is found. */
+    /* Excludes t itself, and the end. */
     const cotree_real slack = SLACK * COTREE_FABS(t), last = COTREE_FABS(t_end) <= COTREE_MAX
                                                                  ? SLACK * COTREE_FABS(t_end)
                                                                  : COTREE_F(0.0);
@@ -52,7 +51,7 @@ cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cot
     return largest;
 }
 
-/* Returns whether a row has a breakpoint at t; *k is the number of periods since its first one. */
+/* Return whether a row has a breakpoint at t; *k is the number of periods since its first one. */
 static int is_at(const cotree_real *row, cotree_real t, cotree_real *k)
 {
     *k = COTREE_F(0.0);

@@ -1,6 +1,5 @@
-/* cotree_breakpoints.h: times at which functions of time have a kink or a step.
- * Part of the runtime of cotree, the same for every model.
- */
+/* cotree_breakpoints.h: time events: times at which functions of time have a kink or a step.
+ * Part of the runtime of cotree, the same for every model. */
 #ifndef COTREE_BREAKPOINTS_H
 #define COTREE_BREAKPOINTS_H
 
@@ -19,20 +18,20 @@ typedef struct cotree_breakpoints {
     const cotree_real *rows;
 } cotree_breakpoints;
 
-/* Returns the next breakpoint after t towards t_end, or t_end. */
+/* Return the next breakpoint after t towards t_end, or t_end. */
 cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t,
                                    cotree_real t_end);
 
-/* Returns the largest magnitude among t_end and the times that later breakpoints are computed from:
- * breakpoints are known up to its rounding. */
+/* Return the largest magnitude among t_end and the times from which later breakpoints are
+ * computed: breakpoints have its rounding. */
 cotree_real cotree_largest_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t_end);
 
-/* Returns whether t is a breakpoint. */
+/* Return whether t is a breakpoint. */
 int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t);
 
-/* Writes the derivatives of a breakpoint by the parameters to slopes, and to spreads by how much
- * those of rows that meet there differ. At the start of a run, which does not move, the derivative
- * is zero and the rows differ from that. */
+/* Compute slopes, the derivatives of a breakpoint by the parameters, and spreads, the largest
+ * differences among the rows that coincide there. The start of a run is fixed: its derivatives
+ * are zero, and spreads are the differences from zero. */
 void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 

@@ -47,12 +47,12 @@ static void copy_prepared(cotree_job *job, cotree_arena *arena)
     const int n = job->model->n_prepared;
     cotree_real *own;
     int i;
-    job->pieces = NULL;
+    job->own_k = NULL;
     if (!has_events(job) || job->model->hybrid->n_branches == 0) return;
     own = cotree_arena_reals(arena, n);
     if (arena->base == NULL) return;
     for (i = 0; i < n; ++i) own[i] = job->k[i];
-    job->pieces = own;
+    job->own_k = own;
 }
 
 static int interpolate(cotree_real t, cotree_real *w, void *context);
@@ -65,8 +65,8 @@ static void init_events(cotree_job *job, cotree_engine *e, cotree_arena *arena)
     cotree_events_init(&e->events, e->watched, job->n, span, job->rtol, job->atols, job->atol,
                        interpolate, job, arena);
     e->events.records = job->records;
-    if (job->pieces != NULL) {
-        e->events.branches = job->pieces + job->model->n_prepared - job->model->hybrid->n_branches;
+    if (job->own_k != NULL) {
+        e->events.branches = job->own_k + job->model->n_prepared - job->model->hybrid->n_branches;
     }
     job->has_fired = e->events.has_fired;
 }

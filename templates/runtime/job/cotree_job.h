@@ -107,8 +107,8 @@ typedef struct cotree_job {
      * states or inputs may have changed there. */
     cotree_real *watched;
     int is_continued, is_changed;
-    cotree_real span;    /* of the whole run, if the job is a part of it; 0: that of its corners */
-    cotree_real *pieces; /* own copy of k with the branches that steps hold; NULL: not needed */
+    cotree_real span;   /* of the whole run, if the job is a part of it; 0: that of its corners */
+    cotree_real *own_k; /* own copy of k with the branches that steps hold; NULL: not needed */
 #endif
     void *memory; /* cotree_job_memory(...) bytes */
     /* Explicit methods: is_waiting: the job returns if the problem is stiff and worth another

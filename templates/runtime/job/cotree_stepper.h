@@ -79,7 +79,7 @@ static inline cotree_engine *cotree_engine_of(const cotree_job *job)
 static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
 {
 #if COTREE_HAS_EVENTS
-    if (job->pieces != NULL) return job->pieces;
+    if (job->own_k != NULL) return job->own_k;
 #endif
     return job->k;
 }
