@@ -9,10 +9,12 @@ from constrained_scenes import winch
 
 import cotree
 from cotree import Scene
-from cotree.ensemble.batch import run_block
+from cotree.ensemble.batch import pattern_of, run_block
+from cotree.ensemble.block_in_c import BlockInC
 from cotree.ensemble.one_by_one import run_one_by_one
 from cotree.ensemble.pattern import Pattern, find_pattern
 from cotree.ensemble.plan import Plan
+from cotree.ensemble.worker import Worker
 from cotree.solvers.settings import Settings
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -23,12 +25,12 @@ def plan_of(model, columns, method, **settings):
     return Plan(model, Settings(method=method, **settings), tuple(columns), model.outputs)
 
 
-def check(model, columns, method, **settings):
+def check(model, columns, method, *, is_searched=False, **settings):
     """Compare a block in two threads with runs one by one, and a part of it with the whole."""
     rows, plan = rows_of(model, 3, columns), plan_of(model, columns, method, **settings)
     pattern = find_pattern(plan)
     assert isinstance(pattern, Pattern)  # it runs in C
-    assert pattern.is_searched
+    assert pattern.is_searched == is_searched
     block = run_block(plan, rows, threads=2)
     assert (block.status == 0).all(), block.messages
     assert_same(block, run_one_by_one(plan, rows))
@@ -53,12 +55,38 @@ def pendulum():
 @pytest.mark.parametrize("method", ["dop853", "cvode", "ida"])
 def test_algebraic_unknowns(rectifier, method):
     times = np.linspace(0.0, 0.02, 9)
-    check(rectifier, ("V", "f"), method, t_span=(0.0, 0.02), t_eval=times)
+    settings = {"t_span": (0.0, 0.02), "t_eval": times}
+    check(rectifier, ("V",), method, **settings)
+    # The frequency moves corners, which Python lists for each member.
+    check(rectifier, ("V", "f"), method, is_searched=True, **settings)
 
 
 @pytest.mark.parametrize("method", ["dop853", "rodas5", "cvode"])
 def test_constraints(pendulum, method):
     check(pendulum, ("m", "p.x_dot"), method)
+
+
+@pytest.mark.parametrize("wanted", [[], ["L"]])
+def test_members_of_a_closed_loop_never_ask_python(monkeypatch, wanted):
+    """Each member has another length of a bar, and another start."""
+    model = cotree.load("motor-linkage").compile(wanted)
+    plan, rows = plan_of(model, ("L",), "dop853"), np.linspace(0.33, 0.37, 5)[:, None]
+    expected = run_one_by_one(plan, rows)
+    pattern_of(plan)  # which all members share
+
+    def refuse(*_):
+        raise AssertionError
+
+    for name in ("_give", "_answer", "_problem"):
+        monkeypatch.setattr(Worker, name, refuse)
+    monkeypatch.setattr(BlockInC, "run_alone", refuse)
+    monkeypatch.setattr("cotree.solvers.prepare.find_start", refuse)
+    block = run_block(plan, rows, threads=2)
+    assert (block.status == 0).all(), block.messages
+    assert_same(block, expected)
+    starts = [model.start(p=model.parameter_array({"L": length})).z for length in rows[:, 0]]
+    # The first point is projected: a few roundings of angles and of their derivatives.
+    np.testing.assert_allclose(block.z[:, 0], starts, rtol=1e-14, atol=1e-14)
 
 
 def test_a_member_without_a_start_says_why(pendulum):
@@ -79,7 +107,7 @@ def test_corners_that_members_move():
     scene.output("v", "C.v")
     model = scene.compile(["d"])
     # Charged from d on: v = 2 (1 - exp(d - t)), dv/dd = -2 exp(d - t). Errors are those of 1e-6.
-    block = check(model, ("d",), "dop853")
+    block = check(model, ("d",), "dop853", is_searched=True)
     d = rows_of(model, 3, ("d",))
     expected = np.where(d < TIMES, 2.0 - 2.0 * np.exp(d - TIMES), 0.0)
     np.testing.assert_allclose(block.outputs[:, :, 0], expected, atol=1e-5)
@@ -94,13 +122,19 @@ def test_a_network_at_its_operating_point():
     scene.edge("C", "capacitor", "b", "ground", capacitance=0.5)
     scene.output("v", "C.v")
     scene.simulation(start="operating point")
-    check(scene.compile(["R"]), ("R",), "rodas5")
+    check(scene.compile(["R"]), ("R",), "rodas5", is_searched=True)
 
 
 def test_inputs_that_are_functions_of_python():
     model = cotree.load("cart-pole").compile()
     names = (*model.parameters[:1], "hinge.theta")
-    check(model, names, "dop853", inputs={model.inputs[0]: lambda t: 3.0 * np.sin(t)})
+    check(
+        model,
+        names,
+        "dop853",
+        is_searched=True,
+        inputs={model.inputs[0]: lambda t: 3.0 * np.sin(t)},
+    )
 
 
 def test_a_function_that_fails_says_so():

@@ -138,8 +138,8 @@ def test_constraints_add_a_start_and_a_projection(
         (write(p, tmp_path / p.layout.name).directory / "main.c").read_text()
         for p in (program, constrained)
     )
-    assert "cotree_start_find(" not in free
-    assert "cotree_start_find(" in held
+    assert "cotree_start_once(" not in free
+    assert "cotree_start_once(" in held
     assert "spring_mass_damper_initial(" in free
     assert "swing_initial(" not in held
 

@@ -197,7 +197,14 @@ def batch_files() -> Mapping[str, str]:
 
 def batch_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of a batch that cffi reads."""
-    headers = ("cotree_abi.h", "cotree_run.h", "cotree_job.h", "cotree_batch.h")
+    headers = (
+        "cotree_abi.h",
+        "cotree_run.h",
+        "cotree_start_tables.h",
+        "cotree_start.h",
+        "cotree_job.h",
+        "cotree_batch.h",
+    )
     return declarations(files, headers) + (
         "int cotree_batch_work(cotree_worker *);\n"
         "void cotree_batch_close(cotree_worker *);\n"

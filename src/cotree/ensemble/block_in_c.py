@@ -21,6 +21,7 @@ from cotree.sharing import made_once
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
+from cotree.solvers.prepare import prepared
 from cotree.solvers.project import Projection
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.timely import is_fine, timely
@@ -168,6 +169,11 @@ class BlockInC:
             for member in np.flatnonzero(is_late).tolist():
                 self.run_alone(member)
             is_done &= ~is_late
+        if self.pattern.problem.project is not None and not self.pattern.is_searched:
+            for member in np.flatnonzero(is_done).tolist():
+                if not self._is_held(member):
+                    self.run_alone(member)
+                    is_done[member] = False
         results.succeed(is_done)
         for worker in workers:
             rows = worker.happened()
@@ -175,6 +181,21 @@ class BlockInC:
                 continue
             results.add_happened(rows[is_done[rows[:, 0].astype(np.intp)]])
         return results.block()
+
+    def _is_held(self, member: int) -> bool:
+        """Tell whether constraints held a member that is done, as :meth:`check` does."""
+        pattern, plan = self.pattern, self.pattern.plan
+        problem, n = pattern.problem, self.n_kept[member]
+        is_exact = problem.n_sensitivities > 0 and bool(plan.outputs)
+        t, z = np.asarray(plan.settings.t_eval, dtype=float)[:n], self.results.z[member, :n].T
+        work = Statistics(pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
+        run = Trajectory(t, z, 0, "", work, Drift((), np.zeros((0, n)), self.corrections[member]))
+        redundant = 0
+        if is_exact or held(problem, run, 1).status != 0:
+            settings = replace(plan.settings, sensitivities=plan.has_sensitivities)
+            p = own_values(pattern, self.rows[member : member + 1]).p[0]
+            redundant = redundancy(plan.model, prepared(plan.model, settings).projection(p), run)
+        return held(problem, run, redundant).status == 0 and not (is_exact and redundant)
 
     def takes_back(self) -> bool:
         """Let members that lanes have left be run one at a time; tell whether there are any."""
@@ -218,7 +239,21 @@ class BlockInC:
         c.now = lib.cotree_batch_now
         if isinstance(self.lanes, LoadedLanes):
             c.lanes = ffi.cast(ffi.typeof(c.lanes), self.lanes.work)
+        self._set_start()
         self._set_given()
+
+    def _set_start(self) -> None:
+        """Fill in what finds the starts of members."""
+        starts, ffi, problem = self.pattern.starts, self.library.ffi, self.pattern.problem
+        if starts is None:
+            return
+        c, self._starts = self.batch, starts
+        c.start_tables = ffi.cast("cotree_start_tables *", starts.address)
+        c.find_start = ffi.cast(ffi.typeof(c.find_start), starts.function)
+        if problem.singular is not None:
+            # As a run by itself does, see Job.begin and refusal.
+            is_own = self.pattern.row.family == "cotree" and self.pattern.row.implicit
+            c.if_dependent = 2 if is_own else int(self.pattern.newton is None)
 
     def _set_given(self) -> None:
         """Fill in the inputs in place of the scene's, at the wanted times."""
@@ -237,7 +272,7 @@ class BlockInC:
         c, own = self.batch, own_values(self.pattern, self.rows)
         c.n_members, c.n_set = len(self.rows), len(own.states)
         c.p, c.set_values = self.pointer(own.p), self.pointer(own.values)
-        c.set, c.set_by = self.pointer(own.states, "int"), self.pointer(own.by, "int")
+        c.set = self.pointer(own.states, "int")
         atols, turns = tolerances(self.pattern, own.p)
         if atols is not None:
             c.atols = self.pointer(atols)

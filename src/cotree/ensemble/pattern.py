@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Plan
     from cotree.model.newton import Newton
     from cotree.model.signals import ReplacedInputs
+    from cotree.model.start_in_c import StartInC
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
@@ -52,9 +53,11 @@ class Pattern:
         A job that has not begun.
     signals : ReplacedInputs
         Inputs in place of the scene's.
+    starts : StartInC or None
+        What finds the starts of members in C.
     is_searched : bool
-        Whether each member is prepared in Python: its start is searched for, or it has corners of
-        its own.
+        Whether each member is prepared in Python: C cannot find its start, or it has corners of its
+        own.
     is_timed : bool
         Whether rates depend on time, so that its rounding may decide a run.
     is_watched : bool
@@ -68,6 +71,7 @@ class Pattern:
     newton: Newton | None
     job: Job
     signals: ReplacedInputs
+    starts: StartInC | None
     is_searched: bool
     is_timed: bool
     is_watched: bool
@@ -141,6 +145,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
     if why:
         return why
     read = symbols_in(plan.model._program.kernels["rhs"].results)
+    starts = prepared(plan.model, plan.settings).model.start_in_c
     return Pattern(
         plan,
         row,
@@ -149,7 +154,8 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
         newton,
         job,
         read_signals(plan.settings.inputs, plan.model.inputs),
-        is_searched=_is_searched(plan, problem),
+        starts=starts,
+        is_searched=starts is None or _is_searched(plan, problem),
         is_timed=any(node.data[0] in (TIME, INPUT) for node in read),
         is_watched=is_watched,
     )
@@ -157,10 +163,8 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
     """Tell whether each member is prepared in Python."""
-    model, layout = plan.model, plan.model.layout
-    if layout.constraints or layout.start_rows or layout.n_algebraic or layout.redundant:
-        return True
-    if layout.followers or model.begins_at_rest or any(row.is_jump for row in layout.events):
+    # Sensitivities do not exist where an expression jumps right at the start.
+    if problem.n_sensitivities and any(row.is_jump for row in plan.model.layout.events):
         return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True

@@ -32,8 +32,6 @@ class Own:
         States whose initial values are set.
     values : ndarray, shape (n_members, n_set)
         These values.
-    by : ndarray of int, shape (n_set,)
-        The parameter of sensitivity that each of these values is, or -1.
     is_refused : ndarray of bool, shape (n_members,)
         Members with values that are not finite.
     """
@@ -41,7 +39,6 @@ class Own:
     p: FloatArray
     states: npt.NDArray[np.intc]
     values: FloatArray
-    by: npt.NDArray[np.intc]
     is_refused: npt.NDArray[np.bool_]
 
 
@@ -64,12 +61,10 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
             columns.append(j)
             places.append(model.parameters.index(name))
     p[:, places] = rows[:, columns]
-    wanted = model.sensitivities
     return Own(
         p,
         np.array([model.states.index(name) for name in initial], dtype=np.intc),
         np.array(list(initial.values())).reshape(len(initial), len(rows)).T.copy(),
-        np.array([wanted.index(name) if name in wanted else -1 for name in initial], np.intc),
         np.logical_not(np.isfinite(rows).all(axis=1)),
     )
 

@@ -50,12 +50,20 @@ class StartInC:
     ----------
     tables : cdata
         The model's ``cotree_start_tables``.
+    address, function : int
+        Addresses of these and of ``cotree_start_once``.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
         self._ffi, self._lib = library.ffi, library.lib
         self._kept: list[Any] = [library]
         self.tables = self._filled(start_tables(model.layout))
+        self.address = int(self._ffi.cast("uintptr_t", self.tables))
+        self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
+
+    def _function(self, library: LoadedLibrary) -> Any:
+        kind = "int (*)(cotree_start_call *)"
+        return library.ffi.cast(kind, library.ffi.addressof(library.lib, "cotree_start_once"))
 
     def find(self, at: Moment, initial: Mapping[str, float]) -> Start | None:
         """Find the start of a run; None where Python has to, see :func:`find_start`.

@@ -203,6 +203,11 @@ class Preparation:
             problem.events.check_start(t_span[0], z0)
         return Run(problem, p, u, start, projection)
 
+    def projection(self, p: FloatArray) -> Projection | None:
+        """Return the projection of a run onto its constraints; None where nothing is projected."""
+        u = _input_function(self.model, p, self._signals)
+        return Projection(self.model, p, u) if self._is_held else None
+
     def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
         if initial or not self.model.begins_alike:

@@ -53,38 +53,36 @@ int cotree_batch_most_threads(void)
 #endif
 }
 
-/* Write the model's own initial values, and those set in their place. */
-static int write_start(const cotree_batch *batch, int member, const double *k, double *z)
+/* Prepare values and find the start of a member. */
+static int prepare_member(const cotree_batch *batch, int member, double *k, double *z,
+                          int *is_dependent)
 {
+    static const cotree_start_call none;
     const cotree_job *const pattern = batch->pattern;
     const cotree_model *const model = pattern->model;
-    const int n = model->n_states;
-    const int m = pattern->has_sensitivities ? model->n_sensitivities : 0;
-    const double *const p = batch->p + (size_t)member * (size_t)model->n_parameters;
-    const double *const values = batch->set_values + (size_t)member * (size_t)batch->n_set;
-    int i, j, status = model->initial(p, k, z);
-    if (status == 0 && m > 0) status = model->initial_sensitivity(p, k, z + n);
-    for (i = 0; i < batch->n_set && status == 0; ++i) {
-        const int state = batch->set[i];
-        z[state] = values[i];
-        /* A value that is set depends on itself only. */
-        for (j = 0; j < m; ++j) z[n + j * n + state] = j == batch->set_by[i] ? 1.0 : 0.0;
-    }
-    return status;
+    cotree_start_call call = none;
+    call.model = model;
+    call.tables = batch->start_tables;
+    call.p = batch->p + (size_t)member * (size_t)model->n_parameters;
+    call.k = k;
+    call.t = pattern->corners[0];
+    call.n_replaced = pattern->n_replaced;
+    call.replaced = pattern->replaced;
+    call.n_set = batch->n_set;
+    call.set = batch->set;
+    call.values = batch->set_values + (size_t)member * (size_t)batch->n_set;
+    call.has_sensitivities = pattern->has_sensitivities;
+    call.z = z;
+    if (model->prepare(call.p, k) != 0 || batch->find_start(&call) != 0)
+        return COTREE_MEMBER_REFUSED;
+    *is_dependent = call.is_dependent;
+    return call.is_dependent && batch->if_dependent == 2 ? COTREE_MEMBER_REFUSED : 0;
 }
 
 int cotree_batch_prepare(const cotree_batch *batch, int member, double *k, double *z)
 {
-    const cotree_model *const model = batch->pattern->model;
-    const double *const p = batch->p + (size_t)member * (size_t)model->n_parameters;
-    int i;
-    if (model->prepare(p, k) != 0 || write_start(batch, member, k, z) != 0) {
-        return COTREE_MEMBER_REFUSED;
-    }
-    for (i = 0; i < batch->n_full; ++i) {
-        if (!(fabs(z[i]) <= DBL_MAX)) return COTREE_MEMBER_REFUSED;
-    }
-    return 0;
+    int is_dependent = 0;
+    return prepare_member(batch, member, k, z, &is_dependent);
 }
 
 /* Set what differs between members in the job; the rest is that of the pattern. */
@@ -94,6 +92,7 @@ static int set_member_data(cotree_worker *w)
     const cotree_model *const model = batch->pattern->model;
     const size_t i = (size_t)w->member;
     cotree_job *const job = &w->job;
+    int is_dependent = 0, status;
     job->p = batch->p + i * (size_t)model->n_parameters;
     job->k = w->k;
     job->u = w->u;
@@ -102,7 +101,9 @@ static int set_member_data(cotree_worker *w)
     if (batch->turn_tolerances != NULL) {
         job->turn_tolerances = batch->turn_tolerances + i * (size_t)model->n_sensitivities;
     }
-    return cotree_batch_prepare(batch, w->member, w->k, w->z);
+    status = prepare_member(batch, w->member, w->k, w->z, &is_dependent);
+    if (batch->if_dependent == 1) job->is_strict = is_dependent;
+    return status;
 }
 
 /* Set up the job of the member at work. */

@@ -8,6 +8,7 @@
 #define COTREE_BATCH_H
 
 #include "cotree_job.h"
+#include "cotree_start.h"
 
 /* cotree: begin of the part that cffi reads */
 typedef struct cotree_batch cotree_batch;
@@ -28,12 +29,14 @@ struct cotree_batch {
      * member, since its start needs a search or it has time events of its own. */
     int n_members;
     int are_asked_for;
-    const double *p;          /* n_parameters each */
-    int n_set;                /* initial values set in place of the model's */
-    const int *set;           /* n_set: the states */
-    const double *set_values; /* n_set each */
-    const int *set_by;   /* n_set: the parameter of sensitivity that is this initial value, or -1 */
-    const double *atols; /* n each; NULL: the pattern's */
+    const cotree_start_tables *start_tables;
+    int (*find_start)(cotree_start_call *call);
+    int if_dependent; /* constraints at the start: 0 no matter, 1 job is_strict, 2 refused */
+    const double *p;  /* n_parameters each */
+    int n_set;        /* initial values set in place of the model's */
+    const int *set;   /* n_set: the states */
+    const double *set_values;      /* n_set each */
+    const double *atols;           /* n each; NULL: the pattern's */
     const double *turn_tolerances; /* n_sensitivities each; NULL: the pattern's */
     /* Inputs in place of the scene's, for outputs. */
     int n_given;

@@ -5,6 +5,10 @@
 
 #include <math.h>
 
+/* Steps of inverse iteration, each of which brings the smallest singular value out by the square of
+ * its ratio to the others. */
+#define MOST_INVERSE 40
+
 /* Each projection is applied twice, which makes the remainder orthogonal to rounding. */
 #define PASSES 2
 
@@ -104,4 +108,29 @@ void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real
         a->weights[k] = weight / a->upper[k * stride + k];
         for (i = 0; i < n; ++i) x[i] += a->weights[k] * a->basis[k * n + i];
     }
+}
+
+cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x)
+{
+    const int n = a->n_rows, stride = a->stride;
+    cotree_real size = COTREE_F(1.0);
+    int i, k, step;
+    if (a->rank < n) return COTREE_F(0.0);
+    for (i = 0; i < n; ++i) x[i] = COTREE_F(1.0) + COTREE_F(0.1) * (cotree_real)(i % 7);
+    for (step = 0; step < MOST_INVERSE; ++step) {
+        /* x / |x|, then R^-1 R^-T of it: singular values are those of R. */
+        size = COTREE_SQRT(product(x, x, n, 1));
+        for (k = 0; k < n; ++k) {
+            cotree_real sum = x[k] / size;
+            for (i = 0; i < k; ++i) sum -= a->upper[i * stride + k] * x[i];
+            x[k] = sum / a->upper[k * stride + k];
+        }
+        for (k = n - 1; k >= 0; --k) {
+            cotree_real sum = x[k];
+            for (i = k + 1; i < n; ++i) sum -= a->upper[k * stride + i] * x[i];
+            x[k] = sum / a->upper[k * stride + k];
+        }
+    }
+    size = COTREE_SQRT(product(x, x, n, 1));
+    return COTREE_F(1.0) / COTREE_SQRT(size);
 }

@@ -35,6 +35,10 @@ void cotree_least_init(cotree_least *a, int most_rows, int n_columns, cotree_are
  * to which the rank is relative, or 0. */
 int cotree_least_factorise(cotree_least *a, int n_rows, cotree_real size);
 
+/* Return the smallest singular value of the rows, 0 if they are dependent; x: n_rows numbers of
+ * work space. */
+cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x);
+
 /* Compute x, n_columns entries: the minimiser of |A x + b| of minimum norm. */
 void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x);
 

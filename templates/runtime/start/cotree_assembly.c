@@ -33,6 +33,12 @@
 #define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
+/* Constraints are nearly dependent where the smallest singular value of their gradients is below
+ * this share of what it is in other positions, or below LEAST_GAP. */
+#define NEARLY COTREE_F(0.1)
+#define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
+#define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
+
 #define MODEL (a->run->model)
 #define N_STATES (a->run->model->n_states)
 #define N_SENSITIVITIES (a->run->n_blocks - 1)
@@ -596,6 +602,70 @@ static cotree_real median_of(int n, const cotree_real *turned, const cotree_real
     return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
 }
 
+/* Writes to trial the position of a number, with all joints turned. */
+static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
+{
+    int i;
+    copy(N_STATES, x, a->trial);
+    for (i = 0; i < N_COORDINATES; ++i) {
+        if (!is_shift(a, i))
+            a->trial[i] += JOINT_ROTATION * pseudo_random(position * N_COORDINATES + i);
+    }
+    return cotree_assembly_normalise(a, a->trial);
+}
+
+/* The smallest singular value of the gradients of all constraints, the longest of each group as
+ * one. */
+static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x,
+                         cotree_real *smallest)
+{
+    const cotree_assembly_tables *const tables = a->tables;
+    cotree_real *const longest = a->parts;
+    cotree_real largest = COTREE_F(1.0);
+    int i, r, status = compute_gradients(a, t, x);
+    if (status != 0) return status;
+    for (i = 0; i < tables->n_groups; ++i) longest[i] = COTREE_F(0.0);
+    for (i = 0; i < tables->n_rows * N_SPEEDS; ++i)
+        largest = COTREE_FMAX(largest, COTREE_FABS(a->gradient[i]));
+    for (r = 0; r < tables->n_rows; ++r) {
+        const cotree_real *const gradient = a->gradient + r * N_SPEEDS;
+        cotree_real *const row = a->least.rows + r * N_SPEEDS;
+        cotree_real square = COTREE_F(0.0), plain = COTREE_F(0.0);
+        for (i = 0; i < N_SPEEDS; ++i) {
+            row[i] = gradient[i] * unit_of_speed(a, i);
+            square += row[i] * row[i];
+            plain += gradient[i] * gradient[i];
+        }
+        if (!(COTREE_SQRT(plain) > ROUNDED_ROW * largest)) {
+            for (i = 0; i < N_SPEEDS; ++i) row[i] = square = COTREE_F(0.0);
+        }
+        longest[tables->groups[r]] = COTREE_FMAX(longest[tables->groups[r]], COTREE_SQRT(square));
+    }
+    for (r = 0; r < tables->n_rows; ++r) {
+        const cotree_real unit = longest[tables->groups[r]];
+        for (i = 0; i < N_SPEEDS && unit > COTREE_F(0.0); ++i)
+            a->least.rows[r * N_SPEEDS + i] /= unit;
+    }
+    cotree_least_factorise(&a->least, tables->n_rows, COTREE_F(0.0));
+    *smallest = cotree_least_smallest(&a->least, a->values);
+    return 0;
+}
+
+int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x)
+{
+    cotree_real here, other, gap = LEAST_GAP;
+    int k, status;
+    if (a->tables->n_rows == 0) return 0;
+    status = cotree_assembly_measure(a, t, x);
+    if (status == 0) status = find_smallest(a, t, x, &here);
+    for (k = 0; k < POSITIONS && status == 0; ++k) {
+        status = turn_joints(a, x, k);
+        if (status == 0) status = find_smallest(a, t, a->trial, &other);
+        if (status == 0) gap = COTREE_FMAX(gap, NEARLY * other);
+    }
+    return status != 0 || here <= gap;
+}
+
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const int n = POSITIONS * a->tables->n_groups;
@@ -614,12 +684,7 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
         if (is_shift(a, i)) far = COTREE_FMAX(far, COTREE_FABS(x[i]));
     }
     for (k = 0; k < POSITIONS && status == 0; ++k) {
-        copy(N_STATES, x, a->trial);
-        for (i = 0; i < N_COORDINATES; ++i) {
-            if (!is_shift(a, i))
-                a->trial[i] += JOINT_ROTATION * pseudo_random(k * N_COORDINATES + i);
-        }
-        status = cotree_assembly_normalise(a, a->trial);
+        status = turn_joints(a, x, k);
         if (status == 0) status = compute_gradients(a, t, a->trial);
         if (status != 0) break;
         add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups);

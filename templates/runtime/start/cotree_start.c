@@ -104,7 +104,7 @@ static void mark_kept(cotree_start *start)
     if (start->tables->assembly == NULL) return;
     for (i = 0; i < N_STATES; ++i)
         start->assembly.is_kept[i] = start->tables->given[i] || start->is_set[i];
-    for (i = 0; i < MODEL->n_sensitivities; ++i) {
+    for (i = 0; i < N_SENSITIVITIES; ++i) {
         const int seed = start->tables->seeds[i];
         if (seed < 0) start->assembly.is_kept[-1 - seed] = 1;
     }
@@ -325,8 +325,10 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     cotree_real *const u = cotree_arena_reals(arena, call->model->n_inputs + 1);
     cotree_run_init(run, call->model, call->p, call->k, u, call->has_sensitivities, arena);
     cotree_start_init(start, run, call->tables, arena);
+#if COTREE_HAS_INPUTS
     run->n_replaced = call->n_replaced;
     run->replaced = call->replaced;
+#endif
     start->guess = call->guess;
     start->n_set = call->n_set;
     start->set = call->set;
@@ -361,6 +363,8 @@ int cotree_start_once(cotree_start_call *call)
     status = cotree_start_find(&start, call->t, call->z);
     call->culprit = cotree_start_culprit(&start, status);
     call->is_chosen = start.is_chosen;
+    call->is_dependent = status == 0 && call->tables->assembly != NULL &&
+                         cotree_assembly_is_dependent(&start.assembly, call->t, call->z);
     free(arena.base);
     return status;
 }

@@ -35,8 +35,10 @@ typedef struct cotree_start_call {
     const cotree_start_tables *tables;
     const cotree_real *p, *k; /* parameters, and what is prepared of them */
     cotree_real t;
+#if COTREE_HAS_INPUTS
     int n_replaced; /* inputs in place of the model's, but for constraints */
     const cotree_table_input *replaced;
+#endif
     const cotree_real *guess; /* as of a start */
     int n_set;
     const int *set;
@@ -45,6 +47,7 @@ typedef struct cotree_start_call {
     cotree_real *z;      /* result: states, then sensitivities */
     const char *culprit; /* of a failure; "" if unknown */
     int is_chosen;
+    int is_dependent; /* whether constraints are dependent at the start, or nearly so */
 } cotree_start_call;
 /* cotree: end of the part that cffi reads */
 
