@@ -150,3 +150,30 @@ def test_each_source_compiles_by_itself(path, definitions, tmp_path):
     command = [compiler, *flags, *defined, *folders, str(path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+#: Folders of what a project may have, each with the features that none of its files is without.
+_PARTS = {"run": (), "job": (), "start": (), "stiff": ("IMPLICIT",), "jumps": ("EVENTS",)}
+_PARTS["events"] = ("EVENTS",)
+
+
+@pytest.mark.compiler
+@pytest.mark.parametrize("off", [*(name for name in ALL.macros()), "all"])
+def test_sources_compile_without_a_feature(off, tmp_path):
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no compiler")
+    names = [*ALL.macros()] if off == "all" else [off]
+    (tmp_path / "cotree_abi.h").write_text(header_text("cotree_abi.h"))
+    folders = [
+        f"-I{folder}" for folder in (tmp_path, *sorted({p.parent for p in RUNTIME.rglob("*.h")}))
+    ]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
+    for folder, needed in _PARTS.items():
+        defined = [
+            f"-D{name}=0" for name in names if name.removeprefix("COTREE_HAS_") not in needed
+        ]
+        sources = sorted(map(str, (RUNTIME / folder).glob("*.c")))
+        command = [compiler, *flags, *defined, *folders, *sources]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
