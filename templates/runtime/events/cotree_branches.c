@@ -121,14 +121,9 @@ static int bound_quantities(cotree_events *e)
     cotree_copy(e->n_quantities, cotree_quantities_of(e), e->quantity_samples);
     if (status == 0) status = cotree_compute_values(e, e->t_after, e->end);
     for (k = 0; k < e->n_quantities && status == 0; ++k) {
-        const cotree_real a = e->quantity_samples[k], b = cotree_quantities_of(e)[k],
-                          change = b - a;
-        const cotree_real bend =
-            COTREE_SCAN_CURVATURE * (COTREE_FABS(change - step * e->quantity_mean_rate[k]) +
-                                     COTREE_SCAN_UNEVEN * COTREE_FABS(change));
-        cotree_set_bounds(e, k, COTREE_FMIN(a, b), COTREE_FMAX(a, b), bend);
-        cotree_set_rate_bounds(e, k, change / step, change / step, bend / step);
-        e->quantity_mean_rate[k] = change / step;
+        e->quantity_mean_rate[k] = cotree_set_step_bounds(
+            e->box, e->n_quantities, k, e->quantity_samples[k], cotree_quantities_of(e)[k], step,
+            e->quantity_mean_rate[k]);
     }
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }
@@ -143,18 +138,17 @@ int cotree_cheap_crossing_test(cotree_events *e)
         e->n_ranges > 0 ? bound_quantities(e) : cotree_compute_values(e, e->t_after, e->end);
     if (status != 0) return status;
     for (i = 0; i < e->n_events; ++i) {
-        const cotree_real g = e->jumps.values[i], change = COTREE_FABS(g - e->g[i]);
-        const cotree_real distance = COTREE_FMIN(e->side[i] * g, e->side[i] * e->g[i]);
-        cotree_real reach = COTREE_SCAN_REACH * COTREE_FMAX(change, step * e->mean_rate[i]);
+        const cotree_real g = e->jumps.values[i], side = e->side[i];
+        const cotree_real least = cotree_zero_band(e, i), moved_before = step * e->mean_rate[i];
         if (e->branches == NULL) break;
         if (cotree_has_range(e, i)) {
-            reach = cotree_classify_range(e, i, e->side[i], e->g[i], g, step) == RANGE_UNDECIDED
-                        ? COTREE_INFINITY
-                        : COTREE_F(0.0);
+            is_far = is_far && COTREE_FMIN(side * g, side * e->g[i]) > least &&
+                     cotree_classify_range(e, i, side, e->g[i], g, step) != RANGE_UNDECIDED;
+        } else {
+            is_far = is_far && cotree_is_out_of_reach(side, e->g[i], g, moved_before, least);
         }
-        is_far = is_far && e->branches[e->rows[i].branch] != COTREE_F(0.0) &&
-                 distance > COTREE_FMAX(reach, cotree_zero_band(e, i));
-        e->mean_rate[i] = change / step;
+        is_far = is_far && e->branches[e->rows[i].branch] != COTREE_F(0.0);
+        e->mean_rate[i] = COTREE_FABS(g - e->g[i]) / step;
     }
     if (!is_far) return REFINE;
     status = cotree_update_scales(e, e->t_after, e->end, e->jumps.values);

@@ -4,6 +4,7 @@
 #ifndef COTREE_EVENTS_INTERNAL_H
 #define COTREE_EVENTS_INTERNAL_H
 
+#include "cotree_bounds.h"
 #include "cotree_events.h"
 
 #include <float.h>
@@ -125,10 +126,6 @@ COTREE_PRIVATE int cotree_find_crossing_between(cotree_events *e, int i, cotree_
 /* cotree_scan.c */
 COTREE_PRIVATE int cotree_has_range(const cotree_events *e, int i);
 COTREE_PRIVATE const cotree_real *cotree_quantities_of(const cotree_events *e);
-COTREE_PRIVATE void cotree_set_bounds(cotree_events *e, int k, cotree_real low, cotree_real high,
-                                      cotree_real bend);
-COTREE_PRIVATE void cotree_set_rate_bounds(cotree_events *e, int k, cotree_real slow,
-                                           cotree_real fast, cotree_real bend);
 COTREE_PRIVATE int cotree_compute_ranges(cotree_events *e, cotree_real t);
 COTREE_PRIVATE int cotree_classify_range(const cotree_events *e, int i, cotree_real side,
                                          cotree_real at_a, cotree_real at_b, cotree_real width);

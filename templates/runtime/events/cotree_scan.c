@@ -19,21 +19,6 @@ const cotree_real *cotree_quantities_of(const cotree_events *e)
     return e->jumps.values + e->n_events + e->n_branches;
 }
 
-/* Set the bounds of a quantity over an interval, extended by a quarter of its second difference:
- * twice the distance of a parabola from its chord. */
-void cotree_set_bounds(cotree_events *e, int k, cotree_real low, cotree_real high, cotree_real bend)
-{
-    e->box[k] = low - COTREE_F(0.25) * bend;
-    e->box[e->n_quantities + k] = high + COTREE_F(0.25) * bend;
-}
-
-void cotree_set_rate_bounds(cotree_events *e, int k, cotree_real slow, cotree_real fast,
-                            cotree_real bend)
-{
-    e->box[2 * e->n_quantities + k] = slow - bend;
-    e->box[3 * e->n_quantities + k] = fast + bend;
-}
-
 /* Set the bounds of all quantities between two points, given their second differences. */
 static void set_bounds_between(cotree_events *e, const cotree_real *a, const cotree_real *b,
                                const cotree_real *bends, cotree_real width)
@@ -41,8 +26,9 @@ static void set_bounds_between(cotree_events *e, const cotree_real *a, const cot
     int k;
     for (k = 0; k < e->n_quantities; ++k) {
         const cotree_real slope = (b[k] - a[k]) / width;
-        cotree_set_bounds(e, k, COTREE_FMIN(a[k], b[k]), COTREE_FMAX(a[k], b[k]), bends[k]);
-        cotree_set_rate_bounds(e, k, slope, slope, bends[k] / width);
+        cotree_set_bounds(e->box, e->n_quantities, k, cotree_smaller(a[k], b[k]),
+                          cotree_larger(a[k], b[k]), bends[k]);
+        cotree_set_rate_bounds(e->box, e->n_quantities, k, slope, slope, bends[k] / width);
     }
 }
 
@@ -66,15 +52,12 @@ static cotree_real detection_level(const cotree_events *e, int i)
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
-    const cotree_real *const r = e->ranges + N_BOUNDS * e->rows[i].range;
+    const cotree_side_range r =
+        cotree_range_on_side(e->ranges + N_BOUNDS * e->rows[i].range, side);
     const cotree_real least = detection_level(e, i), a = side * at_a, b = side * at_b;
-    const cotree_real slow = side > COTREE_F(0.0) ? r[2] : -r[3],
-                      fast = side > COTREE_F(0.0) ? r[3] : -r[2];
-    if ((side > COTREE_F(0.0) ? r[0] : -r[1]) > least) return RANGE_NONZERO;
-    if (slow >= COTREE_F(0.0) || fast <= COTREE_F(0.0)) return RANGE_MONOTONE;
-    /* Lower bound where the steepest lines through both ends meet. */
-    if (b > least && a + slow * ((a - b + fast * width) / (fast - slow)) > least)
-        return RANGE_NONZERO;
+    if (r.low > least) return RANGE_NONZERO;
+    if (cotree_is_monotone(r)) return RANGE_MONOTONE;
+    if (b > least && cotree_lower_bound(r, a, b, width) > least) return RANGE_NONZERO;
     return RANGE_UNDECIDED;
 }
 
@@ -165,8 +148,8 @@ static int list_candidates(cotree_events *e)
                 bend =
                     COTREE_FMAX(bend, COTREE_FABS(step - q[(k - 1) * n + i] + q[(k - 2) * n + i]));
         }
-        cotree_set_bounds(e, i, low, high, bend);
-        cotree_set_rate_bounds(e, i, slow / width, fast / width, bend / width);
+        cotree_set_bounds(e->box, n, i, low, high, bend);
+        cotree_set_rate_bounds(e->box, n, i, slow / width, fast / width, bend / width);
     }
     if (cotree_compute_ranges(e, e->t_after) != 0) return 0;
     for (i = 0; i < e->n_events; ++i) {
