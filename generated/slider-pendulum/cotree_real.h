@@ -29,6 +29,8 @@ typedef double cotree_real;
 #define COTREE_FMIN fmin
 #define COTREE_FMOD fmod
 #define COTREE_LOG log
+#define COTREE_SIN sin
+#define COTREE_COS cos
 #define COTREE_SQRT sqrt
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod

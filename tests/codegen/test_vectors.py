@@ -13,7 +13,7 @@ from rod_chain import rod_chain
 from cotree import load
 from cotree.build import find_toolchain
 from cotree.codegen import maps
-from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.program import columns
 
 pytestmark = [
@@ -166,11 +166,14 @@ def sines(run_compiler):
         "#define TARGET",
         "#define LEAVE (void)0",
         "typedef double VECTOR __attribute__((vector_size(16)));",
-        render("c/sines.h.jinja"),
+        '#include "cotree_real.h"',
+        '#include "cotree_sines.h"',
         f"{head};",
         f"{head} {{ cotree_sines_2(n, a, s, c); }}\n",
     ]
-    path = run_compiler({"sines.c": "\n".join(lines)}, "-O1", "-shared", "-fPIC", "-lm")
+    path = run_compiler(
+        with_runtime({"sines.c": "\n".join(lines)}), "-O1", "-shared", "-fPIC", "-lm"
+    )
     return ctypes.CDLL(str(path)).take
 
 

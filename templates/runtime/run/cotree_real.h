@@ -57,6 +57,8 @@ typedef float cotree_real;
 #define COTREE_FMIN fminf
 #define COTREE_FMOD fmodf
 #define COTREE_LOG logf
+#define COTREE_SIN sinf
+#define COTREE_COS cosf
 #define COTREE_SQRT sqrtf
 #define COTREE_NEXTAFTER nextafterf
 #define COTREE_STRTOD strtof
@@ -76,6 +78,8 @@ typedef double cotree_real;
 #define COTREE_FMIN fmin
 #define COTREE_FMOD fmod
 #define COTREE_LOG log
+#define COTREE_SIN sin
+#define COTREE_COS cos
 #define COTREE_SQRT sqrt
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod

@@ -1,0 +1,52 @@
+/* cotree_sines.h: sines and cosines of arrays of angles.
+ * Part of the runtime of cotree, the same for every model.
+ *
+ * It is included once for each width of vectors: the file that includes it defines LANES, VECTOR,
+ * EACH(f), NAMED(f), TARGET and LEAVE as in a model's _vectors.h.
+ */
+#if LANES > 1
+typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
+#define BITS NAMED(bits)
+#define SINE_QUALIFIERS TARGET static inline
+#include "cotree_sine_polynomials.h"
+#undef SINE_QUALIFIERS
+#endif
+
+/* Writes sines and cosines of n angles; all three arrays are as long as whole vectors. Angles
+ * beyond 1e6, and what is not finite, are left to the C library. */
+TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_real *sines,
+                                       cotree_real *cosines)
+{
+    int i;
+#if LANES > 1
+#define ANGLE(lane) angles[first + (lane)]
+    int first;
+    for (i = 0; i < n && COTREE_FABS(angles[i]) <= 1e6; ++i) {
+    }
+    if (i == n) {
+        for (first = 0; first < n; first += LANES) {
+            VECTOR sine, cosine;
+            BITS quarter, is_odd, a, b;
+            /* Formed from single numbers, since they have just been written one by one. */
+            const VECTOR x = {EACH(ANGLE)};
+            NAMED(cotree_reduced_sine)(&x, &quarter, &sine, &cosine);
+            is_odd = -(quarter & 1);
+            a = (is_odd & (BITS)cosine) | (~is_odd & (BITS)sine);
+            b = (is_odd & (BITS)sine) | (~is_odd & (BITS)cosine);
+            a ^= (quarter & 2) << 62;
+            b ^= ((quarter + 1) & 2) << 62;
+            memcpy(sines + first, &a, sizeof a);
+            memcpy(cosines + first, &b, sizeof b);
+        }
+        LEAVE;
+        return;
+    }
+#undef ANGLE
+#undef BITS
+#endif
+    LEAVE;
+    for (i = 0; i < n; ++i) {
+        sines[i] = COTREE_SIN(angles[i]);
+        cosines[i] = COTREE_COS(angles[i]);
+    }
+}
