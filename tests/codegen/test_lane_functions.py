@@ -10,6 +10,7 @@ import pytest
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.build.options import cpu_features
 from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.dag.operations import OPERATIONS
 
 pytestmark = pytest.mark.compiler
@@ -71,7 +72,7 @@ def functions(request):
             declarations += f"void {kind}_{name}(int, const double *, double *);\n"
     options = BuildOptions("-O2")
     _, loaded = obtain_library(
-        {"functions.c": text},
+        with_runtime({"functions.c": text}),
         declarations,
         abi_version=0,
         n_operations=1,
