@@ -16,6 +16,7 @@ from cotree.codegen import maps
 from cotree.codegen.column_storage import own_rows
 from cotree.codegen.maps import map_context
 from cotree.codegen.render import render
+from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.linear_map import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
@@ -71,7 +72,7 @@ def _library(run_compiler, linear, node):
         parts.append(f"void take_{n}({arguments})\n{{\n    {call}\n}}\n")
     # Vectors of eight are wider than this machine's may be, which gcc remarks on.
     flags = ("-O1", "-shared", "-fPIC", "-ffp-contract=off", "-Wno-psabi")
-    path = run_compiler({"map.c": "\n".join(parts)}, *flags)
+    path = run_compiler(with_runtime({"map.c": "\n".join(parts)}), *flags)
     # A library that is loaded must not be written over.
     return ctypes.CDLL(str(path.rename(path.with_name(f"{len(list(path.parent.iterdir()))}.so"))))
 
