@@ -54,7 +54,20 @@ def ladder() -> Scene:
     return scene
 
 
+def contents() -> Scene:
+    """Draw capacitors whose charges are states, of which voltages or nothing are given."""
+    scene = Scene("two")
+    scene.parameter("R", 1e3)
+    scene.parameter("c", 1e-6)
+    for name, node, given in (("C1", "a", {"initial": {"v": 2.0}}), ("C2", "b", {})):
+        law = f"c*(tanh({name}.v) + 0.2*{name}.v)"
+        scene.edge(name, "nonlinear_capacitor", node, "ground", charge=law, **given)
+    scene.edge("R1", "resistor", "a", "b", resistance="R")
+    return scene
+
+
 SCENES = {
+    "contents": (contents, ["c", "C1.v", "R"]),
     "motor-linkage": (lambda: cotree.load("motor-linkage"), ["L"]),
     "bridge-rectifier": (lambda: cotree.load("bridge-rectifier"), ["V"]),
     "swing": (hanging_rod, ["L", "f.x"]),

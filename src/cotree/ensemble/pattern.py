@@ -163,6 +163,9 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
     """Tell whether each member is prepared in Python."""
+    # Tolerances of contents follow from the start.
+    if plan.model.layout.followers:
+        return True
     # Sensitivities do not exist where an expression jumps right at the start.
     if problem.n_sensitivities and any(row.is_jump for row in plan.model.layout.events):
         return True

@@ -60,9 +60,7 @@ class Evaluated:
 
     def is_found_in_c(self, start: Start) -> bool:
         """Tell whether ``cotree_start.c`` finds a start, too, with its sensitivities."""
-        layout = self.program.layout
-        is_content = any(not layout.given[total] for total, _ in layout.followers)
-        return not (is_content or start.is_mended or start.told)
+        return not (start.is_mended or start.told)
 
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty where all are one."""

@@ -142,10 +142,9 @@ class StartInC:
 def start_in_c(model: CompiledModel) -> StartInC | None:
     """Return what finds starts of a model in C; None where Python has to, always."""
     layout = model.layout
-    # What C does not know: contents of storages, modes of friction that algebraic unknowns need,
-    # and derivatives of redundant values.
+    # What C does not know: modes of friction that algebraic unknowns need, and derivatives of
+    # redundant values.
     is_foreign = (
-        layout.followers,
         layout.redundant and layout.sensitivities,
         layout.n_algebraic and any(row.part for row in layout.events),
     )
@@ -159,6 +158,9 @@ def start_in_c(model: CompiledModel) -> StartInC | None:
 
 def find_in_c(at: Moment, initial: Mapping[str, float]) -> Start | None:
     """Find a start in C; None where C does not, or a name or a number is not accepted."""
-    found = at.model.start_in_c
-    is_known = all(name in at.model.states for name in initial) and math.isfinite(at.t)
+    found, states = at.model.start_in_c, at.model.states
+    is_known = all(name in states for name in initial) and math.isfinite(at.t)
+    # Where a run gives a content and what follows from it, they may contradict each other.
+    if any(states[i] in initial and states[j] in initial for i, j in at.model.layout.followers):
+        return None
     return found.find(at, initial) if found is not None and is_known else None

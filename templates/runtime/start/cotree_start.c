@@ -11,6 +11,12 @@
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
+/* Contents are found to this share of the terms of their equations. */
+#define CONTENT_TOLERANCE COTREE_SELECT(1e-12, 1e-05f)
+
+/* Algebraic unknowns are found if they change by less than this share of themselves. */
+#define SETTLED COTREE_SELECT(1e-12, 1e-05f)
+
 /* The most rounds in which contents and the unknowns that they depend on settle; and rounds per
  * event in which jumps do. */
 #define MOST_ROUNDS 50
@@ -40,6 +46,11 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     start->is_set = cotree_arena_ints(arena, model->n_states);
     start->given = cotree_arena_reals(arena, model->n_states);
     start->w = cotree_arena_reals(arena, run->n_full);
+    if (tables->n_contents > 0) {
+        start->is_found = cotree_arena_ints(arena, tables->n_contents);
+        start->rates = cotree_arena_reals(arena, run->n_full);
+        start->wide_rates = cotree_arena_reals(arena, run->n_full);
+    }
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
         start->conditions = cotree_arena_reals(arena, tables->assembly->n_start);
@@ -193,19 +204,186 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
 
 /* Algebraic unknowns. */
 
-/* Solves for the algebraic unknowns of z and their sensitivities, in place; what z holds of the
+/* Solve for the algebraic unknowns of z, in place, until nothing changes: a step from a guess far
+ * away may look like the last one. */
+static int complete_states(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    const int n_blocks = run->n_blocks, n_full = run->n_full;
+    int i, n, is_changed = 1, status = 0;
+    run->n_blocks = 1;
+    run->n_full = N_STATES;
+    for (n = 0; n < MOST_ROUNDS && is_changed && status == 0; ++n) {
+        cotree_run_narrow(run, t, z, start->w);
+        status = cotree_run_complete(run, t, start->w);
+        is_changed = 0;
+        for (i = N_RATES; i < N_STATES && status == 0; ++i) {
+            const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
+            if (!(COTREE_FABS(run->full[i] - z[i]) <= SETTLED * size)) is_changed = 1;
+            z[i] = run->full[i];
+        }
+    }
+    run->n_blocks = n_blocks;
+    run->n_full = n_full;
+    return status != 0 || is_changed ? COTREE_START_UNSOLVED : 0;
+}
+
+/* Solve for the algebraic unknowns of z and their sensitivities, in place; what z holds of the
  * former is the guess. */
 static int solve(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
-    int i, status;
+    int i, status = complete_states(start, t, z);
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
     cotree_run_narrow(run, t, z, start->w);
-    status = cotree_run_find(run, t, start->w);
-    if (status != 0)
-        return status == COTREE_SINGULAR || status > 0 ? COTREE_START_UNSOLVED : status;
-    for (i = N_RATES; i < N_STATES; ++i) z[i] = run->full[i];
+    if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
     for (i = N_STATES; i < run->n_full; ++i) z[i] = run->full[i];
     return 0;
+}
+
+#if COTREE_HAS_ALGEBRAIC
+/* Contents of storages. */
+
+static int content_of(const cotree_start *start, int i) { return start->tables->contents[i]; }
+
+static int unknown_of(const cotree_start *start, int i)
+{
+    return start->tables->contents[start->tables->n_contents + i];
+}
+
+/* Mark the contents that are found from a variable that follows from each: those that are not
+ * given, and those in place of which the variable is set. Return how many there are. */
+static int mark_found(cotree_start *start)
+{
+    int i, n = 0;
+    for (i = 0; i < start->tables->n_contents; ++i) {
+        const int content = content_of(start, i), unknown = unknown_of(start, i);
+        start->is_found[i] =
+            !start->is_set[content] && (start->is_set[unknown] || !start->tables->given[content]);
+        n += start->is_found[i];
+    }
+    return n;
+}
+
+/* Whether a content is found where sensitivity j is taken: the initial value itself is given. */
+static int is_found_along(const cotree_start *start, int i, int j)
+{
+    const int seed = start->tables->seeds[j];
+    if (seed == -1 - unknown_of(start, i)) return 1;
+    return start->is_found[i] && seed != -1 - content_of(start, i);
+}
+
+/* Sum the absolute terms of an equation at x, whose row of the Jacobian this is. */
+static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree_real *x)
+{
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    cotree_real sum = COTREE_F(0.0);
+    int i, j;
+    for (j = 0; j < N_STATES; ++j) {
+        for (i = starts[j]; i < starts[j + 1]; ++i) {
+            if (rows[i] == row) sum += COTREE_FABS(start->run->nonzeros[i] * x[j]);
+        }
+    }
+    return sum;
+}
+
+/* Add to contents what is left of their equations, c(v) - q = 0, which that solves for q. Return
+ * whether anything is left, or a status of kernels. */
+static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
+{
+    const cotree_run *const run = start->run;
+    int i, status = MODEL->rhs(t, z, run->u, run->p, run->k, start->rates);
+    if (status == 0) status = MODEL->jacobian(t, z, run->u, run->p, run->k, run->nonzeros);
+    *is_left = 0;
+    for (i = 0; i < start->tables->n_contents && status == 0; ++i) {
+        const int row = unknown_of(start, i);
+        const cotree_real left = start->rates[row];
+        if (!start->is_found[i]) continue;
+        z[content_of(start, i)] += left;
+        if (!(COTREE_FABS(left) <= CONTENT_TOLERANCE * sum_of_terms(start, row, z))) *is_left = 1;
+    }
+    return status;
+}
+
+/* Solve for the algebraic unknowns of z and for the contents that given ones determine, in place.
+ * Rounds are repeated if a content depends on other unknowns, too. */
+static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    int i, n, is_left = 1, status;
+    for (i = 0; i < N_STATES; ++i) start->given[i] = z[i];
+    status = correct_contents(start, t, z, &is_left);
+    is_left = 1;
+    for (n = 0; n < MOST_ROUNDS && is_left && status == 0; ++n) {
+        status = complete_states(start, t, z);
+        if (status != 0) return status;
+        for (i = 0; i < start->tables->n_contents; ++i) {
+            if (start->is_found[i]) z[unknown_of(start, i)] = start->given[unknown_of(start, i)];
+        }
+        status = correct_contents(start, t, z, &is_left);
+    }
+    return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
+}
+
+/* Solve likewise for sensitivities, whose equations are linear. */
+static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    const int n_contents = start->tables->n_contents;
+    cotree_real *const given = start->wide_rates; /* those of the unknowns, column by column */
+    int i, j, n, is_left = 1, status = 0;
+    for (j = 0; j < N_SENSITIVITIES; ++j) {
+        cotree_real *const s = z + (1 + j) * N_STATES;
+        for (i = 0; i < n_contents; ++i) {
+            given[j * n_contents + i] = s[unknown_of(start, i)];
+            if (is_found_along(start, i, j)) s[content_of(start, i)] = COTREE_F(0.0);
+        }
+    }
+    for (n = 0; n < MOST_ROUNDS && is_left && status == 0; ++n) {
+        is_left = 0;
+        cotree_run_narrow(run, t, z, start->w);
+        if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            cotree_real *const s = z + (1 + j) * N_STATES;
+            for (i = N_RATES; i < N_STATES; ++i) s[i] = run->full[(1 + j) * N_STATES + i];
+            for (i = 0; i < n_contents; ++i) {
+                if (is_found_along(start, i, j))
+                    s[unknown_of(start, i)] = given[j * n_contents + i];
+            }
+        }
+        cotree_run_pack(run, z, start->w);
+        status =
+            MODEL->augmented_rhs(t, z, start->w + N_STATES, run->u, run->p, run->k, start->rates);
+        if (status != 0) break;
+        cotree_run_unpack(run, start->rates, run->full);
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            cotree_real *const s = z + (1 + j) * N_STATES;
+            for (i = 0; i < n_contents; ++i) {
+                const cotree_real left = run->full[(1 + j) * N_STATES + unknown_of(start, i)];
+                if (!is_found_along(start, i, j)) continue;
+                s[content_of(start, i)] += left;
+                if (!(COTREE_FABS(left) <=
+                      CONTENT_TOLERANCE * COTREE_FABS(s[content_of(start, i)]) + COTREE_MIN))
+                    is_left = 1;
+            }
+        }
+    }
+    return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
+}
+
+#endif
+/* Solve for all that follows from algebraic equations. */
+static int solve_all(cotree_start *start, cotree_real t, cotree_real *z)
+{
+#if COTREE_HAS_ALGEBRAIC
+    int status;
+    if (start->tables->n_contents == 0) return solve(start, t, z);
+    if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
+    status = solve_contents(start, t, z);
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
+    return solve_content_sensitivities(start, t, z);
+#else
+    return solve(start, t, z);
+#endif
 }
 
 /* Modes of jumps. */
@@ -250,7 +428,7 @@ static int settle_modes(cotree_start *start, cotree_real t, cotree_real *z)
         if (status != 0 || event < 0) return status;
         z[MODEL->hybrid->events[event].targets[0]] = mode;
         start->culprit = event;
-        if (MODEL->n_algebraic > 0) status = solve(start, t, z);
+        if (MODEL->n_algebraic > 0) status = solve_all(start, t, z);
         if (status != 0) return status;
     }
     return most > 0 ? COTREE_START_TURNED_BACK : 0;
@@ -312,7 +490,7 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
     if (status == 0) status = cotree_run_inputs(run, t);
-    if (status == 0 && MODEL->n_algebraic > 0) status = solve(start, t, z);
+    if (status == 0 && MODEL->n_algebraic > 0) status = solve_all(start, t, z);
     if (status == 0) status = settle_modes(start, t, z);
     if (status == 0) status = check_redundant(start, t, z);
     return status == 0 ? check_finite(start, z) : status;

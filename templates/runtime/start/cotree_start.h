@@ -65,7 +65,8 @@ typedef struct cotree_start {
     int is_chosen;             /* whether the least of several moves was taken */
     cotree_assembly assembly;
     /* The rest belongs to the start. */
-    int *is_set;
+    int *is_set, *is_found;
+    cotree_real *rates, *wide_rates;
     cotree_real *given, *w, *moved, *moved_p, *moved_k, *looked_at, *news, *conditions;
 } cotree_start;
 
