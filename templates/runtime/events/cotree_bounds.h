@@ -24,8 +24,8 @@ static inline void cotree_set_rate_bounds(REAL *box, int n, int k, REAL slow, RE
     box[3 * n + k] = fast + bend;
 }
 
-/* Set both over a step from a to b, from these and the mean rate of the step before. Return the mean
- * rate of this one. */
+/* Set both over a step from a to b, from these and the mean rate of the step before. Return the
+ * mean rate of this one. */
 static inline REAL cotree_set_step_bounds(REAL *box, int n, int k, REAL a, REAL b, REAL step,
                                           REAL mean_rate)
 {

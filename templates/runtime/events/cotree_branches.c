@@ -121,9 +121,9 @@ static int bound_quantities(cotree_events *e)
     cotree_copy(e->n_quantities, cotree_quantities_of(e), e->quantity_samples);
     if (status == 0) status = cotree_compute_values(e, e->t_after, e->end);
     for (k = 0; k < e->n_quantities && status == 0; ++k) {
-        e->quantity_mean_rate[k] = cotree_set_step_bounds(
-            e->box, e->n_quantities, k, e->quantity_samples[k], cotree_quantities_of(e)[k], step,
-            e->quantity_mean_rate[k]);
+        e->quantity_mean_rate[k] =
+            cotree_set_step_bounds(e->box, e->n_quantities, k, e->quantity_samples[k],
+                                   cotree_quantities_of(e)[k], step, e->quantity_mean_rate[k]);
     }
     return status == 0 ? cotree_compute_ranges(e, e->t_after) : status;
 }

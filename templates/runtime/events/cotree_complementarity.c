@@ -337,7 +337,7 @@ static int fail_indeterminate(cotree_events *e, cotree_real t)
     for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
     /* Sticking constraints share their forces, and the loss of a gear depends on how. */
     if (e->kernel_status != COTREE_SINGULAR || n_idle == 0) return e->failure;
-    return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_SHARED);
+    return fail_modes(e, t, 0, e->n_frictions, COTREE_EVENTS_INDETERMINATE);
 }
 
 /* Fail because the equations are singular in the modes at the start. */
@@ -463,8 +463,8 @@ int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w)
         return 0;
     if (status != COTREE_EVENTS_NONE) return status;
     if (e->is_impact)
-        return fail_modes(e, t, cotree_first_stop(e), e->n_modes, COTREE_EVENTS_IMPACT);
-    return fail_modes(e, t, 0, e->n_modes, COTREE_EVENTS_MODES);
+        return fail_modes(e, t, cotree_first_stop(e), e->n_modes, COTREE_EVENTS_NO_IMPULSES);
+    return fail_modes(e, t, 0, e->n_modes, COTREE_EVENTS_NO_MODES);
 }
 
 /* Reject a solution that is not unique, as strong friction allows (Painleve configurations): a
@@ -485,7 +485,7 @@ static int check_unique(cotree_events *e, cotree_real t, const cotree_real *w)
             const cotree_real least = is_free
                                           ? cotree_rest_tolerance(e, k)
                                           : LIMIT_RTOL * e->value_scale[PLACE(k, CONTACT_FORCE)];
-            if (part > least) return cotree_fail(e, PLACE(k, REBOUND), t, COTREE_EVENTS_SEVERAL);
+            if (part > least) return cotree_fail(e, PLACE(k, REBOUND), t, COTREE_EVENTS_NOT_UNIQUE);
         }
         cotree_copy(e->n_modes, e->saved_modes, e->modes);
     }

@@ -63,10 +63,10 @@ static int count_event(cotree_events *e, int i, cotree_real t)
 int cotree_fail_grazing(cotree_events *e, int i, cotree_real t)
 {
     if (check_series(e, i, t, SHORT_SERIES_LENGTH, COTREE_INFINITY) != 0) {
-        if (cotree_is_gap(e, i)) e->failure = COTREE_EVENTS_FAINT;
+        if (cotree_is_gap(e, i)) e->failure = COTREE_EVENTS_BELOW_TOLERANCE;
         return e->failure;
     }
-    return cotree_fail(e, i, t, COTREE_EVENTS_GRAZE);
+    return cotree_fail(e, i, t, COTREE_EVENTS_GRAZING);
 }
 
 /* Find whether an event function depends on a parameter of sensitivity. */
@@ -108,7 +108,8 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     }
     status = cotree_jumps_apply(&e->jumps, i, t, w, is_time_fixed);
     if (status == COTREE_JUMPS_CONTRADICT) return cotree_fail(e, i, t, COTREE_EVENTS_CONTRADICT);
-    if (status == COTREE_JUMPS_CHOOSE) return cotree_fail(e, i, t, COTREE_EVENTS_CHOOSE);
+    if (status == COTREE_JUMPS_UNDERDETERMINED)
+        return cotree_fail(e, i, t, COTREE_EVENTS_UNDERDETERMINED);
     if (status != 0) return cotree_fail(e, i, t, COTREE_EVENTS_FAILED);
     if (cotree_resolve_modes(e, t, w, i) != 0) return e->failure;
     for (k = 0; k < e->run->n_full; ++k) {
@@ -216,7 +217,7 @@ static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
     for (i = 0; i < e->n; ++i) {
         const cotree_real size = COTREE_FMAX(COTREE_FABS(e->other[i]), COTREE_FABS(e->sum[i]));
         if (COTREE_FABS(e->other[i] - e->sum[i]) > SAME_RTOL * size + e->atol) {
-            return cotree_fail(e, first, t, COTREE_EVENTS_PART);
+            return cotree_fail(e, first, t, COTREE_EVENTS_NOT_COMMUTING);
         }
     }
     return 0;
@@ -273,7 +274,7 @@ static int fail_cascade(cotree_events *e, cotree_real t, const cotree_real *w)
         if (first < 0) first = i;
         are_jumps = are_jumps && e->rows[i].kind == COTREE_JUMP;
     }
-    return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDE : COTREE_EVENTS_ENDLESS);
+    return cotree_fail(e, first, t, are_jumps ? COTREE_EVENTS_SLIDING : COTREE_EVENTS_CASCADE);
 }
 
 /* Return whether the mode of a jump does not belong to the side of its value: an event changed
@@ -289,8 +290,9 @@ static int check_leaving(cotree_events *e, int i, cotree_real t, const cotree_re
 {
     int k, is_timed = e->is_time_fixed || e->run->n_blocks == 1 || e->side[i] != COTREE_F(0.0);
     for (k = 0; k < e->n_events; ++k) is_timed = is_timed || e->has_fired[k];
-    return is_timed || cotree_is_continuous(e, i, t, w) ? 0
-                                                        : cotree_fail(e, i, t, COTREE_EVENTS_LEAVE);
+    return is_timed || cotree_is_continuous(e, i, t, w)
+               ? 0
+               : cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_JUMP);
 }
 
 /* Return whether the time is determined: by an earlier event or by a time event. At a kink
@@ -348,7 +350,7 @@ static int check_rest(cotree_events *e, int i, cotree_real t, const cotree_real 
     if (cotree_compute_curvature(e, t, w) != 0) return e->failure;
     if (!(e->curvature[i] * e->crossing_sign[i] > COTREE_F(0.0) && cotree_has_curvature(e, i)))
         return 0;
-    return cotree_fail(e, i, t, COTREE_EVENTS_REST);
+    return cotree_fail(e, i, t, COTREE_EVENTS_REST_AT_ZERO);
 }
 
 /* Apply the located events at w, then the events they trigger. slopes: the derivatives of the

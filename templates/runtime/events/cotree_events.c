@@ -448,7 +448,7 @@ static int has_left_surface(cotree_events *e, int i, cotree_real side)
     }
     if (!cotree_jumps_changes_value(&e->jumps, i)) return 0;
     if (!cotree_is_continuous(e, i, e->t_before, e->start))
-        return cotree_fail(e, i, e->t_after, COTREE_EVENTS_LEAVE);
+        return cotree_fail(e, i, e->t_after, COTREE_EVENTS_LEAVES_JUMP);
     for (k = 0; k < e->n_events; ++k) e->is_found[k] = k == i;
     e->n_found = 1;
     e->t = e->t_before;
@@ -558,7 +558,7 @@ int cotree_events_apply(cotree_events *e)
         else if (cotree_is_continuous(e, i, e->t, e->w))
             cotree_set_crossing_sign(e, i, -e->side[i]);
         else if (!cotree_is_of_friction(e, i))
-            status = cotree_fail(e, i, e->t, COTREE_EVENTS_REST);
+            status = cotree_fail(e, i, e->t, COTREE_EVENTS_REST_AT_ZERO);
     }
     if (status == 0) status = cotree_apply_events(e, e->t, e->w, e->n_found, NULL);
     e->unresolved_gap = -1;
@@ -571,49 +571,49 @@ const char *cotree_events_message(int status)
     case COTREE_EVENTS_FAILED:
         return "its equations cannot be evaluated";
     case COTREE_EVENTS_NOT_FINITE:
-        return "what it looks at is not finite";
+        return "its event function is not finite";
     case COTREE_EVENTS_SET_NOT_FINITE:
-        return "what it sets is not finite";
+        return "its new values are not finite";
     case COTREE_EVENTS_CONTRADICT:
-        return "what it sets contradicts the constraints";
-    case COTREE_EVENTS_CHOOSE:
-        return "what it sets leaves a choice, which has no sensitivities";
-    case COTREE_EVENTS_REST:
+        return "its new values contradict the constraints";
+    case COTREE_EVENTS_UNDERDETERMINED:
+        return "its new values leave states undetermined, which have no sensitivities";
+    case COTREE_EVENTS_REST_AT_ZERO:
         return "it leaves no speed away from zero, and the motion goes on through it";
-    case COTREE_EVENTS_GRAZE:
+    case COTREE_EVENTS_GRAZING:
         return "it only just touches zero, where nothing has sensitivities";
     case COTREE_EVENTS_ACCUMULATE:
         return "it happens ever faster, and accumulates";
     case COTREE_EVENTS_CHATTER:
         return "it happens too often: it chatters";
-    case COTREE_EVENTS_ENDLESS:
-        return "it and others make each other happen without end";
-    case COTREE_EVENTS_SLIDE:
-        return "what jumps is driven back to the jump from either side";
-    case COTREE_EVENTS_LEAVE:
-        return "what rested at the jump leaves it, to either side";
-    case COTREE_EVENTS_PART:
-        return "jumps at once have no derivative, since either may come first";
-    case COTREE_EVENTS_MODES:
-        return "no modes of dry friction and rigid stops agree with each other";
-    case COTREE_EVENTS_SHARED:
-        return "how friction that sticks shares forces is open, though losses depend on it";
-    case COTREE_EVENTS_BACKWARD:
-        return "a one-way clutch turns the way that it locks";
-    case COTREE_EVENTS_BEYOND:
+    case COTREE_EVENTS_CASCADE:
+        return "it and others trigger each other without end";
+    case COTREE_EVENTS_SLIDING:
+        return "the motion is driven to a jump from both sides, and slides along it";
+    case COTREE_EVENTS_LEAVES_JUMP:
+        return "a value that rested at a jump leaves it to either side";
+    case COTREE_EVENTS_NOT_COMMUTING:
+        return "simultaneous jumps do not commute, so that no sensitivities exist";
+    case COTREE_EVENTS_NO_MODES:
+        return "no modes of dry friction and rigid stops are consistent";
+    case COTREE_EVENTS_INDETERMINATE:
+        return "the forces of sticking friction are indeterminate, and losses depend on them";
+    case COTREE_EVENTS_LOCKED_DIRECTION:
+        return "a one-way clutch turns in its locked direction";
+    case COTREE_EVENTS_NEGATIVE_GAP:
         return "a rigid stop begins beyond its limit";
-    case COTREE_EVENTS_IMPACT:
-        return "no impulses of rigid stops agree with each other";
-    case COTREE_EVENTS_TOGETHER:
-        return "gaps that close at once act on each other, so that either order has other "
-               "sensitivities";
-    case COTREE_EVENTS_GAINS:
-        return "the impact would leave more energy than there was";
-    case COTREE_EVENTS_SEVERAL:
-        return "a contact may hold or let go: friction allows both";
-    case COTREE_EVENTS_LOSSY:
+    case COTREE_EVENTS_NO_IMPULSES:
+        return "no impulses of rigid stops are consistent";
+    case COTREE_EVENTS_COUPLED_IMPACTS:
+        return "gaps that close simultaneously interact, so that sensitivities depend on their "
+               "order";
+    case COTREE_EVENTS_ENERGY_GAIN:
+        return "the impact would gain energy";
+    case COTREE_EVENTS_NOT_UNIQUE:
+        return "friction allows a contact both to stay closed and to open";
+    case COTREE_EVENTS_LOSSY_IMPACT:
         return "an impact passes a gear with losses, which has no law of impact";
-    case COTREE_EVENTS_FAINT:
+    case COTREE_EVENTS_BELOW_TOLERANCE:
         return "its impacts are too small for the tolerance";
     }
     return "the status is unknown";

@@ -26,42 +26,33 @@
 extern "C" {
 #endif
 
-/* Results; those from FAILED on end a run. event, at and detail then say more. */
+/* Results. Those from FAILED on end a run, with event, failure_time and detail set. */
 typedef enum cotree_events_status {
     COTREE_EVENTS_NONE = 0,
     COTREE_EVENTS_FOUND = 1,
-    COTREE_EVENTS_FAILED =
-        20, /* its equations cannot be evaluated: a kernel or an algebraic equation */
-    COTREE_EVENTS_NOT_FINITE = 21,     /* what it looks at is not finite */
-    COTREE_EVENTS_SET_NOT_FINITE = 22, /* what it sets is not finite */
-    COTREE_EVENTS_CONTRADICT = 23,     /* what it sets contradicts the constraints */
-    COTREE_EVENTS_CHOOSE = 24, /* what it sets leaves a choice, which has no sensitivities */
-    COTREE_EVENTS_REST =
-        25, /* it leaves no speed away from zero, and the motion goes on through it */
-    COTREE_EVENTS_GRAZE = 26,      /* it only just touches zero, where nothing has sensitivities */
-    COTREE_EVENTS_ACCUMULATE = 27, /* it happens ever faster, and accumulates: at the time detail */
-    COTREE_EVENTS_CHATTER =
-        28, /* it happens too often: it chatters: CROWD times within detail seconds */
-    COTREE_EVENTS_ENDLESS =
-        29, /* it and others make each other happen without end: has_fired tells which */
-    COTREE_EVENTS_SLIDE = 40,  /* what jumps is driven back to the jump from either side: the same,
-                                  of jumps inside expressions */
-    COTREE_EVENTS_LEAVE = 41,  /* what rested at the jump leaves it, to either side */
-    COTREE_EVENTS_PART = 42,   /* jumps at once have no derivative, since either may come first */
-    COTREE_EVENTS_MODES = 43,  /* no modes of dry friction and rigid stops agree with each other:
-                                  has_fired tells whose */
-    COTREE_EVENTS_SHARED = 51, /* how friction that sticks shares forces is open, though losses
-                                  depend on it: has_fired tells whose */
-    COTREE_EVENTS_BACKWARD = 44, /* a one-way clutch turns the way that it locks */
-    COTREE_EVENTS_BEYOND = 45,   /* a rigid stop begins beyond its limit */
-    COTREE_EVENTS_IMPACT =
-        46, /* no impulses of rigid stops agree with each other: has_fired tells whose */
-    COTREE_EVENTS_TOGETHER = 47, /* gaps that close at once act on each other, so that either order
-                                    has other sensitivities */
-    COTREE_EVENTS_GAINS = 49,    /* the impact would leave more energy than there was */
-    COTREE_EVENTS_SEVERAL = 50,  /* a contact may hold or let go: friction allows both */
-    COTREE_EVENTS_LOSSY = 52, /* an impact passes a gear with losses, which has no law of impact */
-    COTREE_EVENTS_FAINT = 48  /* its impacts are too small for the tolerance */
+    COTREE_EVENTS_FAILED = 20,          /* a kernel or an algebraic equation cannot be evaluated */
+    COTREE_EVENTS_NOT_FINITE = 21,      /* an event function is not finite */
+    COTREE_EVENTS_SET_NOT_FINITE = 22,  /* a new value is not finite */
+    COTREE_EVENTS_CONTRADICT = 23,      /* new values contradict the constraints */
+    COTREE_EVENTS_UNDERDETERMINED = 24, /* new values leave states without sensitivities */
+    COTREE_EVENTS_REST_AT_ZERO = 25,    /* zero rate, but nonzero acceleration through zero */
+    COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */
+    COTREE_EVENTS_ACCUMULATE = 27,      /* events accumulate at the time detail */
+    COTREE_EVENTS_CHATTER = 28,         /* COTREE_EVENT_CROWD events in detail seconds */
+    COTREE_EVENTS_CASCADE = 29,         /* events trigger each other without end: has_fired */
+    COTREE_EVENTS_SLIDING = 40,         /* the same with jumps only: the motion slides along them */
+    COTREE_EVENTS_LEAVES_JUMP = 41,     /* a value leaves a jump at which it rested */
+    COTREE_EVENTS_NOT_COMMUTING = 42,   /* simultaneous jumps: no sensitivities */
+    COTREE_EVENTS_NO_MODES = 43,        /* no consistent modes of friction and stops: has_fired */
+    COTREE_EVENTS_LOCKED_DIRECTION = 44, /* a one-way clutch turns in its locked direction */
+    COTREE_EVENTS_NEGATIVE_GAP = 45,     /* a rigid stop begins beyond its limit */
+    COTREE_EVENTS_NO_IMPULSES = 46,      /* no consistent impulses of stops: has_fired */
+    COTREE_EVENTS_COUPLED_IMPACTS = 47,  /* simultaneous gaps interact: no sensitivities */
+    COTREE_EVENTS_BELOW_TOLERANCE = 48,  /* impacts are too small for the tolerance */
+    COTREE_EVENTS_ENERGY_GAIN = 49,      /* an impact would gain energy */
+    COTREE_EVENTS_NOT_UNIQUE = 50,       /* friction allows a contact to close and to open */
+    COTREE_EVENTS_INDETERMINATE = 51,    /* losses depend on indeterminate forces of friction */
+    COTREE_EVENTS_LOSSY_IMPACT = 52      /* an impact passes a gear with losses */
 } cotree_events_status;
 
 /* The number of events without kinks, which are not recorded. */

@@ -140,7 +140,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
         } else {
             e->modes[k] = cotree_sign_of(v);
             if (v < COTREE_F(0.0) && PLACE(k, BACKWARD_LIMIT) < 0)
-                status = cotree_fail(e, i, t, COTREE_EVENTS_BACKWARD);
+                status = cotree_fail(e, i, t, COTREE_EVENTS_LOCKED_DIRECTION);
         }
     }
     if (status == 0) cotree_find_active_stops(e);

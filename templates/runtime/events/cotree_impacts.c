@@ -273,9 +273,9 @@ static int solve_impact(cotree_events *e, cotree_real t, const cotree_real *w)
     status = cotree_solve_modes(e, t, w);
     e->is_impact = 0;
     lossy = status == 0 ? find_lossy_load(e) : -1;
-    if (lossy >= 0) return cotree_fail(e, PLACE(lossy, SLIP), t, COTREE_EVENTS_LOSSY);
+    if (lossy >= 0) return cotree_fail(e, PLACE(lossy, SLIP), t, COTREE_EVENTS_LOSSY_IMPACT);
     if (status != 0 || e->n_contact_friction == 0 || !gains_energy(e)) return status;
-    return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_GAINS);
+    return cotree_fail(e, PLACE(cotree_first_stop(e), REBOUND), t, COTREE_EVENTS_ENERGY_GAIN);
 }
 
 /* Reject an impact that changes the rate of a gap with a time of its own: the result depends on
@@ -291,7 +291,7 @@ static int check_independent(cotree_events *e, cotree_real t)
             e->impact_role[own] == -1 && COTREE_FABS(change) > cotree_zero_opening_speed(e, k);
         const int is_turned = e->impact_role[own] == -2 && after < -cotree_closing_uncertainty(e);
         if (e->run->n_blocks > 1 && (is_changed || is_turned)) {
-            return cotree_fail(e, cotree_closed_gap(e, k), t, COTREE_EVENTS_TOGETHER);
+            return cotree_fail(e, cotree_closed_gap(e, k), t, COTREE_EVENTS_COUPLED_IMPACTS);
         }
     }
     return 0;

@@ -52,8 +52,7 @@ static cotree_real detection_level(const cotree_events *e, int i)
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
-    const cotree_side_range r =
-        cotree_range_on_side(e->ranges + N_BOUNDS * e->rows[i].range, side);
+    const cotree_side_range r = cotree_range_on_side(e->ranges + N_BOUNDS * e->rows[i].range, side);
     const cotree_real least = detection_level(e, i), a = side * at_a, b = side * at_b;
     if (r.low > least) return RANGE_NONZERO;
     if (cotree_is_monotone(r)) return RANGE_MONOTONE;

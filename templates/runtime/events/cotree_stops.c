@@ -148,7 +148,7 @@ int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g)
     int i;
     for (i = 0; i < e->n_events; ++i) {
         if (cotree_is_gap(e, i) && g[i] < -cotree_rounding_band(e, i))
-            return cotree_fail(e, i, t, COTREE_EVENTS_BEYOND);
+            return cotree_fail(e, i, t, COTREE_EVENTS_NEGATIVE_GAP);
     }
     return 0;
 }

@@ -160,7 +160,7 @@ int cotree_complete_event(cotree_jumps *j, const cotree_event *row, cotree_real 
     if (status != 0) return status;
     if (N_SENSITIVITIES > 0 && is_constrained &&
         cotree_assembly_is_chosen(&j->assembly, t, given, j->after)) {
-        return COTREE_JUMPS_CHOOSE;
+        return COTREE_JUMPS_UNDERDETERMINED;
     }
 #else
     (void)row;

@@ -23,7 +23,8 @@ extern "C" {
 
 /* Results in addition to those of kernels. */
 #define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
-#define COTREE_JUMPS_CHOOSE 101 /* the projection is not unique, so that no sensitivities exist */
+#define COTREE_JUMPS_UNDERDETERMINED                                                               \
+    101 /* the projection is not unique, so that no sensitivities exist */
 
 /* Kinds of events. A jump chooses a mode of a discontinuous expression; its event function is
  * the condition. The event functions of dry friction are the slip rate with the sign of the
