@@ -37,7 +37,7 @@ _MOST_WAITING = 3
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Several sines at once, with the function that selects them by processor.
-_SINES = 1520
+_SINES = 1632
 #: The elimination of one to three unknowns that is written out.
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 

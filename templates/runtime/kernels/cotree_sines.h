@@ -7,7 +7,7 @@
 #if LANES > 1
 typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
 #define BITS NAMED(bits)
-#define SINE_QUALIFIERS TARGET static inline
+#define SINE_QUALIFIERS TARGET static inline __attribute__((always_inline))
 #include "cotree_sine_polynomials.h"
 #undef SINE_QUALIFIERS
 #endif
