@@ -65,22 +65,20 @@ static inline void cotree_points_weigh(cotree_points *p, int n, int uses_rates, 
 static inline void cotree_find_portions(const cotree_points *p, int n, int uses_rates, REAL t,
                                         cotree_portions *found)
 {
-    REAL distance[COTREE_HISTORY_POINTS], basis[COTREE_HISTORY_POINTS];
     REAL product = ALL(COTREE_F(1.0));
     int i;
     for (i = 0; i < n; ++i) {
-        distance[i] = t - p->t[i];
-        basis[i] = p->weights[i] * product;
-        product *= distance[i];
+        found->of_y[i] = p->weights[i] * product;
+        product *= t - p->t[i];
     }
     product = ALL(COTREE_F(1.0));
     for (i = n - 1; i >= 0; --i) {
-        const REAL own = basis[i] * product, square = own * own;
-        product *= distance[i];
+        const REAL own = found->of_y[i] * product, square = own * own, distance = t - p->t[i];
+        product *= distance;
         found->of_y[i] = own;
         if (!uses_rates) continue;
-        found->of_y[i] = square * cotree_fused(p->bends[i], distance[i], ALL(COTREE_F(1.0)));
-        found->of_rate[i] = square * distance[i];
+        found->of_y[i] = square * cotree_fused(p->bends[i], distance, ALL(COTREE_F(1.0)));
+        found->of_rate[i] = square * distance;
     }
 }
 

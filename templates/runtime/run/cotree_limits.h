@@ -48,6 +48,9 @@
 
 #define COTREE_HISTORY_DOUBT COTREE_F(4.0)
 
+/* The same limit of any method: implicit ones are read without rates. */
+#define COTREE_DOUBT(uses_rates) ((uses_rates) ? COTREE_HISTORY_DOUBT : COTREE_F(1.0))
+
 /* Planned pivots are accepted if the solution solves a system whose entries differ from the true
  * ones by at most this share. */
 #define COTREE_PLANNED_PIVOTS COTREE_SELECT(1e-10, 4.3e-05f)
