@@ -14,7 +14,7 @@
 #define COTREE_FMI_EXPORT
 #endif
 
-/* Where units are linked together, their functions have prefixes. */
+/* Functions have prefixes if several units are linked together. */
 #ifdef FMI2_FUNCTION_PREFIX
 #define COTREE_FMI_PASTE(a, b) a##b
 #define COTREE_FMI_PASTE_VALUES(a, b) COTREE_FMI_PASTE(a, b)

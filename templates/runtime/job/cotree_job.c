@@ -381,7 +381,7 @@ static int store_after_events(cotree_job *job, cotree_real t)
     return status;
 }
 
-/* Returns the derivatives of a corner's time by the parameters; NULL if it depends on none. */
+/* Return the derivatives of a corner's time by the parameters; NULL if it depends on none. */
 static const cotree_real *slopes_of(const cotree_job *job, int corner)
 {
 #if COTREE_HAS_MOVING_CORNERS

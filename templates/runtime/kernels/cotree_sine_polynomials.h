@@ -8,8 +8,8 @@
  * Microsystems, 1993): errors stay below 0.8 units in the last place for angles up to 1e6.
  */
 
-/* Writes the sine and the cosine of x reduced to at most pi/4, and to the last two bits of *quarter
- * the number of quarter turns that were subtracted. */
+/* Compute the sine and the cosine of x reduced to at most pi/4, and to the last two bits of
+ * *quarter the number of quarter turns that were subtracted. */
 SINE_QUALIFIERS void NAMED(cotree_reduced_sine)(const VECTOR *x, BITS *quarter, VECTOR *to_sine,
                                                 VECTOR *to_cosine)
 {
@@ -21,7 +21,7 @@ SINE_QUALIFIERS void NAMED(cotree_reduced_sine)(const VECTOR *x, BITS *quarter, 
     k = turns - rounder;
     whole = *x - k * 1.57079632673412561417e+00;
     part = k * 6.07710050630396597660e-11;
-    y = whole - part; /* the reduced angle is y + tail, and what tail adds is of first order */
+    y = whole - part; /* the reduced angle is y + tail, and tail contributes to first order */
     tail = ((whole - y) - part) - k * 2.02226624879595063154e-21;
     z = y * y;
     w = z * z;

@@ -12,8 +12,8 @@ typedef unsigned long long NAMED(bits) __attribute__((vector_size(8 * LANES)));
 #undef SINE_QUALIFIERS
 #endif
 
-/* Writes sines and cosines of n angles; all three arrays are as long as whole vectors. Angles
- * beyond 1e6, and what is not finite, are left to the C library. */
+/* Compute sines and cosines of n angles; all three arrays are padded to whole vectors. The C
+ * library computes those of angles beyond 1e6, and of nan and infinity. */
 TARGET static void NAMED(cotree_sines)(int n, const cotree_real *angles, cotree_real *sines,
                                        cotree_real *cosines)
 {

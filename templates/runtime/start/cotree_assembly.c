@@ -33,8 +33,8 @@
 #define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
 #define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
 
-/* Constraints are nearly dependent where the smallest singular value of their gradients is below
- * this share of what it is in other positions, or below LEAST_GAP. */
+/* Constraints are nearly dependent if the smallest singular value of their gradients is below this
+ * share of that in other positions, or below LEAST_GAP. */
 #define NEARLY COTREE_F(0.1)
 #define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
 #define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
@@ -602,7 +602,7 @@ static cotree_real median_of(int n, const cotree_real *turned, const cotree_real
     return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
 }
 
-/* Writes to trial the position of a number, with all joints turned. */
+/* Write a numbered position to trial, with all joints rotated. */
 static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
 {
     int i;

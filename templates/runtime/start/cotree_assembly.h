@@ -53,7 +53,7 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
  * likewise. */
 void cotree_assembly_hold(cotree_assembly *a, const int *is_set);
 
-/* Whether constraints are dependent at x, or so nearly that rates are taken on them. */
+/* Return whether constraints are dependent at x, or so nearly that rates are evaluated on them. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
 /* Normalise quaternions. Return COTREE_ASSEMBLY_VIOLATED if one is zero. */
