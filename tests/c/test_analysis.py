@@ -12,6 +12,7 @@ import pytest
 from c_programs import need
 
 import cotree
+from cotree.codegen.features import ALL
 from cotree.codegen.render import template_folder
 from cotree.codegen.runtime import abi_header
 from cotree.export.c_project import Kit, write_c_project
@@ -34,6 +35,8 @@ VARIANTS = {
 }
 CPPCHECK = ["cppcheck", "--quiet", "--std=c99", "--enable=warning,performance,portability"]
 CPPCHECK += ["--inline-suppr", "--error-exitcode=1", "--suppress=missingIncludeSystem"]
+#: One configuration: cppcheck tries twelve combinations of the macros of conditions otherwise.
+CPPCHECK += [f"-D{name}=1" for name in ALL.macros()]
 
 
 def runtime_flags(folder: Path) -> list[str]:

@@ -653,7 +653,7 @@ static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x
 
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
-    cotree_real here, other, gap = LEAST_GAP;
+    cotree_real here = COTREE_F(0.0), other, gap = LEAST_GAP;
     int k, status;
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
