@@ -57,7 +57,20 @@ def loose_four_bar() -> Scene:
     return scene
 
 
+def capacitors() -> Scene:
+    """Draw capacitors whose charges are states, and whose voltages are given or guessed."""
+    scene = Scene("capacitors")
+    scene.parameter("R", 1e3)
+    scene.parameter("c", 1e-6)
+    for name, node, given in (("C1", "a", {"initial": {"v": 2.0}}), ("C2", "b", {})):
+        law = f"c*(tanh({name}.v) + 0.2*{name}.v)"
+        scene.edge(name, "nonlinear_capacitor", node, "ground", charge=law, **given)
+    scene.edge("R1", "resistor", "a", "b", resistance="R")
+    return scene
+
+
 SCENES = {
+    "capacitors": (capacitors, ["c"], {"c": 1.5e-6}),
     "slider-crank": (slider_crank, ["l"], {"l": 0.55, "r": 0.21}),
     "four-bar": (loose_four_bar, ["a"], {"a": 0.55, "c": 1.25}),
     "motor-linkage": (lambda: cotree.load("motor-linkage"), ["L"], {"L": 0.36}),

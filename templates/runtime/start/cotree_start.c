@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdlib.h>
 
-/* Redundant values agree to a share of what they follow from, or to what rounding leaves. */
+/* Redundant values agree to a share of the states that they follow from, or to rounding. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
@@ -17,12 +17,11 @@
 /* Algebraic unknowns are found if they change by less than this share of themselves. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
-/* The most rounds in which contents and the unknowns that they depend on settle; and rounds per
- * event in which jumps do. */
+/* Limits of the iterations over contents and unknowns, and, for each event, over modes. */
 #define MOST_ROUNDS 50
 
-/* Differences of a start are taken at this share of a parameter, at least LEAST_SIZE: the fourth
- * power of it is about what rounding leaves of them. */
+/* The step of finite differences as a share of a parameter, at least of LEAST_SIZE: truncation, of
+ * the fourth order, is then as small as rounding. */
 #define SHARE COTREE_SELECT(1e-3, 5e-02f)
 #define LEAST_SIZE COTREE_F(1e-3)
 
@@ -49,7 +48,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     if (tables->n_contents > 0) {
         start->is_found = cotree_arena_ints(arena, tables->n_contents);
         start->rates = cotree_arena_reals(arena, run->n_full);
-        start->wide_rates = cotree_arena_reals(arena, run->n_full);
+        start->given_slopes = cotree_arena_reals(arena, run->n_full);
     }
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
@@ -61,14 +60,15 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
         start->moved_k = cotree_arena_reals(arena, model->n_prepared);
     }
     if (h != NULL) {
-        start->looked_at = cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
-        start->news = cotree_arena_reals(arena, h->n_jumps);
+        start->event_values =
+            cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
+        start->new_values = cotree_arena_reals(arena, h->n_jumps);
     }
 }
 
 /* Initial values. */
 
-/* Writes the initial values as they are given, and the guesses of the others. */
+/* Write the initial values that are given, and guesses of the others. */
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
@@ -87,8 +87,7 @@ static int write_states(const cotree_start *start, cotree_real *z)
     return status;
 }
 
-/* Writes the sensitivities of these. A value that is set depends on no parameter, only on itself.
- */
+/* Write their sensitivities. A value that is set depends on itself only. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
@@ -106,7 +105,8 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
 
 /* The constraints. */
 
-/* Marks what is kept: what the model gives, what is set, and what sensitivities are taken to. */
+/* Mark the states that are prescribed: those that are given or set, and those that sensitivities
+ * are taken to. */
 static void mark_kept(cotree_start *start)
 {
     int i;
@@ -122,7 +122,7 @@ static void mark_kept(cotree_start *start)
     cotree_assembly_hold(&start->assembly, start->is_set);
 }
 
-/* Moves states onto the constraints, which depend on the model's own inputs alone. */
+/* Project states onto the constraints, which depend on the model's own inputs only. */
 static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_assembly *const a = &start->assembly;
@@ -135,7 +135,8 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 ? cotree_assembly_move(a, t, z) : status;
 }
 
-/* Writes the states on the constraints where a sensitivity's parameter or state is moved. */
+/* Compute the states on the constraints for another value of a parameter or state of sensitivity.
+ */
 static int assemble_aside(cotree_start *start, cotree_real t, int seed, cotree_real value,
                           cotree_real *x)
 {
@@ -157,8 +158,8 @@ static int assemble_aside(cotree_start *start, cotree_real t, int seed, cotree_r
     return status;
 }
 
-/* Differentiates a start that is the least of several moves: the choice depends on the parameters
- * through gradients, whose derivatives no kernel has. Five points give it to ten digits. */
+/* Differentiate a projection that is one of several, by differences of five points: it depends on
+ * the parameters through gradients, whose derivatives no kernel has. */
 static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
 {
     static const cotree_real weights[] = {COTREE_F(1.0), -COTREE_F(8.0), COTREE_F(8.0),
@@ -265,7 +266,7 @@ static int mark_found(cotree_start *start)
     return n;
 }
 
-/* Whether a content is found where sensitivity j is taken: the initial value itself is given. */
+/* Return whether a content is found for sensitivity j; one to an initial value keeps that value. */
 static int is_found_along(const cotree_start *start, int i, int j)
 {
     const int seed = start->tables->seeds[j];
@@ -287,8 +288,8 @@ static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree
     return sum;
 }
 
-/* Add to contents what is left of their equations, c(v) - q = 0, which that solves for q. Return
- * whether anything is left, or a status of kernels. */
+/* Solve the equations c(v) - q = 0 for the contents q, with v as in z. Return a status of kernels;
+ * is_left is 1 if a content has changed. */
 static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
 {
     const cotree_run *const run = start->run;
@@ -324,12 +325,12 @@ static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
 }
 
-/* Solve likewise for sensitivities, whose equations are linear. */
+/* Solve for the sensitivities of the same. */
 static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
     const int n_contents = start->tables->n_contents;
-    cotree_real *const given = start->wide_rates; /* those of the unknowns, column by column */
+    cotree_real *const given = start->given_slopes; /* those of the unknowns, column by column */
     int i, j, n, is_left = 1, status = 0;
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         cotree_real *const s = z + (1 + j) * N_STATES;
@@ -371,7 +372,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
 }
 
 #endif
-/* Solve for all that follows from algebraic equations. */
+/* Solve for algebraic unknowns, contents and their sensitivities. */
 static int solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 {
 #if COTREE_HAS_ALGEBRAIC
@@ -396,21 +397,22 @@ static int is_jumping(const cotree_start *start)
     return n;
 }
 
-/* Finds an event of a jump whose mode is not that of the side where its value is, and its new one;
- * -1: none. */
-static int find_wrong(cotree_start *start, cotree_real t, const cotree_real *x, cotree_real *mode,
-                      int *status)
+/* Return a jump whose mode contradicts the sign of its event function, with the new mode; -1 if
+ * there is none. */
+static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real *x,
+                           cotree_real *mode, int *status)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
     const cotree_run *const run = start->run;
     int i, first = 0;
-    *status = MODEL->events(t, x, run->u, run->p, run->k, start->looked_at);
-    if (*status == 0) *status = MODEL->jumps(t, x, run->u, run->p, run->k, start->news);
+    *status = MODEL->events(t, x, run->u, run->p, run->k, start->event_values);
+    if (*status == 0) *status = MODEL->jumps(t, x, run->u, run->p, run->k, start->new_values);
     for (i = 0; i < h->n_events && *status == 0; ++i) {
         const cotree_event *const row = h->events + i;
-        const cotree_real side = (cotree_real)row->direction * start->looked_at[i];
-        if (row->kind == 1 && side > COTREE_F(0.0) && x[row->targets[0]] != start->news[first]) {
-            *mode = start->news[first];
+        const cotree_real side = (cotree_real)row->direction * start->event_values[i];
+        if (row->kind == 1 && side > COTREE_F(0.0) &&
+            x[row->targets[0]] != start->new_values[first]) {
+            *mode = start->new_values[first];
             return i;
         }
         first += row->n_targets;
@@ -418,13 +420,13 @@ static int find_wrong(cotree_start *start, cotree_real t, const cotree_real *x, 
     return -1;
 }
 
-static int settle_modes(cotree_start *start, cotree_real t, cotree_real *z)
+static int choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const int most = MOST_ROUNDS * is_jumping(start);
     int n, status = 0;
     for (n = 0; n < most; ++n) {
         cotree_real mode = COTREE_F(0.0);
-        const int event = find_wrong(start, t, z, &mode, &status);
+        const int event = find_wrong_mode(start, t, z, &mode, &status);
         if (status != 0 || event < 0) return status;
         z[MODEL->hybrid->events[event].targets[0]] = mode;
         start->culprit = event;
@@ -491,12 +493,12 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
     if (status == 0) status = cotree_run_inputs(run, t);
     if (status == 0 && MODEL->n_algebraic > 0) status = solve_all(start, t, z);
-    if (status == 0) status = settle_modes(start, t, z);
+    if (status == 0) status = choose_jump_modes(start, t, z);
     if (status == 0) status = check_redundant(start, t, z);
     return status == 0 ? check_finite(start, z) : status;
 }
 
-/* Prepares a start for a call; while there is no memory, counts what it needs. */
+/* Initialise a run and a start for a call. */
 static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start *start,
                    cotree_arena *arena)
 {
@@ -513,7 +515,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     start->values = call->values;
 }
 
-/* Whether nothing follows from initial values. */
+/* Return whether initial values have no equations to satisfy. */
 static int is_plain(const cotree_start *start)
 {
     return start->tables->assembly == NULL && MODEL->n_algebraic == 0 && is_jumping(start) == 0;

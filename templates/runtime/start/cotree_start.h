@@ -25,8 +25,8 @@ extern "C" {
 #define COTREE_START_CONTRADICTED 103                  /* culprit: a redundant value */
 #define COTREE_START_UNSOLVED 104    /* the algebraic equations have no solution */
 #define COTREE_START_TURNED_BACK 105 /* culprit: an event, whose jump undoes itself */
+#define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
 #define COTREE_START_NO_MEMORY 107
-#define COTREE_START_UNDEFINED 106 /* culprit: a state without a finite value */
 
 /* cotree: begin of the part that cffi reads */
 /* A start in one call. */
@@ -66,24 +66,26 @@ typedef struct cotree_start {
     cotree_assembly assembly;
     /* The rest belongs to the start. */
     int *is_set, *is_found;
-    cotree_real *rates, *wide_rates;
-    cotree_real *given, *w, *moved, *moved_p, *moved_k, *looked_at, *news, *conditions;
+    cotree_real *rates, *given_slopes;
+    cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *new_values, *conditions;
 } cotree_start;
 
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
                        cotree_arena *arena);
 
-/* Writes the states and the run's sensitivities at the start; prepared values are those of run->k.
+/* Compute the states and sensitivities of the run at the start. Return 0 or a status. Prepared
+ * values are those of run->k.
  */
 int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
 
-/* The same with memory of its own. */
+/* Compute the same for a call, in memory that is allocated and freed. Return 0 or a status. */
 COTREE_EXPORT int cotree_start_once(cotree_start_call *call);
 
-/* Why there is no start, as a sentence without a capital and an end. */
+/* Return why there is no start, as a clause. */
 const char *cotree_start_message(int status);
 
-/* The name of the culprit: a constraint, an initial value, an event or a state; "" if unknown. */
+/* Return the name of the culprit: a constraint, an initial value, an event or a state; "" if
+ * unknown. */
 const char *cotree_start_culprit(const cotree_start *start, int status);
 
 #ifdef __cplusplus
