@@ -292,11 +292,31 @@ def test_operation_counts_of_the_tour_are_those_of_the_model():
 
 
 @pytest.mark.compiler
+def test_the_program_around_a_single_file_runs(tmp_path):
+    from cotree import load
+
+    model = load("slider-pendulum").compile(["L"])
+    model.write(tmp_path, single_file=True)
+    text = blocks((ROOT / "docs" / "c.md").read_text(encoding="utf-8"), "c")[0]
+    assert len(text.strip().splitlines()) <= 28
+    (tmp_path / "own.c").write_text(text, encoding="utf-8")
+    flags = "-std=c99 -O1 -Wall -Wextra -Wpedantic -Werror"
+    command = f"cc {flags} -o own own.c slider_pendulum.c -lm"
+    subprocess.run(shlex.split(command), cwd=tmp_path, check=True)
+    done = subprocess.run(["./own"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    found = float(done.stdout.split("d(j1.s)/d(L) = ")[1])
+    settings = {"parameters": {"L": 1.1}, "rtol": 1e-10, "atol": 1e-12}
+    result = model.simulate((0, 2), method="dop853", **settings)
+    # Six digits are printed, and the tolerances leave more.
+    assert found == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)
+
+
+@pytest.mark.compiler
 def test_the_c_example_compiles(tmp_path):
     from cotree import load
 
     load("slider-pendulum").compile().write(tmp_path)
-    text = blocks((ROOT / "docs" / "c.md").read_text(encoding="utf-8"), "c")[0]
+    text = blocks((ROOT / "docs" / "c.md").read_text(encoding="utf-8"), "c")[1]
     include, _, body = text.partition("\n")
     lines = body.strip().splitlines()
     program = "\n".join(

@@ -8,10 +8,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* 1: single precision. */
-
-/* Features: the project of one model contains only those that the model uses. */
-
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
  * tolerances are the same share of the digits of either. */
 typedef double cotree_real;

@@ -231,6 +231,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         real: str = "double",
         prefix: str = "",
         cpp: bool = False,
+        single_file: bool = False,
     ) -> CProject:
         """Write model, header, integrators, a main program and build files that need no Python.
 
@@ -250,6 +251,9 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
             What names in C and files begin with, in place of the scene's name.
         cpp : bool
             Whether to write a header for C++, too.
+        single_file : bool
+            Whether to write one header and one source, whose names all begin with the prefix, in
+            place of a file for each part and of build files.
 
         Returns
         -------
@@ -265,7 +269,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         from cotree.export.c_project import Kit, write_c_project
 
         d, to = self._recipe.defaults, Path(directory)
-        kit = Kit(integrator, real, prefix, cpp)
+        kit = Kit(integrator, real, prefix, cpp, single_file)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # A C project has no search for operating points: it begins with the numbers found here.
         start = self.start() if self.begins_at_rest else None

@@ -243,10 +243,15 @@ def generate_project(
         str, typer.Option(help="What names in C begin with, in place of the scene's name.")
     ] = "",
     cpp: Annotated[bool, typer.Option("--cpp", help="A header for C++, too.")] = False,
+    single_file: Annotated[
+        bool, typer.Option("--single-file", help="One header and one source.")
+    ] = False,
 ) -> None:
     """Write a C project that integrates a scene without Python."""
     model = read_scene(scene).compile(sensitivity, read_tree(tree))
-    project = model.write(output, integrator, step, real=real, prefix=prefix, cpp=cpp)
+    project = model.write(
+        output, integrator, step, real=real, prefix=prefix, cpp=cpp, single_file=single_file
+    )
     for file in project.files:
         typer.echo(f"wrote {file}")
     typer.echo(f"build it there with: {project.command}")

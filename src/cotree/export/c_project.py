@@ -21,6 +21,7 @@ from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
+from cotree.codegen.single_file import prefixed, single_file
 from cotree.codegen.targets import BY_REAL, DOUBLE
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import (
@@ -91,12 +92,15 @@ class Kit:
         What names in C and files begin with; the name of the scene where it is empty.
     has_wrapper : bool
         Whether there is a header for C++ besides.
+    is_single : bool
+        Whether all C stands in one header and one source, without build files.
     """
 
     integrator: str = "dopri5"
     real: str = "double"
     prefix: str = ""
     has_wrapper: bool = False
+    is_single: bool = False
 
     def methods(self) -> list[str]:
         """List the methods."""
@@ -222,10 +226,17 @@ def write_c_project(
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))
     headers = sorted(name for name in texts if name.endswith(".h"))
-    texts |= kit_files(program, model, sources, headers, has_wrapper=kit.has_wrapper)
+    files = kit_files(program, model, sources, headers, has_wrapper=kit.has_wrapper)
+    prefix, compiled = model.prefix, f"{' '.join(sources)} main.c"
+    if kit.is_single:
+        wrapper = f"{prefix}.hpp"
+        files = {wrapper: prefixed(files[wrapper], texts, prefix)} if kit.has_wrapper else {}
+        texts = single_file(texts, prefix)
+        compiled = f"-D{model.upper}_MAIN {prefix}.c"
+    texts |= files
     # Compilers differ in whether they fuse products and sums by default. Without, they agree.
     flags = "-std=c99 -O2 -ffp-contract=off"
-    command = f"cc {flags} -o {model.prefix} {' '.join(sources)} main.c -lm"
+    command = f"cc {flags} -o {prefix} {compiled} -lm"
     _write_files(directory, texts)
     return CProject(directory, tuple(directory / name for name in texts), command)
 

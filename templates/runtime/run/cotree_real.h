@@ -8,13 +8,13 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* 1: single precision. */
 #ifndef COTREE_SINGLE
+/* 1: single precision. */
 #define COTREE_SINGLE 0
 #endif
 
-/* Features: the project of one model contains only those that the model uses. */
 #ifndef COTREE_HAS_SENSITIVITIES
+/* Features: the project of one model contains only those that the model uses. */
 #define COTREE_HAS_SENSITIVITIES 1
 #endif
 #ifndef COTREE_HAS_INPUTS
