@@ -158,11 +158,11 @@ def load_kernels(text: ModelText, options: BuildOptions) -> tuple[Kernels, bool]
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: the model is evaluated in Python, which is much slower",
+            f"{reason}: the model is evaluated in Python, and nothing is simulated",
             RuntimeWarning,
             stacklevel=5,  # whoever asked for the model
         )
-        # The same nodes without C: a model always runs, if slowly.
+        # The same nodes without C: equations, starts and text that is written need few evaluations.
         return PythonKernels(text.program), False
     library, loaded = obtain_library(
         text.files,
