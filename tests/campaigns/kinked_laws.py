@@ -196,7 +196,7 @@ def expected(name: str, situation: str, **changed: float) -> float:
         (0, END),
         [starts[situation]],
         # Explicit steps do not come to rest at an infinite slope.
-        method="Radau" if law.is_steep else "dop853",
+        method="Radau" if law.is_steep else "DOP853",
         rtol=1e-10,
         atol=1e-12,
         max_step=0.01,

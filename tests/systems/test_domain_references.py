@@ -78,7 +78,7 @@ def test_values_and_sensitivities(name):
             assert error < bound, (key, parameter)
 
 
-@pytest.mark.parametrize("method", [pytest.param("Radau", marks=pytest.mark.slow), "ida"])
+@pytest.mark.parametrize("method", [pytest.param("rodas5", marks=pytest.mark.slow), "ida"])
 @pytest.mark.parametrize("name", ["chem_hires", "chem_robertson"])
 def test_reactions_by_other_stiff_methods(name, method):
     result = simulated(name, method=method, rtol=1e-11, atol=1e-18)
