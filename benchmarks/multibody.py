@@ -302,7 +302,7 @@ def singular() -> str:
     models = {"joints": scene.compile(), "bodies": scene.compile(tree=absolute_tree(scene))}
     rows, cases = reference["reference"], list(itertools.product(models, (1e-6, 1e-8, 1e-10)))
     by_method = []
-    for method in ("dopri5", "rkf45", "dop853", "rodas4", "rodas5", *METHODS):
+    for method in ("rkf45", "rodas4", *METHODS):
         runs = [passage(models[n], [r["t"] for r in rows], method, tol) for n, tol in cases]
         by_method.append([method, *(told(run, worst_error(run, rows)) for run in runs)])
     passed = [sum("stops" not in row[k + 1] for row in by_method) for k in range(len(cases))]
