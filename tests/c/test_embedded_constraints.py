@@ -146,7 +146,7 @@ def test_the_start_is_consistent_where_initial_is_not(
         assert values[name] == pytest.approx(start.y[i], rel=1e-11, abs=1e-12)
         sensitivity = values[f"d({name})/d({model.sensitivities[0]})"]
         assert sensitivity == pytest.approx(start.s[i, 0], rel=1e-11, abs=1e-12)
-    assert "static const double start[N_UNKNOWNS]" in (tmp_path / "main.c").read_text()
+    assert "cotree_start_once" in (tmp_path / "main.c").read_text()
 
 
 @pytest.mark.slow

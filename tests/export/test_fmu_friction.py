@@ -169,7 +169,7 @@ def test_a_one_way_clutch_that_turns_the_wrong_way_is_refused(tmp_path, capfd):
         pytest.raises(Exception, match="failed with status 3"),
     ):
         unit.initialize()
-    said = "event 'C stops' stops the initialization at t = 0: a one-way clutch turns the way"
+    said = "event 'C stops' stops the initialization at t = 0: a one-way clutch turns in its locked"
     assert said in "".join(capfd.readouterr())
 
 

@@ -314,7 +314,7 @@ static int acceleration_under_force(cotree_events *e, cotree_real t, int which, 
 /* Compute the acceleration per force along a friction constraint, in the trial modes. */
 static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_real *slope)
 {
-    cotree_real without, with;
+    cotree_real without, with = COTREE_F(0.0);
     int k, status;
     for (k = 0; k < e->n_modes; ++k) e->trial[PLACE(k, MODE_STATE)] = e->modes[k];
     status = acceleration_under_force(e, t, which, COTREE_F(0.0), &without);

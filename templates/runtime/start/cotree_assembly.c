@@ -372,7 +372,7 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
 {
     const int n_free = mark_free_directions(a, level);
     const cotree_real met = RESIDUAL_TOLERANCE * size_of(a, x, level);
-    cotree_real residual, other;
+    cotree_real residual, other = COTREE_F(0.0);
     int i, n, status;
     list_rows(a, level, 1);
     copy(N_STATES, x, a->aside);
@@ -653,7 +653,7 @@ static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x
 
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
-    cotree_real here = COTREE_F(0.0), other, gap = LEAST_GAP;
+    cotree_real here = COTREE_F(0.0), other = COTREE_F(0.0), gap = LEAST_GAP;
     int k, status;
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);

@@ -6,13 +6,16 @@
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Redundant values agree to a share of the states that they follow from, or to rounding. */
 #define AGREED COTREE_SELECT(1e-8, 3.5e-04f)
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
+#if COTREE_HAS_ALGEBRAIC
 /* Contents are found to this share of the terms of their equations. */
 #define CONTENT_TOLERANCE COTREE_SELECT(1e-12, 1e-05f)
+#endif
 
 /* Algebraic unknowns are found if they change by less than this share of themselves. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
@@ -523,12 +526,12 @@ static int is_plain(const cotree_start *start)
 
 int cotree_start_once(cotree_start_call *call)
 {
-    static const cotree_run no_run;
-    static const cotree_start no_start;
-    cotree_run run = no_run;
-    cotree_start start = no_start;
+    cotree_run run;
+    cotree_start start;
     cotree_arena arena = {NULL, 0};
     int status;
+    memset(&run, 0, sizeof run);
+    memset(&start, 0, sizeof start);
     set_up(call, &run, &start, &arena);
     if (is_plain(&start)) {
         status = write_states(&start, call->z);
