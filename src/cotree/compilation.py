@@ -158,11 +158,11 @@ def load_kernels(text: ModelText, options: BuildOptions) -> tuple[Kernels, bool]
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: the model is evaluated in Python, and nothing is simulated",
+            f"{reason}: the model is evaluated in Python, which is much slower",
             RuntimeWarning,
             stacklevel=5,  # whoever asked for the model
         )
-        # The same nodes without C: equations, starts and text that is written need few evaluations.
+        # The same nodes without C: a model always runs, if slowly.
         return PythonKernels(text.program), False
     library, loaded = obtain_library(
         text.files,

@@ -150,9 +150,8 @@ class RunnableModel(CompiledModel):
             is stored where all of them would take more than 256 MiB.
         method : str, optional
             ``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``,
-            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy, for models without events, corners,
-            constraints and algebraic unknowns), ``cvode``, ``ida``, and as an extra ``cvodes``,
-            ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
+            ``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra
+            ``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``.
         rtol, atol : float, optional
             Relative and absolute tolerance.
         parameters : mapping of str to float, or array_like of shape (n_parameters,), optional

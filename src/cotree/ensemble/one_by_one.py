@@ -1,6 +1,6 @@
 """Members of an ensemble as runs of their own, where no batch in C can have them.
 
-Methods that run in Python come here.
+Models without a compiler and methods that run in Python come here.
 """
 
 from __future__ import annotations

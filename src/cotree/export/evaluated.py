@@ -14,7 +14,7 @@ from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.model.moment import Moment
 from cotree.model.start import scene_start
-from cotree.solvers.held_constraints import HeldConstraints
+from cotree.solvers.project import Projection
 
 if TYPE_CHECKING:
     from cotree.model.consistent import Start
@@ -75,6 +75,6 @@ class Evaluated:
         """Tell whether constraints of edges are dependent at the start, or nearly so."""
         if not self.program.layout.constraint_edges:
             return False
-        # The rank is judged as a run judges it.
-        held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
-        return bool(held.singular(0.0, self.start.z))
+        # The rank is judged as the projection of a run would judge it.
+        projection = Projection(self.model, self.model.default_parameters, lambda t: None)
+        return bool(projection.singular(0.0, self.start.z))

@@ -16,7 +16,7 @@ from cotree.errors import SingularSystemError, SolveError
 from cotree.model.arrays import Array
 from cotree.model.damped_newton import Equation, iterate
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
-from cotree.model.roots import NEXT, find_root
+from cotree.model.roots import NEAR, NEXT, find_root
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -84,6 +84,11 @@ class Algebraic:
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._taken(t, y, root)
+
+    def approach(self, t: float, y: Array) -> Array:
+        """Solve for the unknowns from a poorer guess, by damped steps; see :meth:`follow`."""
+        with np.errstate(all="ignore"):
+            return self._taken(t, y, iterate(self._equation(t, y), y[self.cut :], NEAR))
 
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 #: Reason given where a method stops because its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 
+#: Reason given where a method stops because the projection fails or moves a step too far.
+MOVED_FAR = SENTENCES["PROJECTION_FAILED"]
+
 # Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
 _FINE = 1e-12
 
@@ -127,3 +130,22 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
         f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
         "needed: let the run begin nearer to t = 0."
     )
+
+
+def told(problem: Problem, method: str, t: float, reason: str, cause: str, passage: str) -> str:
+    """Return the summary with the cause of a failure and with what was passed on the way.
+
+    Parameters
+    ----------
+    problem, method, t, reason
+        As for :func:`summary`.
+    cause : str
+        The first value that was not finite, as a phrase; or empty.
+    passage : str
+        A sentence on singular configurations; or empty.
+    """
+    why = f"{reason}; {cause}" if cause and cause not in reason else reason
+    sentences = summary(problem, method, t, why)
+    if passage:
+        sentences.insert(1, passage)
+    return " ".join(sentences)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cotree.errors import ParameterError, SolveError, nearest
+from cotree.errors import ParameterError, nearest
 from cotree.model.contents import content_sizes
 from cotree.model.moment import Moment
 from cotree.model.signals import read_signals
@@ -23,9 +23,9 @@ from cotree.records import filled
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.functions import Functions
-from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.problem import Native, Problem, check_demands
+from cotree.solvers.project import Projection
 from cotree.solvers.sampling import Samples, reaching
 from cotree.solvers.settings import (
     check_mapping,
@@ -64,7 +64,7 @@ class Run(NamedTuple):
     p: FloatArray
     u: Inputs
     start: Start
-    held: HeldConstraints | None
+    projection: Projection | None
 
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
@@ -100,16 +100,11 @@ class Preparation:
     ModelError
         If an input is not accepted.
     SolveError
-        If settings make no sense, or the model was not compiled.
+        If settings make no sense.
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
         settings = checked_settings(settings)
-        if model.backend != "C":
-            raise SolveError(
-                "There is no C compiler, and a simulation needs one: `pip install ziglang` brings "
-                "one. Equations, C and FMU sources are written without it."
-            )
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout
@@ -145,6 +140,7 @@ class Preparation:
             time_limit=read_bound(settings.time_limit, "time_limit"),
             constraints=model.constraints if self._is_held else (),
             n_algebraic=layout.n_algebraic,
+            not_native="the model is evaluated in Python",
             places=places_of(model),
             n_observed=n_observed(model),
             shared=Shared(is_repeatable=not self.asks_python),
@@ -191,7 +187,7 @@ class Preparation:
             reach(t_span[0], start.z)
             at = Moment(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
-        z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
+        z0, projection = start.z, Projection(model, p, u) if self._is_held else None
         values = {
             **vars(self._template),
             "z0": z0,
@@ -199,18 +195,18 @@ class Preparation:
             "scales": self._scales(p),
             "reach": reach,
             **corners,
-            **self._functions(p, u, held),
+            **self._functions(p, u, projection),
             **_native(model, p, signals),
         }
         problem = filled(Problem, values)
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
-        return Run(problem, p, u, start, held)
+        return Run(problem, p, u, start, projection)
 
-    def projection(self, p: FloatArray) -> HeldConstraints | None:
-        """Return the constraints that hold a run; None where nothing does."""
+    def projection(self, p: FloatArray) -> Projection | None:
+        """Return the projection of a run onto its constraints; None where nothing is projected."""
         u = _input_function(self.model, p, self._signals)
-        return HeldConstraints(self.model, p, u) if self._is_held else None
+        return Projection(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
@@ -243,7 +239,7 @@ class Preparation:
             "shifts": corners.moved,
         }
 
-    def _functions(self, p: FloatArray, u: Inputs, held: HeldConstraints | None) -> dict[str, Any]:
+    def _functions(self, p: FloatArray, u: Inputs, projection: Projection | None) -> dict[str, Any]:
         """Give the functions of a problem."""
         model, of = self.model, Functions(self.model, p, u)
         return {
@@ -251,9 +247,10 @@ class Preparation:
             # solved.
             "rhs": of.augmented_rates if model.sensitivities else of.rates,
             "jacobian": of.jacobian,
-            "held": held,
-            "settle": of.settle if held else None,
-            "singular": held.singular if held and held.has_rows else None,
+            "project": projection,
+            "residual": projection.residual if projection else None,
+            "settle": of.settle if projection else None,
+            "singular": projection.singular if projection and projection.has_rows else None,
             "state_rhs": of.rates,
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
@@ -398,9 +395,10 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
 
 
 def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the native form of the problem."""
+    """Return the native form of the problem, where C can take it."""
     native = model.native(p)
-    assert native is not None  # models in Python are refused
+    if native is None:
+        return {}
     # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     known = {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}
