@@ -13,11 +13,11 @@ end: steps end there, too, but the argument decides at all times. The other side
 held where it is constant, as that of ``sqrt(max(x, 0))`` is.
 
 Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
-those that are known functions of time, where integration stops anyway; conditions within
-roots and the like whose readers are twice differentiable, as in the law of an orifice; corners with an infinite
-slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with; corners
-within masses and constraints; tables within roots and the like; and tables with very many points,
-whose corners are small.
+those that are known functions of time, where integration stops anyway; conditions within roots
+and the like whose readers are twice differentiable, as in the law of an orifice; corners with an
+infinite slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with;
+corners within masses and constraints; tables within roots and the like; and tables with very many
+points, whose corners are small.
 """
 
 from __future__ import annotations
