@@ -10,28 +10,6 @@
 #define COTREE_LOOKUP(name) cotree_##name
 #endif
 
-/* Value and slope of a piecewise linear function, constant outside its range. */
-static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotree_real *y,
-                                        cotree_real at, cotree_real *result)
-{
-    int low = 0, high = n - 1;
-    if (at <= x[0] || at >= x[n - 1]) {
-        result[0] = at >= x[n - 1] ? y[n - 1] : y[0];
-        result[1] = COTREE_F(0.0);
-        return;
-    }
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        if (at >= x[middle]) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    result[1] = (y[low + 1] - y[low]) / (x[low + 1] - x[low]);
-    result[0] = y[low] + result[1] * (at - x[low]);
-}
-
 /* Return the interval of an axis that contains a number; the outermost ones extend to infinity. */
 static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
 {
@@ -45,6 +23,21 @@ static inline int cotree_piece(int n, const cotree_real *x, cotree_real at)
         }
     }
     return low;
+}
+
+/* Value and slope of a piecewise linear function, constant outside its range. */
+static inline void COTREE_LOOKUP(table)(int n, const cotree_real *x, const cotree_real *y,
+                                        cotree_real at, cotree_real *result)
+{
+    int low;
+    if (at <= x[0] || at >= x[n - 1]) {
+        result[0] = at >= x[n - 1] ? y[n - 1] : y[0];
+        result[1] = COTREE_F(0.0);
+        return;
+    }
+    low = cotree_piece(n, x, at);
+    result[1] = (y[low + 1] - y[low]) / (x[low + 1] - x[low]);
+    result[0] = y[low] + result[1] * (at - x[low]);
 }
 
 /* Value, first, second and third derivative of a piecewise cubic Hermite function. */
