@@ -1,4 +1,4 @@
-"""What a model uses of the runtime: the macros ``COTREE_HAS_...`` of ``cotree_real.h``."""
+"""Parts of the runtime that a model uses: the macros ``COTREE_HAS_...`` of ``cotree_real.h``."""
 
 from __future__ import annotations
 

@@ -61,14 +61,10 @@ def with_runtime(
     """
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
     waiting = [name for text in found.values() for name in _INCLUDE.findall(text)]
-    seen = set()
     while waiting:
         header = waiting.pop(0)
-        if header in seen or (header != "cotree_abi.h" and header not in _paths()):
-            continue  # read before, or a file of the model
-        if header in files:
-            continue  # a module whose conditions are decided
-        seen.add(header)
+        if header in found or (header != "cotree_abi.h" and header not in _paths()):
+            continue  # present already, or a file of the model
         added = {header: header_text(header, target, features)}
         if has_sources:
             added |= source_texts(header, target, features)

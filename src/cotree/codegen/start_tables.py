@@ -122,7 +122,7 @@ def start_declarations(files: Mapping[str, str]) -> str:
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:
-    """Give the parameter of each sensitivity, or -1 less the state."""
+    """Return the parameter of each sensitivity, or -1 less the state."""
     places = {row.name: i for i, row in enumerate(layout.parameters)}
     return (
         places[name] if name in places else -1 - states.index(name) for name in layout.sensitivities

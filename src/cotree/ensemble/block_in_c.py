@@ -183,7 +183,7 @@ class BlockInC:
         return results.block()
 
     def _is_held(self, member: int) -> bool:
-        """Tell whether constraints held a member that is done, as :meth:`check` does."""
+        """Return whether constraints held a member that is done, as :meth:`check` does."""
         pattern, plan = self.pattern, self.pattern.plan
         problem, n = pattern.problem, self.n_kept[member]
         is_exact = problem.n_sensitivities > 0 and bool(plan.outputs)

@@ -59,7 +59,7 @@ class Evaluated:
         return start if is_sought else None
 
     def is_found_in_c(self, start: Start) -> bool:
-        """Tell whether ``cotree_start.c`` finds a start, too, with its sensitivities."""
+        """Return whether ``cotree_start.c`` finds a start, too, with its sensitivities."""
         return not (start.is_mended or start.told)
 
     def sizes(self, start: Start) -> list[float]:

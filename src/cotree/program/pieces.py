@@ -23,6 +23,7 @@ points, whose corners are small.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -110,7 +111,7 @@ def without_corners(program: Program) -> Program:
 
 @dataclass
 class _Found:
-    """What is followed.
+    """Conditions and tables whose pieces steps hold.
 
     Attributes
     ----------
@@ -208,17 +209,21 @@ class _Corners:
         self, order: Sequence[Node], roots: Sequence[Node], moving: Sequence[Node]
     ) -> None:
         self._order, self._roots, self._moving = order, set(roots), set(moving)
-        self._known: dict[Node, list[Node]] = {}
-        self._places = {node: place for place, node in enumerate(order)}
 
-    def _place(self, node: Node) -> int:
-        return self._places[node]
+    @cached_property
+    def _places(self) -> dict[Node, int]:
+        return {node: place for place, node in enumerate(self._order)}
+
+    @cached_property
+    def _reading(self) -> dict[Node, list[Node]]:
+        found: dict[Node, list[Node]] = {}
+        for item in self._order:
+            for arg in dict.fromkeys(item.args):
+                found.setdefault(arg, []).append(item)
+        return found
 
     def _readers(self, node: Node) -> Sequence[Node]:
-        for item in self._order if not self._known else ():
-            for arg in dict.fromkeys(item.args):
-                self._known.setdefault(arg, []).append(item)
-        return self._known.get(node, ())
+        return self._reading.get(node, ())
 
     def sides(self, node: Node) -> _Sides | None:
         """Return the sides of a selection, a sign or an absolute value; None: it jumps."""
@@ -254,12 +259,12 @@ class _Corners:
             return False
         above, below = {node: positive}, {node: negative}
         # In the order of all values, so that whatever reads several of those before finds them.
-        waiting = {reader: None for reader in self._readers(node)}
+        waiting = set(self._readers(node))
         for _ in range(_MOST_ABOVE):
             if not waiting:
                 return True
-            reader = min(waiting, key=self._place)
-            del waiting[reader]
+            reader = min(waiting, key=self._places.__getitem__)
+            waiting.remove(reader)
             if reader in self._roots or reader.op in SEVERAL:
                 return False
             try:
@@ -271,7 +276,7 @@ class _Corners:
                     continue
             except (ArithmeticError, ValueError):  # it has no value there
                 return False
-            waiting.update((above_it, None) for above_it in self._readers(reader))
+            waiting.update(self._readers(reader))
         return False
 
     def sides_above(self, node: Node) -> _Sides:
@@ -314,18 +319,17 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
 
 def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
     """Return whether two values and their first and second derivatives meet where one is zero."""
-    pairs = [(above, below)]
+    pairs, one = [(above, below)], above.dag.one
     symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
     for order in range(3):
-        if not all(meets(*pair, boundary) for pair in pairs):
-            return False
-        if order < 2:
-            dag = above.dag
+        if order > 0:
             pairs = [
-                (tangent(a, {symbol: dag.one}), tangent(b, {symbol: dag.one}))
+                (tangent(a, {symbol: one}), tangent(b, {symbol: one}))
                 for a, b in pairs
                 for symbol in symbols
             ]
+        if not all(meets(*pair, boundary) for pair in pairs):
+            return False
     return True
 
 
