@@ -99,12 +99,12 @@ static inline int cotree_held_piece(int n, const cotree_real *x, cotree_real at,
     return k;
 }
 
-/* Value of a bilinear function, and its derivatives by x, by y and by both. */
-static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, const cotree_real *y,
-                                        const cotree_real *z, cotree_real at, cotree_real beside,
-                                        cotree_real *result)
+/* Value of a bilinear function on the intervals i and j, and its derivatives by x, by y and by
+ * both. */
+static inline void cotree_bilinear(int m, const cotree_real *x, const cotree_real *y,
+                                   const cotree_real *z, int i, int j, cotree_real at,
+                                   cotree_real beside, cotree_real *result)
 {
-    const int i = cotree_piece(n, x, at), j = cotree_piece(m, y, beside);
     const cotree_real width = x[i + 1] - x[i], height = y[j + 1] - y[j], s = at - x[i],
                       u = beside - y[j];
     const cotree_real *low = z + i * m + j, *high = low + m;
@@ -116,6 +116,15 @@ static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, cons
     result[3] = twist;
 }
 
+/* Value of a bilinear function, and its derivatives by x, by y and by both. */
+static inline void COTREE_LOOKUP(plane)(int n, int m, const cotree_real *x, const cotree_real *y,
+                                        const cotree_real *z, cotree_real at, cotree_real beside,
+                                        cotree_real *result)
+{
+    const int i = cotree_piece(n, x, at), j = cotree_piece(m, y, beside);
+    cotree_bilinear(m, x, y, z, i, j, at, beside, result);
+}
+
 /* Value of a bilinear function, and its derivatives by x, by y and by both; then for each axis
  * the ends of its interval and its number, which is held unless it is zero. */
 static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
@@ -125,15 +134,7 @@ static inline void COTREE_LOOKUP(held_plane)(int n, int m, const cotree_real *x,
 {
     const int i = cotree_held_piece(n, x, at, held_x, result + 4);
     const int j = cotree_held_piece(m, y, beside, held_y, result + 7);
-    const cotree_real width = x[i + 1] - x[i], height = y[j + 1] - y[j], s = at - x[i],
-                      u = beside - y[j];
-    const cotree_real *low = z + i * m + j, *high = low + m;
-    const cotree_real by_x = (high[0] - low[0]) / width, by_y = (low[1] - low[0]) / height;
-    const cotree_real twist = ((high[1] - low[1]) / width - by_x) / height;
-    result[0] = low[0] + s * by_x + u * (by_y + s * twist);
-    result[1] = by_x + u * twist;
-    result[2] = by_y + s * twist;
-    result[3] = twist;
+    cotree_bilinear(m, x, y, z, i, j, at, beside, result);
 }
 
 #endif
