@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.model_text import pickled
+from cotree.codegen.model_files import pickled
 from cotree.errors import BuildError
 from cotree.recipe import CarriedRecipe, Recipe
 from cotree.version import ABI_VERSION, VERSION
 
 if TYPE_CHECKING:
-    from cotree.codegen.model_text import ModelText
+    from cotree.codegen.model_files import ModelText
     from cotree.compiled import Model
     from cotree.program import Program
 

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.codegen.model_files import cdef
-from cotree.codegen.model_text import ModelText, find_text, keep_text, pickled
+from cotree.codegen.model_files import ModelText, cdef, find_text, keep_text, pickled
 from cotree.codegen.render import template_folder
 from cotree.components import OWN
 from cotree.model.kernels import CKernels, PythonKernels

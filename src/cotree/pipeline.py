@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
-from cotree.codegen.model_text import ModelText
+from cotree.codegen.model_files import ModelText, render_model
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range

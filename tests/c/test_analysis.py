@@ -12,9 +12,8 @@ import pytest
 from c_programs import need
 
 import cotree
-from cotree.codegen.features import ALL
 from cotree.codegen.render import template_folder
-from cotree.codegen.runtime import abi_header
+from cotree.codegen.runtime import ALL, abi_header
 from cotree.export.c_project import Kit, write_c_project
 from cotree.pipeline import formulate, generate
 

@@ -11,12 +11,21 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree import load
-from cotree.codegen import kernel_text, loops
+from cotree.codegen import context, loops
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
-from cotree.codegen.expressions import apply, call, element, named, number, temporary
+from cotree.codegen.ir import (
+    Argument,
+    Assign,
+    Report,
+    apply,
+    call,
+    element,
+    named,
+    number,
+    temporary,
+)
 from cotree.codegen.printing import print_body
-from cotree.codegen.statements import Argument, Assign, Report
 from cotree.passes import order
 from cotree.pipeline import formulate, generate
 
@@ -29,7 +38,7 @@ def cut_at(monkeypatch):
 
     def change(longest):
         cut = partial(cut_into_blocks, longest=longest)
-        monkeypatch.setattr(kernel_text, "cut_into_blocks", cut)
+        monkeypatch.setattr(context, "cut_into_blocks", cut)
 
     return change
 
@@ -82,7 +91,7 @@ def test_shipped_scenes_compute_the_same_in_loops(name, monkeypatch, load_kernel
     program = _program(scene, list(scene.parameters)[:2])
     monkeypatch.setattr(loops, "_MUCH_SHORTER", 10.0)  # wherever statements repeat
     rolled = _all_values(load_kernels(program), program)
-    monkeypatch.setattr(kernel_text, "roll", lambda lines, array="v": list(lines))
+    monkeypatch.setattr(context, "roll", lambda lines, array="v": list(lines))
     for kernel, values in _all_values(load_kernels(program), program).items():
         assert np.array_equal(values, rolled[kernel], equal_nan=True), kernel
 

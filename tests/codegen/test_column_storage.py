@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cotree.codegen.column_storage import own_rows
+from cotree.codegen.node_statements import own_rows
 from cotree.dag.linear_map import apply_map, form_map
 from cotree.dag.nodes import Dag
 

@@ -7,10 +7,9 @@ import pytest
 from rod_chain import rod_chain
 
 from cotree.codegen.context import model_context
-from cotree.codegen.expressions import apply, element, number, temporary
+from cotree.codegen.ir import Assign, Comment, apply, element, number, temporary
 from cotree.codegen.loops import roll
 from cotree.codegen.printing import print_lines
-from cotree.codegen.statements import Assign, Comment
 from cotree.errors import ParameterError
 from cotree.pipeline import formulate, generate
 

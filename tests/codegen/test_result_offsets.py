@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rod_chain import rod_chain
 
-from cotree.codegen.result_offsets import starts_of_maps
+from cotree.codegen.node_statements import starts_of_maps
 from cotree.dag.multi_output import results
 from cotree.pipeline import formulate, generate
 

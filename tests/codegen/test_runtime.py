@@ -8,12 +8,10 @@ import subprocess
 
 import pytest
 
-from cotree.codegen.features import ALL
-from cotree.codegen.integrators import STEPPERS, engine_files, integrator_files
+from cotree.codegen.integrators import STEPPERS, SUNDIALS, engine_files, integrator_files
 from cotree.codegen.render import template_folder
-from cotree.codegen.runtime import header_text, resolve, with_runtime
+from cotree.codegen.runtime import ALL, header_text, resolve, with_runtime
 from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
-from cotree.codegen.sundials import SUNDIALS
 from cotree.codegen.targets import DOUBLE, SINGLE
 from cotree.errors import CodegenError
 from cotree.tolerances import LIMITS

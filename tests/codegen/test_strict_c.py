@@ -12,7 +12,7 @@ from made_up_scenes import SWIRL_C, busy_scene, call_case, closed_scene, solve_c
 from rod_chain import rod_chain
 
 from cotree import load
-from cotree.codegen import kernel_text
+from cotree.codegen import context
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.codegen.integrators import STEPPERS, engine_files
@@ -40,7 +40,7 @@ def in_blocks(request, monkeypatch):
     """Leave kernels whole, or cut them into blocks as short as may be."""
     if request.param:
         cut = partial(cut_into_blocks, longest=request.param)
-        monkeypatch.setattr(kernel_text, "cut_into_blocks", cut)
+        monkeypatch.setattr(context, "cut_into_blocks", cut)
 
 
 def _files(program):

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cotree.codegen import maps
-from cotree.codegen.column_storage import own_rows
 from cotree.codegen.maps import map_context
+from cotree.codegen.node_statements import own_rows
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import DOUBLE

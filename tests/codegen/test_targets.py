@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 
 from cotree.codegen.blocks import Blocks
-from cotree.codegen.expressions import Affine, apply, element, named, number, temporary, whole
-from cotree.codegen.node_statements import print_nodes
-from cotree.codegen.printing import print_body, print_lines
-from cotree.codegen.statements import (
+from cotree.codegen.ir import (
     SCALAR,
+    Affine,
     Argument,
     Array,
     Assign,
@@ -18,10 +16,18 @@ from cotree.codegen.statements import (
     FunctionPart,
     LeaveUnless,
     Loop,
+    apply,
+    element,
     function_of,
     n_operations,
+    named,
+    number,
+    temporary,
     uses,
+    whole,
 )
+from cotree.codegen.node_statements import print_nodes
+from cotree.codegen.printing import print_body, print_lines
 from cotree.codegen.targets import DOUBLE, LANES, SINGLE, Target
 from cotree.dag.nodes import Dag
 from cotree.errors import CodegenError

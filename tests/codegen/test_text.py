@@ -14,9 +14,8 @@ from jinja2 import meta, nodes
 from made_up_scenes import HOSTILE, busy_scene
 
 from cotree.codegen import context as contexts
-from cotree.codegen.context import model_context
+from cotree.codegen.context import KernelContext, model_context
 from cotree.codegen.integrators import STEPPERS, engine_files, shared_files
-from cotree.codegen.kernel_text import KernelContext
 from cotree.codegen.maps import MapContext
 from cotree.codegen.model_files import cdef, render_model
 from cotree.codegen.node_statements import print_nodes

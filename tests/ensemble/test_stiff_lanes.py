@@ -15,7 +15,7 @@ from network_scenes import rc_grid, rc_ladder
 
 import cotree
 from cotree.build import find_toolchain
-from cotree.codegen.rosenbrock import ROSENBROCK
+from cotree.codegen.tableaus import ROSENBROCK
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.block_in_c import LEFT, BlockInC
 from cotree.ensemble.lanes import find_lanes

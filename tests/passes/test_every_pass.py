@@ -14,7 +14,7 @@ from rod_chain import rod_chain
 import cotree
 from cotree import choice
 from cotree.choice import choose_first_graph
-from cotree.codegen import kernel_text, maps
+from cotree.codegen import context, maps
 from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.dag.evaluate import evaluate
@@ -249,7 +249,7 @@ def _curvature(_):
 def _loops(monkeypatch):
     program = generate(formulate(rc_ladder(100), (), None)[1])[0]
     after = sum(len(kernel.body.text) for kernel in model_context(program).kernels)
-    monkeypatch.setattr(kernel_text, "roll", lambda rows, array="v": list(rows))
+    monkeypatch.setattr(context, "roll", lambda rows, array="v": list(rows))
     return sum(len(kernel.body.text) for kernel in model_context(program).kernels), after
 
 
@@ -258,7 +258,7 @@ def _blocks(monkeypatch):
         return Blocks([], list(statements))
 
     cuts = whole, cut_into_blocks
-    models = [_with(monkeypatch, kernel_text, "cut_into_blocks", cut, 30) for cut in cuts]
+    models = [_with(monkeypatch, context, "cut_into_blocks", cut, 30) for cut in cuts]
     return [model.n_written for model in models]
 
 

@@ -16,7 +16,7 @@ from reference_scenes import read_reference
 from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_oscillator
 
 from cotree import Scene, load
-from cotree.codegen.sundials import sundials_functions
+from cotree.codegen.integrators import sundials_functions
 from cotree.pipeline import formulate
 from cotree.solvers import engine, methods, sundials_aid, sundials_library
 from cotree.solvers.engine import load_engine

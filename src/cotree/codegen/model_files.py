@@ -1,12 +1,17 @@
-"""The C files of a model, and what cffi reads of headers.
+"""The C files of a model: their text, what cffi reads of headers, and texts kept in the cache.
 
-In: the context of a model. Out: text by file name.
+Forming equations takes most of the time of a model whose library is in the cache. What is kept is
+found by all that it follows from, so that nothing that was kept is ever out of date.
 """
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
+from cotree.build.cache import PROGRAM, find_bytes, keep_bytes
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.quiet import without_collection
@@ -15,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from cotree.codegen.context import ModelContext
+    from cotree.program import Program
 
 
 @without_collection()
@@ -73,3 +79,53 @@ def declarations(files: Mapping[str, str], headers: Iterable[str]) -> str:
         begin = text.index("*/", text.index("begin of the part that cffi reads")) + 2
         texts.append(text[begin : text.index("/* cotree: end of the part that cffi reads")])
     return "\n".join(["typedef double cotree_real;", *texts]) + "\n"
+
+
+@dataclass(frozen=True)
+class ModelText:
+    """A program and its C text.
+
+    Attributes
+    ----------
+    program : Program
+        The program after its passes.
+    files : mapping of str to str
+        C text by file name.
+    prefix : str
+        Prefix of the names in it.
+    n_written, n_written_in_all : int
+        Operations of the longest C function, and of all.
+    """
+
+    program: Program
+    files: Mapping[str, str]
+    prefix: str
+    n_written: int
+    n_written_in_all: int
+
+
+def find_text(key: str) -> ModelText | None:
+    """Give what was kept by a key, or None; a cache that cannot be used counts as empty."""
+    found = find_bytes(key, PROGRAM)
+    if found is None:
+        return None
+    # The folder belongs to the user alone, and its libraries are run as they are.
+    text = pickle.loads(found)
+    assert isinstance(text, ModelText)
+    return text
+
+
+def keep_text(key: str, text: ModelText) -> None:
+    """Keep a text by a key, if it can be kept."""
+    data = pickled(text)
+    if data is not None:
+        keep_bytes(data, key, PROGRAM)
+
+
+def pickled(value: object) -> bytes | None:
+    """Pickle a value; None where something in it cannot be."""
+    try:
+        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
+        # Results of external functions are found by a function of Python, which may be anyone's.
+        return None

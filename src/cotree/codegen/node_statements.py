@@ -1,4 +1,4 @@
-"""Nodes to statements.
+"""Nodes to statements, and where the results of maps are stored.
 
 A value that is used once stands where it is used; the others become constants in the order of
 evaluation. Comments name the group that a statement belongs to.
@@ -7,12 +7,18 @@ evaluation. Comments name the group that a statement belongs to.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from cotree.codegen.column_storage import own_rows, padded
-from cotree.codegen.expressions import (
+from cotree.codegen.ir import (
+    WHOLE,
+    Array,
+    Assign,
+    Call,
+    Comment,
+    Report,
     apply,
     call,
     element,
@@ -21,27 +27,164 @@ from cotree.codegen.expressions import (
     temporary,
     whole,
 )
-from cotree.codegen.expressions import tolerance as tolerance_of
-from cotree.codegen.statements import (
-    WHOLE,
-    Array,
-    Assign,
-    Call,
-    Comment,
-    Report,
-)
+from cotree.codegen.ir import tolerance as tolerance_of
+from cotree.codegen.printing import Constants, int_table
 from cotree.dag.multi_output import SEVERAL, is_symmetric, sizes_of
+from cotree.dag.multi_output import results as results_of
 from cotree.dag.symbols import ARGUMENT_OF, TIME
 from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from cotree.codegen.expressions import CExpression
-    from cotree.codegen.result_offsets import Starts
-    from cotree.codegen.statements import Statement
+    from cotree.codegen.ir import CExpression, Statement
     from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
+    from cotree.program import Kernel
+
+
+#: Numbers in a vector, on any machine.
+_WIDEST = 8
+#: Numbers in rows that are kept whole, at most: half of the nearest cache.
+_MOST_WHOLE = 2048
+
+
+def padded(n: int) -> int:
+    """Round a count of numbers up to whole vectors of any width."""
+    return -(-n // _WIDEST) * _WIDEST
+
+
+@dataclass(frozen=True)
+class OwnRows:
+    """Places in C of the inputs of a map that follow its sensitivities: rows of mostly zeros.
+
+    Rows are kept in pieces of eight columns, as many as the widest vectors hold. All pieces that
+    are entirely zero share one copy, the first; a table gives the places of the pieces of each row.
+    Rows that are known beforehand need not be filled at each call, and are whole if they are short.
+
+    Attributes
+    ----------
+    linear : LinearMap
+        The map.
+    first : int
+        The first of these inputs.
+    is_whole : bool
+        Whether zeros are written out, and each row follows the one before.
+    """
+
+    linear: LinearMap
+    first: int
+    is_whole: bool
+
+    @cached_property
+    def _pieces(self) -> dict[tuple[int, int], int]:
+        """Number the pieces that are not all zeros, by their columns and row, from one on."""
+        given = self.linear.given
+        # Piece zero is the common copy of zeros, so that a place of 0 serves every row that
+        # vanishes.
+        found = (
+            (at, i)
+            for at in range(0, len(given), _WIDEST)
+            for i in range(self.first, self.linear.n_inputs)
+            if any(bits >> i & 1 for bits in given[at : at + _WIDEST])
+        )
+        return {piece: number for number, piece in enumerate(found, 1)}
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return self.linear.n_inputs - self.first
+
+    @property
+    def width(self) -> int:
+        """Length of a whole row."""
+        return padded(self.linear.n_columns)
+
+    @property
+    def length(self) -> int:
+        """Total length of all rows, in numbers."""
+        if self.is_whole:
+            return max(1, self.n_rows * self.width)
+        return _WIDEST * (1 + len(self._pieces))
+
+    @cached_property
+    def places(self) -> list[list[int]]:
+        """Start of each row, in one list for every eight columns."""
+        rows = range(self.first, self.linear.n_inputs)
+        groups = range(0, self.linear.n_columns, _WIDEST)
+        return [[_WIDEST * self._pieces.get((at, i), 0) for i in rows] for at in groups]
+
+    def place(self, i: int, j: int) -> int:
+        """Return the place of input i of column j, which may be nonzero."""
+        if self.is_whole:
+            return self.width * (i - self.first) + j
+        lane = j % _WIDEST
+        return _WIDEST * self._pieces[j - lane, i] + lane
+
+    def values(self, node: Node) -> dict[int, Node]:
+        """Return the nonzero values that an application of the map stores, by place."""
+        return {
+            self.place(i, j): value
+            for j, column in enumerate(self.linear.columns(node.args))
+            for i, value in enumerate(column)
+            if i >= self.first and not value.is_zero
+        }
+
+
+def own_rows(node: Node) -> OwnRows:
+    """Assign places to the inputs that columns do not share, for one application of a map."""
+    linear: LinearMap = node.data
+    first = linear.n_sensitive(node.args)
+    rows = OwnRows(linear, first, is_whole=True)
+    # Short rows of constants need neither filling nor a table of places.
+    if rows.length <= _MOST_WHOLE and all(
+        value.value is not None for value in rows.values(node).values()
+    ):
+        return rows
+    return OwnRows(linear, first, is_whole=False)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Start of each column of a map in the array of a kernel's results."""
+
+    array: str
+    places: tuple[int, ...]
+
+    def place(self, i: int, n_rows: int) -> CExpression:
+        """Give the element that holds a result of the map."""
+        # Nodes number the results of a map column by column.
+        column, row = divmod(i, n_rows)
+        return element(self.array, self.places[column] + row)
+
+
+def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
+    """Find maps whose columns are all results of the kernel unchanged, and their places there."""
+    first: dict[Node, int] = {}
+    for i, root in enumerate(kernel.results):
+        first.setdefault(root, i)
+    found = {}
+    for node in kernel.order:
+        if node.op != "map":
+            continue
+        n, own = len(node.data.results), results_of(node, node.data.n_results)
+        # The first result of each column; the others must follow it in the kernel's results.
+        places = tuple(first.get(root, 0) for root in own[::n])
+        if all(
+            kernel.results[place : place + n] == own[n * j : n * (j + 1)]
+            for j, place in enumerate(places)
+        ):
+            found[node] = Starts(kernel.spec.result, places)
+    return found
+
+
+def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
+    """Give each table of places a name."""
+    tables = dict.fromkeys(
+        starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
+    )
+    return {places: int_table(f"cotree_starts{i}", places) for i, places in enumerate(tables)}
+
 
 _LARGEST_SYSTEM = 12  # that is written out: 300 statements
 _LONGEST_INLINE = 72  # characters of an expression that may stand inside another

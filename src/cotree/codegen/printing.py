@@ -12,9 +12,9 @@ from itertools import chain
 from string import Formatter
 from typing import TYPE_CHECKING
 
-from cotree.codegen.expressions import Affine, TableEntry
-from cotree.codegen.statements import (
+from cotree.codegen.ir import (
     SCALAR,
+    Affine,
     Array,
     Assign,
     Call,
@@ -24,6 +24,7 @@ from cotree.codegen.statements import (
     Loop,
     Report,
     Simple,
+    TableEntry,
     When,
     kind_of,
     n_operations,
@@ -35,8 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
     from cotree.codegen.blocks import Blocks
-    from cotree.codegen.expressions import CExpression, Form, Number
-    from cotree.codegen.statements import Statement
+    from cotree.codegen.ir import CExpression, Form, Number, Statement
     from cotree.codegen.targets import Target
 
 _WIDTH, _INDENT = 98, "    "

@@ -1,6 +1,6 @@
-"""Explicit Runge-Kutta methods, one row each: the data for the template of an integrator.
+"""Coefficients of methods, one row each: the data for the template of an integrator.
 
-Coefficients are C expressions, by the number of the stage that they multiply.
+Coefficients of explicit methods are C expressions, by the number of the stage that they multiply.
 """
 
 from __future__ import annotations
@@ -284,3 +284,274 @@ _DOP853 = Tableau(
 
 #: Every explicit method with step control, by name.
 TABLEAUS: dict[str, Tableau] = {row.name: row for row in (_DOPRI5, _RKF45, _DOP853)}
+
+
+@dataclass(frozen=True)
+class RosenbrockTableau:
+    """A stiffly accurate Rosenbrock method, written without products of the Jacobian.
+
+    Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
+    + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
+
+    Attributes
+    ----------
+    name, title, source : str
+        As in :class:`cotree.codegen.tableaus.Tableau`.
+    error_order : int
+        Order of the error estimate.
+    gamma : str
+        The diagonal.
+    nodes, time : tuple of str
+        c and d, one of each stage.
+    stages, couplings : tuple of tuple of str
+        a and C, a row for each stage but the first.
+    dense : tuple of tuple of str
+        Weights of the stages in the polynomial through both ends of a step, a row for each of its
+        degrees from 2.
+    """
+
+    name: str
+    title: str
+    source: str
+    error_order: int
+    gamma: str
+    nodes: tuple[str, ...]
+    time: tuple[str, ...]
+    stages: tuple[tuple[str, ...], ...]
+    couplings: tuple[tuple[str, ...], ...]
+    dense: tuple[tuple[str, ...], ...]
+
+    is_implicit = True
+
+    @property
+    def n_stages(self) -> int:
+        """Number of stages."""
+        return len(self.nodes)
+
+
+# The weights of stage 5. With stage 5 itself they make the embedded solution, where stage 6 is
+# evaluated; stage 6 is then the error estimate.
+_LAST = ("1.221224509226641", "6.019134481288629", "12.53708332932087", "-0.6878860361058950")
+
+# The coefficients are those of the transformed stages u of Hairer and Wanner, section IV.7.
+_RODAS4 = RosenbrockTableau(
+    name="rodas4",
+    title="the Rosenbrock method of Hairer and Wanner, order 4(3)",
+    source="E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, second edition, "
+    "section IV.7 and its program RODAS",
+    error_order=3,
+    gamma="0.25",
+    nodes=("0.0", "0.386", "0.21", "0.63", "1.0", "1.0"),
+    time=("0.25", "-0.1043", "0.1035", "-0.0362", "0.0", "0.0"),
+    stages=(
+        ("1.544",),
+        ("0.9466785280815826", "0.2557011698983284"),
+        ("3.314825187068521", "2.896124015972201", "0.9986419139977817"),
+        _LAST,
+        (*_LAST, "1.0"),
+    ),
+    couplings=(
+        ("-5.6688",),
+        ("-2.430093356833875", "-0.2063599157091915"),
+        ("-0.1073529058151375", "-9.594562251023355", "-20.47028614809616"),
+        ("7.496443313967647", "-10.24680431464352", "-33.99990352819905", "11.70890893206160"),
+        (
+            "8.083246795921522",
+            "-7.981132988064893",
+            "-31.52159432874371",
+            "16.31930543123136",
+            "-6.058818238834054",
+        ),
+    ),
+    dense=(
+        (
+            "10.12623508344586",
+            "-7.487995877610167",
+            "-34.80091861555747",
+            "-7.992771707568823",
+            "1.025137723295662",
+        ),
+        (
+            "-0.6762803392801253",
+            "6.087714651680015",
+            "16.43084320892478",
+            "24.76722511418386",
+            "-6.594389125716872",
+        ),
+    ),
+)
+
+# The weights of stage 6. Stages 7 and 8 are evaluated at these with the stages before them added.
+_SIXTH = (
+    "-7.502846399306121",
+    "2.561846144803919",
+    "-11.627539656261098",
+    "-0.18268767659942256",
+    "0.030198172008377946",
+)
+
+_RODAS5 = RosenbrockTableau(
+    name="rodas5",
+    title="the Rosenbrock method Rodas5P of Steinebach, order 5(4)",
+    source="G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical "
+    "benchmarks within the Julia Differential Equations package, BIT Numerical Mathematics 63, "
+    "2023",
+    error_order=4,
+    gamma="0.21193756319429014",
+    nodes=(
+        "0.0",
+        "0.6358126895828704",
+        "0.4095798393397535",
+        "0.9769306725060716",
+        "0.4288403609558664",
+        "1.0",
+        "1.0",
+        "1.0",
+    ),
+    time=(
+        "0.21193756319429014",
+        "-0.42387512638858027",
+        "-0.3384627126235924",
+        "1.8046452872882734",
+        "2.325825639765069",
+        "0.0",
+        "0.0",
+        "0.0",
+    ),
+    stages=(
+        ("3.0",),
+        ("2.849394379747939", "0.45842242204463923"),
+        ("-6.954028509809101", "2.489845061869568", "-10.358996098473584"),
+        (
+            "2.8029986275628964",
+            "0.5072464736228206",
+            "-0.3988312541770524",
+            "-0.04721187230404641",
+        ),
+        _SIXTH,
+        (*_SIXTH, "1.0"),
+        (*_SIXTH, "1.0", "1.0"),
+    ),
+    couplings=(
+        ("-14.155112264123755",),
+        ("-17.97296035885952", "-2.859693295451294"),
+        ("147.12150275711716", "-1.41221402718213", "71.68940251302358"),
+        (
+            "165.43517024871676",
+            "-0.4592823456491126",
+            "42.90938336958603",
+            "-5.961986721573306",
+        ),
+        (
+            "24.854864614690072",
+            "-3.0009227002832186",
+            "47.4931110020768",
+            "5.5814197821558125",
+            "-0.6610691825249471",
+        ),
+        (
+            "30.91273214028599",
+            "-3.1208243349937974",
+            "77.79954646070892",
+            "34.28646028294783",
+            "-19.097331116725623",
+            "-28.087943162872662",
+        ),
+        (
+            "37.80277123390563",
+            "-3.2571969029072276",
+            "112.26918849496327",
+            "66.9347231244047",
+            "-40.06618937091002",
+            "-54.66780262877968",
+            "-9.48861652309627",
+        ),
+    ),
+    dense=(
+        (
+            "25.948786856663858",
+            "-2.5579724845846235",
+            "10.433815404888879",
+            "-2.3679251022685204",
+            "0.524948541321073",
+            "1.1241088310450404",
+            "0.4272876194431874",
+            "-0.17202221070155493",
+        ),
+        (
+            "-9.91568850695171",
+            "-0.9689944594115154",
+            "3.0438037242978453",
+            "-24.495224566215796",
+            "20.176138334709044",
+            "15.98066361424651",
+            "-6.789040303419874",
+            "-6.710236069923372",
+        ),
+        (
+            "11.419903575922262",
+            "2.8879645146136994",
+            "72.92137995996029",
+            "80.12511834622643",
+            "-52.072871366152654",
+            "-59.78993625266729",
+            "-0.15582684282751913",
+            "4.883087185713722",
+        ),
+    ),
+)
+
+#: Every Rosenbrock method, by name.
+ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _RODAS5)}
+
+
+@dataclass(frozen=True)
+class FixedStep:
+    """A method whose steps all have the length that the caller chose.
+
+    Attributes
+    ----------
+    name : str
+        In C, after ``cotree_``.
+    title : str
+        A description, as a part of a sentence.
+    source : str
+        Reference.
+    order : int
+        Of the error at the end.
+    n_stages : int
+        Evaluations of the rates in a step.
+    is_implicit : bool
+        Whether it solves linear systems.
+    """
+
+    name: str
+    title: str
+    source: str
+    order: int
+    n_stages: int
+    is_implicit: bool
+
+
+_RK4 = FixedStep(
+    name="rk4",
+    title="the classical Runge-Kutta method of order 4, with steps of one length",
+    source="E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second "
+    "edition, section II.1",
+    order=4,
+    n_stages=4,
+    is_implicit=False,
+)
+
+_EULER = FixedStep(
+    name="euler",
+    title="the linearly implicit Euler method, with steps of one length",
+    source="E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, second edition, "
+    "sections IV.7 and VI.4",
+    order=1,
+    n_stages=1,
+    is_implicit=True,
+)
+
+#: Every method with steps of one length, by name.
+FIXED: dict[str, FixedStep] = {row.name: row for row in (_RK4, _EULER)}

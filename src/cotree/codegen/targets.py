@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.codegen.expressions import fields_of
-from cotree.codegen.statements import REAL, SCALAR, WHOLE
+from cotree.codegen.ir import REAL, SCALAR, WHOLE, fields_of
 from cotree.dag.operations import OPERATIONS
 from cotree.errors import CodegenError
 from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
-    from cotree.codegen.statements import Argument
+    from cotree.codegen.ir import Argument
 
 #: Operations of C that are none of the program's.
 _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}

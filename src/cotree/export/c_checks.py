@@ -7,7 +7,7 @@ import re
 import warnings
 from typing import TYPE_CHECKING
 
-from cotree.codegen.fixed import FIXED
+from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_stops
 from cotree.dag.traverse import substitute
 from cotree.errors import CodegenError, SceneError, brief

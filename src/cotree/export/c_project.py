@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import model_context
-from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import method_files, stepper_files
 from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.codegen.single_file import prefixed, single_file
+from cotree.codegen.tableaus import FIXED
 from cotree.codegen.targets import BY_REAL, DOUBLE
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import (

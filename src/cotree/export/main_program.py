@@ -12,10 +12,10 @@ import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.fixed import FIXED
 from cotree.codegen.integrators import INTEGRATORS
 from cotree.codegen.printing import wrapped
 from cotree.codegen.start_tables import start_tables
+from cotree.codegen.tableaus import FIXED
 from cotree.dag.stops import value_of
 from cotree.dag.traverse import symbols_in
 from cotree.naming import c_string
@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from cotree.codegen.context import ModelContext
-    from cotree.codegen.fixed import FixedStep
-    from cotree.codegen.rosenbrock import RosenbrockTableau
     from cotree.codegen.start_tables import StartTables
-    from cotree.codegen.tableaus import Tableau
+    from cotree.codegen.tableaus import FixedStep, RosenbrockTableau, Tableau
     from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
     from cotree.model.consistent import Start

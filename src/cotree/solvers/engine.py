@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import abandon
-from cotree.codegen.integrators import engine_declarations, engine_files
-from cotree.codegen.sundials import SUNDIALS
+from cotree.codegen.integrators import SUNDIALS, engine_declarations, engine_files
 from cotree.errors import Error
 from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cotree.codegen.sundials import SUNDIALS_VERSION, WITH_SENSITIVITIES, sundials_functions
+from cotree.codegen.integrators import SUNDIALS_VERSION, WITH_SENSITIVITIES, sundials_functions
 from cotree.errors import SolveError
 
 #: Names the file of a library that has the functions of all that is asked of it.

@@ -9,7 +9,7 @@ import numpy as np
 
 from cotree.build import find_toolchain
 from cotree.build.options import processor_name
-from cotree.codegen.sundials import SUNDIALS_VERSION
+from cotree.codegen.integrators import SUNDIALS_VERSION
 from cotree.solvers.native import is_available
 from cotree.version import VERSION
 

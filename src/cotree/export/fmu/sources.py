@@ -6,9 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.context import model_context
+from cotree.codegen.context import (
+    KernelFile,
+    file_fields,
+    kernel_context,
+    model_context,
+    name_tables,
+)
 from cotree.codegen.integrators import INTEGRATORS, method_files, stepper_files
-from cotree.codegen.kernel_text import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
