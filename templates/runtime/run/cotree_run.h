@@ -149,7 +149,9 @@ typedef struct cotree_corner_sensitivity {
     cotree_real rtol;              /* relative tolerance */
     cotree_real margin; /* distance from the event at which rates are evaluated, with the direction
                            of time */
-    int is_constrained;
+#if COTREE_HAS_CONSTRAINTS
+    int is_constrained; /* 1: constraints are satisfied by projection */
+#endif
     int undefined; /* the place in z of a sensitivity that does not exist after the event */
 } cotree_corner_sensitivity;
 

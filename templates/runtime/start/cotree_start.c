@@ -42,6 +42,8 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     start->run = run;
     start->tables = tables;
     start->guess = NULL;
+    start->is_found = NULL;
+    start->conditions = start->event_values = NULL;
     start->n_set = 0;
     start->culprit = start->column = -1;
     start->is_chosen = 0;
@@ -380,7 +382,7 @@ static int solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 {
 #if COTREE_HAS_ALGEBRAIC
     int status;
-    if (start->tables->n_contents == 0) return solve(start, t, z);
+    if (start->is_found == NULL) return solve(start, t, z); /* no contents */
     if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
     status = solve_contents(start, t, z);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
@@ -427,6 +429,7 @@ static int choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
 {
     const int most = MOST_ROUNDS * is_jumping(start);
     int n, status = 0;
+    if (start->event_values == NULL) return 0;
     for (n = 0; n < most; ++n) {
         cotree_real mode = COTREE_F(0.0);
         const int event = find_wrong_mode(start, t, z, &mode, &status);
@@ -462,7 +465,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
     const int n = tables->n_redundant;
     const cotree_real *follows;
     int i, status;
-    if (n == 0) return 0;
+    if (n == 0 || start->conditions == NULL) return 0;
     status = MODEL->start(t, x, run->u, run->p, run->k, start->conditions);
     follows = start->conditions + tables->assembly->n_start - 2 * n;
     for (i = 0; i < n && status == 0; ++i) {
