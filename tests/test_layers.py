@@ -58,7 +58,7 @@ def test_a_command_imports_what_it_needs():
         "PIL",
         "rich.console",
         "scipy.integrate",
-        "cotree.export.equations",
+        "cotree.export.symbolic",
         "cotree.readers.spice",
         "cotree.readers.urdf",
         "cotree.studies.bench",

@@ -25,8 +25,8 @@ from cotree.scene.tunable import keep_tunable, listed_names
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.export.equations import SymbolicEquations
     from cotree.export.graph_report import GraphReport
+    from cotree.export.symbolic import SymbolicEquations
     from cotree.lint import Finding
     from cotree.scene.graphs import TreeChoice
 
@@ -222,7 +222,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         ModelError, FormulationError
             As for :meth:`compile`.
         """
-        from cotree.export.equations import symbolic_equations
+        from cotree.export.symbolic import symbolic_equations
         from cotree.pipeline import formulate
 
         names = listed_names(sensitivities, "sensitivities")

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from cotree.choice import Operations
     from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
-    from cotree.export.fmu.choice import FmuChoice
-    from cotree.export.fmu.write import Fmu
+    from cotree.export.fmi.fmu import Fmu, FmuChoice
     from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
@@ -325,9 +324,8 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         BuildError
             If there is no compiler, or it fails.
         """
-        from cotree.export.evaluated import Evaluated
-        from cotree.export.fmu.choice import choose
-        from cotree.export.fmu.write import write_fmu
+        from cotree.export.c_checks import Evaluated
+        from cotree.export.fmi.fmu import choose, write_fmu
 
         choice = choose(version, kinds, integrator, inputs, platforms)
         d = self._recipe.defaults
@@ -341,8 +339,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
 
     def _fmu_extras(self, choice: FmuChoice) -> dict[str, bytes]:
         """Give the expected results and the icon of an FMU."""
-        from cotree.export.fmu.extras import icon_files, reference_files, reference_times
-        from cotree.export.fmu.write import interval_of
+        from cotree.export.fmi.fmu import icon_files, interval_of, reference_files, reference_times
         from cotree.pipeline import draw_graphs
         from cotree.plot import draw_graphs as picture
 

@@ -11,8 +11,7 @@ from hard_scenes import bennett_loop
 from cotree.codegen.render import template_folder
 from cotree.codegen.tableaus import Tableau
 from cotree.errors import CodegenError, ParameterError, SceneError
-from cotree.export.c_project import CProject, Kit, write_c_project
-from cotree.export.kit import KitContext
+from cotree.export.c_project import CProject, Kit, KitContext, write_c_project
 from cotree.export.main_program import MainContext, held_parameters
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription

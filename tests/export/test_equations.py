@@ -14,9 +14,8 @@ from cotree import Scene
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import Function, Table, call, solve, table
 from cotree.dag.nodes import Dag
-from cotree.export.equations import SymbolicEquations, symbolic_equations
-from cotree.export.to_sympy import rational, to_sympy
-from cotree.export.variable_names import short_names
+from cotree.export.spelling import short_names
+from cotree.export.symbolic import SymbolicEquations, rational, symbolic_equations, to_sympy
 from cotree.formulation.first_graph import form_first_graph
 from cotree.scene.description import SceneDescription
 from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs

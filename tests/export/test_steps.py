@@ -13,8 +13,8 @@ from bare_models import BareModel
 
 import cotree
 from cotree import Scene
-from cotree.export.equations import SymbolTable
 from cotree.export.steps import formulation_steps
+from cotree.export.symbolic import SymbolTable
 from cotree.graph import f_circuit, f_cutset
 from cotree.model.kernels import PythonKernels
 from cotree.pipeline import formulate

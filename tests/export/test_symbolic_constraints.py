@@ -13,7 +13,7 @@ from cotree import Scene
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cotree.export.equations import Key, SymbolicEquations
+    from cotree.export.symbolic import Key, SymbolicEquations
 
 #: Some ten to fifty roundings for each entry, and systems whose condition is below a thousand.
 TOLERANCE = 1e-10

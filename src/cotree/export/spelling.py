@@ -1,11 +1,179 @@
-"""Spelling of SymPy expressions for people, as text or LaTeX."""
+"""Spelling for people: short names of variables, and SymPy expressions as plain text or LaTeX.
+
+In: full names such as ``j1.s_dot``. Out: ``s_dot``, or ``s_j1_dot`` where ``s`` says too little.
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+#: Endings of a coordinate, its rate and its acceleration, and how LaTeX marks them.
+ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
+
+# Names whose ending LaTeX sets below the letter: theta1, q0, vx.
+_INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
+
+
+@dataclass(frozen=True)
+class Spelt:
+    """The spelling of a variable: its short name, and which rate of it is meant.
+
+    Attributes
+    ----------
+    short : str
+        The short name: ``theta_h2``.
+    suffix : str
+        A key of :data:`ACCENTS`.
+    """
+
+    short: str
+    suffix: str = ""
+
+    @property
+    def text(self) -> str:
+        """The name in plain text."""
+        return self.short + self.suffix
+
+    def latex(self, *below: str) -> str:
+        r"""Spell the name in LaTeX, with further subscripts: ``\dot{s}_{j1,L}``."""
+        # Short names are the letter, then what tells it from others of the same letter.
+        letter, _, edge = self.short.partition("_")
+        indices = [latex_symbol(edge)] if edge else []
+        indexed = _INDEXED.fullmatch(letter)
+        if indexed is not None:
+            letter, indices = indexed["letter"], [indexed["index"], *indices]
+        # LaTeX allows one subscript only, so all indices share it.
+        indices += below
+        index = f"_{{{','.join(indices)}}}" if indices else ""
+        return ACCENTS[self.suffix].format(latex_symbol(letter)) + index
+
+
+def latex_symbol(name: str) -> str:
+    """Spell a name in LaTeX."""
+    import sympy
+
+    text: str = sympy.latex(real_symbol(name))
+    return text
+
+
+def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
+    """Name the rate of a speed.
+
+    Examples
+    --------
+    >>> acceleration_name("j1.s_dot", ["j1.s"]), acceleration_name("b.w1", ["b.q0"])
+    ('j1.s_ddot', 'b.w1_dot')
+    """
+    coordinate = speed.removesuffix("_dot")
+    is_rate = coordinate != speed and coordinate in coordinates
+    return f"{coordinate}_ddot" if is_rate else f"{speed}_dot"
+
+
+def spell_states(
+    coordinates: Sequence[str], speeds: Sequence[str], taken: Collection[str]
+) -> dict[str, Spelt]:
+    """Spell coordinates, speeds and accelerations.
+
+    Parameters
+    ----------
+    coordinates, speeds : sequence of str
+        Names of the states.
+    taken : collection of str
+        Names of parameters and inputs, which come first.
+
+    Examples
+    --------
+    >>> spelt = spell_states(["b.x", "h.theta"], ["b.vx", "h.theta_dot"], [])
+    >>> {name: row.text for name, row in spelt.items()}  # doctest: +NORMALIZE_WHITESPACE
+    {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
+     'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
+    """
+    # Angular velocities, and velocities of free bodies, are rates of no coordinate and have names
+    # of their own.
+    rates = {f"{name}_dot" for name in coordinates}
+    short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
+    spelt = {name: Spelt(short[name]) for name in coordinates}
+    for name in speeds:
+        # A speed that is the rate of a coordinate is spelt by its accent.
+        if name in rates:
+            own = short[name.removesuffix("_dot")]
+            pair = Spelt(own, "_dot"), Spelt(own, "_ddot")
+        else:
+            pair = Spelt(short[name]), Spelt(short[name], "_dot")
+        spelt[name], spelt[acceleration_name(name, coordinates)] = pair
+    return spelt
+
+
+def spell_multipliers(rows: Iterable[str]) -> dict[str, Spelt]:
+    """Spell the multiplier of each constraint by the constraint's name.
+
+    Examples
+    --------
+    >>> spell_multipliers(["D4.x"])["D4.x"].text
+    'lambda_D4_x'
+    """
+    return {name: Spelt(f"lambda_{name.replace('.', '_')}") for name in rows}
+
+
+def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str, str]:
+    """Choose a short name for each coordinate: ``s``, or ``s_j1`` where ``s`` says too little.
+
+    Parameters
+    ----------
+    coordinates : sequence of str
+        Names ``edge.coordinate``.
+    taken : collection of str
+        Names of parameters and inputs, which come first.
+
+    Examples
+    --------
+    >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
+    {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
+    """
+    # A short name that two edges share says too little for either of them.
+    own = [name.rpartition(".")[2] for name in coordinates]
+    chosen: dict[str, str] = {}
+    used = set(taken) | {"t"}
+    for name in coordinates:
+        edge, _, short = name.rpartition(".")
+        # Rates and accelerations must be free too: s_dot may be a parameter.
+        if own.count(short) > 1 or not used.isdisjoint(_derived(short)):
+            short = f"{short}_{edge.replace('.', '_')}"
+        while not used.isdisjoint(_derived(short)):
+            short += "_"
+        used.update(_derived(short))
+        chosen[name] = short
+    return chosen
+
+
+def _derived(short: str) -> list[str]:
+    return [f"{short}{suffix}" for suffix in ACCENTS]
+
+
+def subscript(name: str | None, spelt: Mapping[str, Spelt]) -> str:
+    """Write what a derivative is taken with respect to: ``_L``, or ``_s(0)`` for a state."""
+    if name is None:
+        return ""
+    return f"_{spelt[name].text}(0)" if name in spelt else f"_{name}"
+
+
+def latex_subscript(name: str | None, spelt: Mapping[str, Spelt]) -> list[str]:
+    """Write the same for LaTeX."""
+    if name is None:
+        return []
+    return [f"{spelt[name].latex()}(0)" if name in spelt else latex_symbol(name)]
+
+
+def real_symbol(name: str) -> Any:
+    """Make a SymPy symbol of a real number."""
+    import sympy
+
+    return sympy.Symbol(name, real=True)
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:

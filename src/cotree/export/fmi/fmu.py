@@ -1,34 +1,197 @@
-"""One call from a model to a file with an FMU."""
+"""One call from a model to a file with an FMU, and what the file holds besides sources."""
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import math
 import zipfile
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
 
 from cotree.codegen.integrators import INTEGRATORS
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import check_loops, check_numbers
-from cotree.export.fmu.description import Description
-from cotree.export.fmu.kernels import form_kernels
-from cotree.export.fmu.platforms import build_libraries, wanted_platforms
-from cotree.export.fmu.sources import Facts, source_files
-from cotree.export.fmu.variables import list_variables
+from cotree.export.fmi.fmu_variables import list_variables
+from cotree.export.fmi.model_description import Description
+from cotree.export.fmi.platforms import build_libraries, wanted_platforms
+from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import written_whole
 from cotree.markup import names
 from cotree.naming import c_identifier
 from cotree.program.pieces import without_corners
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from cotree.export.evaluated import Evaluated
-    from cotree.export.fmu.choice import FmuChoice
+    import numpy.typing as npt
+    from matplotlib.figure import Figure
+
+    from cotree.export.c_checks import Evaluated
     from cotree.model.consistent import Start
     from cotree.program import Program
+
+VERSIONS = (2, 3)
+KINDS = ("ModelExchange", "CoSimulation")
+
+
+@dataclass(frozen=True)
+class FmuChoice:
+    """Options of an FMU.
+
+    Attributes
+    ----------
+    version : int
+        2 or 3, the version of the interface.
+    kinds : tuple of str
+        Of ``KINDS``.
+    integrator : str or None
+        Of Co-Simulation; None for one that suits the model.
+    inputs : tuple of str or None
+        Inputs that are set from outside; None for those that are constants in the scene.
+    platforms : tuple of str or None
+        Platforms of its libraries; None for this machine.
+    """
+
+    version: int = 3
+    kinds: tuple[str, ...] = KINDS
+    integrator: str | None = None
+    inputs: tuple[str, ...] | None = None
+    platforms: tuple[str, ...] | None = None
+
+
+def choose(
+    version: int,
+    kinds: Sequence[str] | str,
+    integrator: str | None,
+    inputs: Sequence[str] | None,
+    platforms: Sequence[str] | None,
+) -> FmuChoice:
+    """Take a choice, or refuse it.
+
+    Raises
+    ------
+    CodegenError
+        If there is no such version, kind or integrator.
+    """
+    wanted = (kinds,) if isinstance(kinds, str) else tuple(kinds)
+    if version not in VERSIONS or isinstance(version, bool):
+        raise CodegenError(f"there is no FMI {version} here: give version 2 or 3")
+    for kind in wanted:
+        if kind not in KINDS:
+            raise CodegenError(f"there is no kind of FMU '{kind}'{nearest(str(kind), KINDS)}")
+    if not wanted:
+        raise CodegenError("an FMU needs a kind: give ModelExchange, CoSimulation or both")
+    if integrator is not None and integrator not in INTEGRATORS:
+        raise CodegenError(
+            f"an FMU cannot have the integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
+        )
+    return FmuChoice(
+        version,
+        tuple(kind for kind in KINDS if kind in wanted),
+        integrator,
+        None if inputs is None else _listed(inputs),
+        None if platforms is None else _listed(platforms),
+    )
+
+
+def _listed(names: Sequence[str] | str) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+_REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
+
+_ICON = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
+
+
+def reference_times(t_end: float, interval: float) -> npt.NDArray[np.float64]:
+    """List the communication points of the default experiment."""
+    n = max(1, round(t_end / interval))
+    return np.linspace(0.0, t_end, n + 1)
+
+
+def reference_files(
+    identifier: str,
+    times: Iterable[float],
+    columns: Mapping[str, Iterable[float]],
+) -> dict[str, bytes]:
+    """Write expected results as the layered standard LS-REF has them.
+
+    Parameters
+    ----------
+    identifier : str
+        The model's identifier.
+    times : iterable of float
+        Times, [s].
+    columns : mapping of str to iterable of float
+        Values by name of variable.
+
+    Returns
+    -------
+    dict of str to bytes
+        Two files by name.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["time", *columns])
+    for row in zip(times, *columns.values(), strict=True):
+        table.writerow([repr(float(value)) for value in row])
+    # The namespace of attributes is that of manifests of layered standards.
+    space = "http://fmi-standard.org/fmi-ls-manifest"
+    ElementTree.register_namespace("fmi-ls", space)
+    root = ElementTree.Element(
+        "fmiReferences",
+        {
+            f"{{{space}}}fmi-ls-name": "org.fmi-standard.fmi-ls-ref",
+            f"{{{space}}}fmi-ls-version": "1.0.0-alpha.1",
+        },
+    )
+    name = f"{identifier}_out.csv"
+    ElementTree.SubElement(
+        root,
+        "Related",
+        type="text/csv",
+        source=name,
+        role="result",
+        description="Output of the default experiment",
+    )
+    ElementTree.indent(root)
+    manifest = f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+    return {
+        f"{_REFERENCES}/{name}": text.getvalue().encode(),
+        f"{_REFERENCES}/fmi-ls-manifest.xml": manifest.encode(),
+    }
+
+
+def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
+    """Write an icon where importers look for it.
+
+    Parameters
+    ----------
+    figure : Figure
+        The drawing.
+    version : int
+        2 or 3.
+    """
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
+    if version == 2:
+        return {"model.png": data.getvalue()}
+    root = ElementTree.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    own = ElementTree.SubElement(root, "GraphicalRepresentation")
+    ElementTree.SubElement(own, "CoordinateSystem", _ICON, suggestedScalingFactorTo_mm="0.1")
+    ElementTree.SubElement(own, "Icon", _ICON)
+    ElementTree.indent(root)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+    return {
+        "terminalsAndIcons/icon.png": data.getvalue(),
+        "terminalsAndIcons/terminalsAndIcons.xml": text.encode(),
+    }
 
 
 @dataclass(frozen=True, repr=False)

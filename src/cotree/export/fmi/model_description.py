@@ -14,7 +14,7 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.export.fmu.table import Variable, Variables
+    from cotree.export.fmi.fmu_variables import FmuVariable, FmuVariables
     from cotree.units import Unit
 
 #: Exponents of units of the standard, in the order of cotree's dimensions; cycles are numbers.
@@ -43,7 +43,7 @@ class Description:
         Its name in C and of libraries.
     token : str
         What an importer proves with that description and library belong together.
-    variables : Variables
+    variables : FmuVariables
         The variables.
     t_end, rtol : float
         Of the default experiment.
@@ -58,7 +58,7 @@ class Description:
     name: str
     identifier: str
     token: str
-    variables: Variables
+    variables: FmuVariables
     t_end: float
     rtol: float
     step: float
@@ -159,7 +159,7 @@ class Description:
         for name, unit in sorted(units.items()):
             _add_unit(parent, name, unit)
 
-    def _add_variable(self, parent: ElementTree.Element, variable: Variable) -> None:
+    def _add_variable(self, parent: ElementTree.Element, variable: FmuVariable) -> None:
         given = {"name": variable.name, "valueReference": str(variable.reference)}
         if variable.doc:
             given["description"] = variable.doc

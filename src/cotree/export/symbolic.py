@@ -8,15 +8,16 @@ Constraints follow, differentiated until accelerations appear in them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from cotree.dag.traverse import reachable
 from cotree.equations import spread
-from cotree.export.spelling import joined, printer
-from cotree.export.symbolic_events import SymbolicEvent, symbolic_events
-from cotree.export.to_sympy import to_sympy
-from cotree.export.variable_names import (
+from cotree.export.spelling import (
     acceleration_name,
+    joined,
     latex_subscript,
+    printer,
     real_symbol,
     spell_multipliers,
     spell_states,
@@ -28,6 +29,240 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.equations import Derivative, Equations
+
+_LARGEST_DENOMINATOR = 10**6
+_LARGEST_NUMERATOR = 10**15  # beyond it a double's own digits say nothing to a reader
+
+#: SymPy's names, where they differ from ours.
+_SYMPY_NAMES = {"abs": "Abs"}
+
+
+def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
+    """Turn nodes into SymPy expressions.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+        The values wanted.
+    symbols : mapping of Node to sympy.Expr
+        The expression of each symbol; other nodes may be replaced, too.
+
+    Returns
+    -------
+    list of sympy.Expr
+        One for each node. A node with several results becomes the application of an undefined
+        function: ``table_1(t)``, ``solve_1_x_1(...)``, ``name_1(...)``.
+
+    Raises
+    ------
+    KeyError
+        If a symbol has nothing to stand for it.
+    """
+    known: dict[Node, Any] = {}
+    numbers: dict[Any, int] = {}
+    for node in reachable(nodes, stop=symbols):
+        if node in symbols:
+            known[node] = symbols[node]
+        elif node.value is not None:
+            known[node] = rational(node.value)
+        elif node.op == "symbol":
+            raise KeyError(f"no SymPy symbol is given for {node!r}")
+        elif node.op == "result":
+            known[node] = _result(node, [known[arg] for arg in _arguments(node)], numbers)
+        # A node with several results has no expression; each of its results does.
+        elif node.op not in _SEVERAL:
+            known[node] = _apply(node.op, [known[arg] for arg in node.args])
+    return [known[node] for node in nodes]
+
+
+def rational(value: float) -> Any:
+    """Give the simplest rational number that reads back as the same double, or the double.
+
+    Parameters
+    ----------
+    value : float
+        A finite number.
+
+    Examples
+    --------
+    >>> rational(1.0 / 12.0), rational(9.81)
+    (1/12, 981/100)
+    """
+    import sympy
+
+    # People write 1/12, not 0.08333333333333333; only a fraction that is the same double is taken.
+    fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
+    if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
+        return sympy.Rational(fraction.numerator, fraction.denominator)
+    return sympy.Float(value)
+
+
+#: Operations that are written with signs, of numbers or expressions.
+ARITHMETIC: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "pow": lambda a, b: a**b,
+}
+
+
+def _apply(op: str, args: list[Any]) -> Any:
+    """Apply one operation of :data:`cotree.dag.operations.OPERATIONS`."""
+    import sympy
+
+    if op in ARITHMETIC:
+        return ARITHMETIC[op](*args)
+    if op == "select":
+        # The second branch must be unconditional, or SymPy returns nan outside the first.
+        condition, accepted, refused = args
+        return sympy.Piecewise((accepted, condition >= 0), (refused, True))
+    return getattr(sympy, _SYMPY_NAMES.get(op, op))(*args)
+
+
+def _solve_name(node: Node, position: int) -> str:
+    size = node.data.size
+    if position < size:
+        return f"x_{position + 1}"
+    return "rank" if position == size else "is_determined"
+
+
+def _table_name(_: Node, position: int) -> str:
+    return "slope" if position else ""
+
+
+def _lookup_name(node: Node, position: int) -> str:
+    return str(node.data.results[position])
+
+
+def _call_name(_: Node, position: int) -> str:
+    return str(position + 1)
+
+
+#: Names of the results of nodes that have several.
+_SEVERAL: dict[str, Callable[[Node, int], str]] = {
+    "solve": _solve_name,
+    "table": _table_name,
+    "lookup": _lookup_name,
+    "call": _call_name,
+}
+
+
+def _arguments(node: Node) -> tuple[Node, ...]:
+    """List what a result depends on; how a system decides its rank says nothing to a reader."""
+    source = node.args[0]
+    if source.op != "solve":
+        return source.args
+    size = source.data.size
+    # Coefficients and right-hand side.
+    return source.args[: size * (size + 1)]
+
+
+def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
+    """Apply an undefined function for one result of a node that has several."""
+    import sympy
+
+    source = node.args[0]
+    # Systems are told apart by their arguments, tables and functions by what they are.
+    key = (source.op, source if source.op == "solve" else source.data)
+    if key not in numbers:
+        # Each kind is numbered from one, in order of evaluation.
+        numbers[key] = 1 + sum(op == source.op for op, _ in numbers)
+    own = source.data.name if source.op == "call" else f"{source.op}_{numbers[key]}"
+    suffix = _SEVERAL[source.op](source, node.data)
+    return sympy.Function(f"{own}_{suffix}" if suffix else own, real=True)(*args)
+
+
+_WAYS = {-1: "falls through", 0: "passes", 1: "rises through"}
+
+
+@dataclass(frozen=True)
+class SymbolicEvent:
+    """An event, which happens where an expression passes through zero.
+
+    Attributes
+    ----------
+    when : sympy.Expr
+        The expression.
+    direction : int
+        -1 for downwards, 1 for upwards, 0 for both.
+    set : mapping of str to sympy.Expr
+        New values of states and modes by name, as expressions in the values before.
+    restitution : sympy.Expr or None
+        Of an impact.
+    is_stop : bool
+        Whether a run ends there.
+    is_chosen : bool
+        Whether the modes of dry friction and rigid stops are chosen there, all together, in place
+        of what it sets.
+    """
+
+    when: Any
+    direction: int
+    set: Mapping[str, Any]
+    restitution: Any
+    is_stop: bool
+    is_chosen: bool = False
+
+    def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
+        """Write the event as plain text.
+
+        Parameters
+        ----------
+        name : str
+            Name of the event.
+        spell : callable
+            Writes an expression.
+        symbols : mapping of str to sympy.Symbol
+            By name of a state.
+        """
+        # Expressions see the values before the event, so that the order of these does not matter.
+        actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
+        if self.is_chosen:
+            why = "is chosen with the modes of all friction and stops"
+            actions = [f"{symbols[state]} {why}" for state in self.set]
+        if self.restitution is not None:
+            actions.append(f"an impact with restitution {spell(self.restitution)}")
+        if self.is_stop:
+            actions.append("the run ends")
+        then = ", ".join(actions) or "it is noted"
+        return f"{name}: where {spell(self.when)} {_WAYS[self.direction]} 0, {then}"
+
+
+def symbolic_events(
+    equations: Equations, known: Mapping[Node, Any], states: tuple[str, ...]
+) -> dict[str, SymbolicEvent]:
+    """Turn the events of equations into SymPy, by name.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations, whose output values end with the expressions of the events.
+    known : mapping of Node to sympy.Symbol
+        Spelling of the symbols.
+    states : tuple of str
+        Names of the states.
+    """
+    # Places of expressions count from the outputs, which come first.
+    first = len(equations.outputs)
+    values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
+    found = {}
+    # An impact sets speeds, too, but by its restitution and not by expressions.
+    for row in equations.events:
+        kept = zip(row.kept, row.new_values, strict=True)
+        new = {states[target]: values[place] for target, place in kept}
+        restitution = None if row.restitution is None else values[row.restitution]
+        found[row.name] = SymbolicEvent(
+            values[row.watched],
+            row.direction,
+            new,
+            restitution,
+            row.is_stop,
+            row.part > 0,
+        )
+    return found
+
 
 #: A name, or a state's name with the parameter that it is differentiated with respect to.
 Key = str | tuple[str, str]

@@ -1,19 +1,108 @@
-"""The table of variables of a model: names, units, start values, and what depends on what."""
+"""The variables of an FMU: names, units, start values, and what depends on what.
+
+A value reference is a place in consecutive blocks, in the order of ``enum fmu_block`` of
+``fmu.h``.
+"""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.errors import CodegenError
-from cotree.export.fmu.table import Variable, Variables
 from cotree.units import stated_unit, unit_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from cotree.export.fmu.kernels import FmuKernels
+    from cotree.export.fmi.sources import FmuKernels
     from cotree.program import Layout
+
+
+@dataclass(frozen=True)
+class FmuVariable:
+    """A variable.
+
+    Attributes
+    ----------
+    reference : int
+        Its value reference.
+    name, unit, doc : str
+        Its name, unit in the spelling of cotree, and meaning.
+    causality, variability : str
+        As in the standard.
+    initial : str
+        ``exact``, ``approx`` or ``calculated``; empty where the standard has none.
+    start : float or None
+        Its start value, if it has one.
+    derivative_of : int or None
+        Value reference of the state that it is the derivative of.
+    is_reset : bool
+        Whether events may set it.
+    depends, depends_at_start : tuple of int
+        Value references of the knowns that it depends on: later on, and during the initialization.
+    """
+
+    reference: int
+    name: str
+    unit: str
+    doc: str
+    causality: str
+    variability: str
+    initial: str = ""
+    start: float | None = None
+    derivative_of: int | None = None
+    is_reset: bool = False
+    depends: tuple[int, ...] | None = None
+    depends_at_start: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class FmuVariables:
+    """All variables, by block.
+
+    Attributes
+    ----------
+    time : FmuVariable
+        The independent variable.
+    states, rates, parameters, inputs, signals, outputs, indicators, output_slopes, state_slopes
+        The blocks, in order; algebraic unknowns are the last of the states.
+    n_rates : int
+        Number of states that have rates.
+    """
+
+    time: FmuVariable
+    states: tuple[FmuVariable, ...]
+    rates: tuple[FmuVariable, ...]
+    parameters: tuple[FmuVariable, ...]
+    inputs: tuple[FmuVariable, ...]
+    signals: tuple[FmuVariable, ...]
+    outputs: tuple[FmuVariable, ...]
+    indicators: tuple[FmuVariable, ...]
+    output_slopes: tuple[FmuVariable, ...] = field(default=())
+    state_slopes: tuple[FmuVariable, ...] = field(default=())
+
+    @property
+    def all(self) -> list[FmuVariable]:
+        """Every variable in the order of value references."""
+        return [
+            self.time,
+            *self.states,
+            *self.rates,
+            *self.parameters,
+            *self.inputs,
+            *self.signals,
+            *self.outputs,
+            *self.indicators,
+            *self.output_slopes,
+            *self.state_slopes,
+        ]
+
+    @property
+    def reported(self) -> list[FmuVariable]:
+        """The variables whose causality is output."""
+        return [*self.outputs, *self.output_slopes]
 
 
 _PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
@@ -43,7 +132,7 @@ def list_variables(
     *,
     has_sensitivities: bool,
     is_found: bool,
-) -> Variables:
+) -> FmuVariables:
     """List the variables of a model.
 
     Parameters
@@ -147,13 +236,13 @@ class _Listing:
 
     def listed(
         self, input_values: Sequence[float], start: Sequence[float], *, is_found: bool
-    ) -> Variables:
+    ) -> FmuVariables:
         layout, firsts = self.layout, self.firsts
         self._find_start(is_found)
         states = [self._state(i, start[i]) for i in range(self.n)]
         rates = [self._rate(i) for i in range(self.n_rates)]
         parameters = [
-            Variable(
+            FmuVariable(
                 firsts[3] + i, self.own[0][i], row.unit, row.doc, "parameter", "tunable", "exact", v
             )
             for i, (row, v) in enumerate(
@@ -161,7 +250,7 @@ class _Listing:
             )
         ]
         inputs = [
-            Variable(
+            FmuVariable(
                 firsts[4] + i,
                 self.own[1][place],
                 layout.inputs[place].unit,
@@ -201,8 +290,8 @@ class _Listing:
             )
             for i, place in enumerate(self.signals)
         ]
-        time = Variable(0, "time", "s", "", "independent", "continuous")
-        return Variables(
+        time = FmuVariable(0, "time", "s", "", "independent", "continuous")
+        return FmuVariables(
             time,
             tuple(states),
             tuple(rates),
@@ -244,19 +333,19 @@ class _Listing:
             found |= {reference} if depends is None else set(depends)
         return tuple(sorted(found))
 
-    def _state(self, i: int, start: float) -> Variable:
+    def _state(self, i: int, start: float) -> FmuVariable:
         layout, reference = self.layout, self.firsts[1] + i
         row = layout.states[i]
         name, doc = self.own[3][i], row.doc
         if i >= self.n_rates:
             needs = tuple(sorted({self._reference(c) for c in self.known[i]}))
-            return Variable(
+            return FmuVariable(
                 reference, name, row.unit, doc or "an algebraic unknown", "local", "continuous",
                 "calculated", depends=needs, depends_at_start=self._at_start(needs),
             )  # fmt: skip
         depends = self.of_state[i]
         targets = {target for event in layout.events for target in event.targets}
-        return Variable(
+        return FmuVariable(
             reference, name, row.unit, doc, "local", "continuous",
             "exact" if depends is None else "approx",
             start,
@@ -264,10 +353,10 @@ class _Listing:
             depends_at_start=depends,
         )  # fmt: skip
 
-    def _rate(self, i: int) -> Variable:
+    def _rate(self, i: int) -> FmuVariable:
         row, needs = self.layout.states[i], self._needs(i)
         unit = _over(row.unit, "s")
-        return Variable(
+        return FmuVariable(
             self.firsts[2] + i, self.names.own(f"der({self.own[3][i]})"), unit, "", "local",
             "continuous", "calculated", derivative_of=self.firsts[1] + i, depends=needs,
             depends_at_start=self._at_start(needs),
@@ -275,14 +364,14 @@ class _Listing:
 
     def _calculated(
         self, reference: int, name: str, unit: str, doc: str, causality: str, row: int
-    ) -> Variable:
+    ) -> FmuVariable:
         needs = self._needs(row)
-        return Variable(
+        return FmuVariable(
             reference, name, unit, doc, causality, "continuous", "calculated", depends=needs,
             depends_at_start=self._at_start(needs),
         )  # fmt: skip
 
-    def _slopes(self) -> tuple[tuple[Variable, ...], tuple[Variable, ...]]:
+    def _slopes(self) -> tuple[tuple[FmuVariable, ...], tuple[FmuVariable, ...]]:
         """List the sensitivities of outputs, then those of states."""
         layout, found = self.layout, []
         for first, last, rows, names, causality in (
@@ -293,7 +382,7 @@ class _Listing:
             pairs = [(j, i) for j in range(len(wanted)) for i in range(len(rows))]
             found.append(
                 tuple(
-                    Variable(
+                    FmuVariable(
                         first + place,
                         self.names.own(f"d({names[i]})/d({wanted[j]})"),
                         _over(rows[i].unit, layout.units.get(wanted[j], "")),
