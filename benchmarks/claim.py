@@ -40,11 +40,11 @@ from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import cdef, render_model
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import symbols_in
 from cotree.model.kernels import CKernels
-from cotree.passes.recipe import run_passes
 from cotree.pipeline import trees_to_try
 from cotree.program.lower import lower
+from cotree.program.passes import run_passes
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 

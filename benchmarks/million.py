@@ -20,11 +20,10 @@ import numpy as np
 from timing import put_on_page, surroundings, table
 
 import cotree
-from cotree.build.options import processor_name
+from cotree.build.compile import processor_name
 from cotree.ensemble.dataset import Frame
-from cotree.ensemble.executors import run_on
+from cotree.ensemble.executors import parcel_of, run_on, run_parcel
 from cotree.ensemble.members import Members
-from cotree.ensemble.parcel import parcel_of, run_parcel
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.store import Store
 from cotree.solvers.settings import Settings

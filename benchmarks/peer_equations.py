@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 from cotree.export.symbolic import ARITHMETIC
 
 _PLAIN = ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "asin", "acos", "atan")

@@ -199,7 +199,7 @@ def own_call(model: Any, name: str) -> dict[str, Any]:
 
 def sections(model: Any) -> dict[str, dict[str, int]]:
     """Count the operations of each kernel by the step of the formulation that made them."""
-    from cotree.dag.traverse import reachable
+    from cotree.dag.nodes import reachable
 
     program = model._compiled.formed.reports[0].earlier  # passes make most values anew
     return {

@@ -26,7 +26,7 @@ import numpy as np
 import cotree
 from cotree import compilation
 from cotree.build import find_toolchain
-from cotree.build.options import processor_name
+from cotree.build.compile import processor_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -178,7 +178,7 @@ def _lowered(name: str, sensitivities: tuple[str, ...]) -> Program:
 
 @functools.cache
 def _program(name: str, sensitivities: tuple[str, ...]) -> Program:
-    from cotree.passes.recipe import run_passes
+    from cotree.program.passes import run_passes
 
     return run_passes(_lowered(name, sensitivities))[0]
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import cotree
 from cotree.errors import SceneError
 from cotree.markup import block, labelled, matrix, table
-from cotree.plot import known
+from cotree.plot import figures as known
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,11 @@ import pytest
 import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
-from cotree.formulation.observed import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
-from cotree.scene.allowances import RULES
-from cotree.scene.grammar import FUNCTIONS
+from cotree.formulation.outputs import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
+from cotree.scene.description import RULES
+from cotree.scene.edge import usage_of
+from cotree.scene.expressions import FUNCTIONS
 from cotree.scene.toml_file import read_scene
-from cotree.scene.usage import usage_of
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -59,8 +59,8 @@ def test_a_command_imports_what_it_needs():
         "rich.console",
         "scipy.integrate",
         "cotree.export.symbolic",
-        "cotree.readers.spice",
-        "cotree.readers.urdf",
+        "cotree.readers.spice.scene",
+        "cotree.readers.urdf.scene",
         "cotree.studies.bench",
         "cotree.watch.animation",
     }

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from cotree.build import cache_directory, clear_cache
     from cotree.components import register_component
     from cotree.design.optimise import optimise
-    from cotree.ensemble.grid import grid
+    from cotree.ensemble.members import grid
     from cotree.ensemble.sampling import sample
     from cotree.errors import (
         BuildError,
@@ -26,11 +26,10 @@ if TYPE_CHECKING:
         StoreError,
         TopologyError,
     )
-    from cotree.estimation.assembly import estimation_problem
     from cotree.estimation.candidates import Candidates, NextMeasurement
     from cotree.estimation.experiment import Experiment
-    from cotree.estimation.fit import fit
-    from cotree.estimation.petab import PetabProblem, read_petab
+    from cotree.estimation.fit import estimation_problem, fit
+    from cotree.estimation.petab.problem import PetabProblem, read_petab
     from cotree.model.signals import sampled
     from cotree.plot.ensembles import bands, curves, heat_map
     from cotree.reading import read_sbml, read_spice, read_urdf
@@ -88,7 +87,7 @@ _HOMES = {
     "Experiment": "estimation.experiment",
     "Model": "api",
     "NextMeasurement": "estimation.candidates",
-    "PetabProblem": "estimation.petab",
+    "PetabProblem": "estimation.petab.problem",
     "Result": "results",
     "Scene": "api",
     "__version__": "version",
@@ -97,13 +96,13 @@ _HOMES = {
     "cache_directory": "build",
     "clear_cache": "build",
     "curves": "plot.ensembles",
-    "estimation_problem": "estimation.assembly",
+    "estimation_problem": "estimation.fit",
     "fit": "estimation.fit",
-    "grid": "ensemble.grid",
+    "grid": "ensemble.members",
     "heat_map": "plot.ensembles",
     "load": "api",
     "optimise": "design.optimise",
-    "read_petab": "estimation.petab",
+    "read_petab": "estimation.petab.problem",
     "read_sbml": "reading",
     "read_spice": "reading",
     "read_urdf": "reading",

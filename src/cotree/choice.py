@@ -7,17 +7,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 from cotree.errors import FormulationError, ModelError
 from cotree.formulation.first_graph import form_first_graph, tree_links
-from cotree.formulation.lazy_mass_matrix import is_deep
+from cotree.formulation.mass_matrix import is_deep
 from cotree.graph import tree_walk
 from cotree.linear.tree import factorise_bordered
 from cotree.markup import block, preformatted, table
-from cotree.program.cost_model import cycles
-from cotree.program.counts import OperationCount, count_operations
+from cotree.program.counts import OperationCount, count_operations, cycles
 from cotree.program.solved import SolvedSystem
-from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.graphs import Trees, motion_spaces
 from cotree.sensitivity.graphs import form_derivatives, unknown_tangents
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
     from cotree.linear.tree import TreeLink
     from cotree.scene.description import SceneDescription
-    from cotree.scene.trees import Trees
 
 _LONG = 5  # moving branches from which elimination along the tree is counted too
 _PER_OPERATION = 0.5  # cycles, where nothing waits

@@ -24,7 +24,7 @@ from cotree.codegen.model_files import ModelText, cdef, find_text, keep_text, pi
 from cotree.codegen.render import template_folder
 from cotree.components import OWN
 from cotree.model.kernels import CKernels, PythonKernels
-from cotree.scene.inertias import impossible_inertias
+from cotree.scene.checks import impossible_inertias
 from cotree.sharing import formed_once
 from cotree.version import ABI_VERSION
 

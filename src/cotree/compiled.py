@@ -20,8 +20,8 @@ from cotree.naming import c_identifier
 from cotree.operating import OperatingPoint, program_at_rest
 from cotree.quiet import level_of_user
 from cotree.runner import RunnableModel
-from cotree.scene.replaced import expressions_among
 from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.variants import expressions_among
 from cotree.sharing import formed_once, forming
 from cotree.solvers.methods import METHODS
 from cotree.variants import Variants
@@ -100,7 +100,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
 
     def slow_causes(self) -> str:
         """Return sentences on bodies that are so light that rounding errors move them."""
-        from cotree.scene.inertias import tiny_masses
+        from cotree.scene.checks import tiny_masses
 
         try:
             found = [sentence for _, sentence in tiny_masses(self._scene)]

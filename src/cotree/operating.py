@@ -1,7 +1,7 @@
 """The start of a model: the values that its scene gives, or the operating point of its network.
 
 The operating point is the solution of another scene, whose storages are at rest
-(:mod:`cotree.scene.standstill`). It has no states: all that it needs is the search for algebraic
+(:mod:`cotree.scene.variants`). It has no states: all that it needs is the search for algebraic
 unknowns, with its limited junctions, conductances beside them and growing sources. Its sensitivity
 graphs give the sensitivities of the start.
 """
@@ -39,7 +39,7 @@ def program_at_rest(model: CompiledModel, scene: SceneDescription) -> Program:
     """
     from cotree.pipeline import formulate, generate
     from cotree.scene.jumps import jump_values
-    from cotree.scene.standstill import standing_scene
+    from cotree.scene.variants import standing_scene
 
     # Sensitivities to initial values are the model's own: a scene at rest has none of these.
     given = [name for name in model.sensitivities if name in scene.parameters]

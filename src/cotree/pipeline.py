@@ -21,12 +21,13 @@ from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range
 from cotree.formulation.networks.network import draw_networks
-from cotree.passes.recipe import run_passes
 from cotree.program.lower import lower
-from cotree.program.pieces import hold_pieces
+from cotree.program.passes import PassReport, run_passes
+from cotree.program.surfaces import hold_pieces
 from cotree.quiet import without_collection
-from cotree.scene.dimensions import check_scene_units
+from cotree.scene.checks import check_scene_units
 from cotree.scene.graphs import (
+    Trees,
     candidate_trees,
     choose_trees,
     joint_tree,
@@ -44,11 +45,9 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
-    from cotree.passes.recipe import PassReport
     from cotree.program import Program
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
-    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.api import Scene
-from cotree.readers.sbml import read_sbml_scene
-from cotree.readers.spice import read_spice_scene
-from cotree.readers.urdf import UrdfOptions, read_urdf_scene
+from cotree.readers.sbml.scene import read_sbml_scene
+from cotree.readers.spice.scene import read_spice_scene
+from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -93,7 +93,7 @@ class Result(RunRecord):
 
         if ax is not None:
             return draw_curves(self.smooth(), names, ax)
-        from cotree.plot.known import figure_for_people
+        from cotree.plot.figures import figure_for_people
 
         return plot_result(self.smooth(), names, make=figure_for_people)
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cotree.scene.expressions import parse
-from cotree.scene.replaced import new_names, with_inputs
+from cotree.scene.variants import new_names, with_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cotree.build import abandon
-from cotree.build.process import run_limited
+from cotree.build.toolchain import run_limited
 from cotree.errors import BuildError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="commands of a POSIX shell")

@@ -5,7 +5,7 @@ import platform
 import pytest
 
 from cotree.build import BuildOptions, Toolchain, compiler_flags, loop_flags
-from cotree.build.options import cpu_features
+from cotree.build.compile import cpu_features
 from cotree.errors import BuildError
 
 GCC = Toolchain(("/usr/bin/gcc",), "gcc (GCC) 12.2.0", "cc")

@@ -26,8 +26,8 @@ from cotree.codegen.ir import (
     temporary,
 )
 from cotree.codegen.printing import print_body
-from cotree.passes import order
 from cotree.pipeline import formulate, generate
+from cotree.program import passes as order
 
 SCENES = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))
 

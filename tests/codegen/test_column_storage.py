@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cotree.codegen.node_statements import own_rows
-from cotree.dag.linear_map import apply_map, form_map
+from cotree.dag.multi_output import apply_map, form_map
 from cotree.dag.nodes import Dag
 
 

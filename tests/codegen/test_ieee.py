@@ -15,8 +15,7 @@ from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
 from cotree.errors import SingularSystemError
 from cotree.model.kernels import PythonKernels
-from cotree.scene.expressions import parse
-from cotree.scene.grammar import FUNCTIONS
+from cotree.scene.expressions import FUNCTIONS, parse
 
 pytestmark = pytest.mark.compiler
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.build.options import cpu_features
+from cotree.build.compile import cpu_features
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.dag.operations import OPERATIONS

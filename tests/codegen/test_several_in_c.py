@@ -9,7 +9,7 @@ from made_up_scenes import SWIRL_C, call_case, solve_case
 from cotree.dag.multi_output import SolveShape, solve, solve_pivoted
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.kernels import PythonKernels
-from cotree.passes.recipe import run_passes
+from cotree.program.passes import run_passes
 
 pytestmark = pytest.mark.compiler
 

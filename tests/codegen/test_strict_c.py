@@ -20,9 +20,9 @@ from cotree.codegen.model_files import render_model
 from cotree.dag.multi_output import SolveShape
 from cotree.equations import Guard
 from cotree.export.c_project import write_c_project
-from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, generate
 from cotree.program import KERNELS
+from cotree.program.passes import run_passes
 
 pytestmark = pytest.mark.compiler
 

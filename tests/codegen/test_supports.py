@@ -18,9 +18,9 @@ from cotree.codegen.node_statements import own_rows
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import DOUBLE
-from cotree.dag.linear_map import BLOCK, apply_map, form_map
+from cotree.dag.multi_output import BLOCK, apply_map, form_map
 from cotree.dag.nodes import Dag
-from cotree.program.column_grouping import gather_columns
+from cotree.program.columns import gather_columns
 
 pytestmark = pytest.mark.compiler
 

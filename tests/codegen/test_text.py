@@ -25,8 +25,8 @@ from cotree.codegen.targets import DOUBLE
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.naming import c_comment, c_string
-from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, generate
+from cotree.program.passes import run_passes
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -6,8 +6,7 @@ import pytest
 
 from cotree.dag.derivative import adjoints, tangent
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import Dag, reachable
 from cotree.scene.expressions import parse
 
 #: Expressions of x, constant for x <= 1, with their slope beyond.

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError
-from cotree.scene.expressions import parse
-from cotree.scene.grammar import FUNCTIONS
+from cotree.scene.expressions import FUNCTIONS, parse
 
 VALUES = {"a": 0.7, "b": -1.3, "t": 2.5, "j1.s": 0.4}
 

@@ -5,8 +5,7 @@ import sympy
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.from_sympy import from_sympy
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import Dag, reachable
 
 X, Y, Z = sympy.symbols("x y z", real=True)
 

@@ -10,9 +10,8 @@ import pytest
 import cotree
 from cotree.dag.derivative import adjoints, tangents
 from cotree.dag.evaluate import evaluate
-from cotree.dag.linear_map import apply_map, form_map
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import symbols_in
+from cotree.dag.multi_output import apply_map, form_map
+from cotree.dag.nodes import Dag, symbols_in
 
 COLUMNS = 3
 

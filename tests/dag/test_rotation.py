@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cotree.dag import rotation, vector
+from cotree.dag import vector
+from cotree.dag import vector as rotation
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag

@@ -6,14 +6,9 @@ import math
 
 import pytest
 
-from cotree.dag.corners import find_corners
 from cotree.dag.nodes import Dag
-from cotree.dag.stops import (
-    acts_in_part,
-    find_longest_steps,
-    find_stops,
-    longest_step,
-)
+from cotree.dag.switching_times import acts_in_part, find_longest_steps, find_stops, longest_step
+from cotree.dag.time_events import find_corners
 from cotree.scene.expressions import parse
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import Function, Table, call, solve, solve_pivoted, table
-from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
+from cotree.dag.nodes import dependent, reachable, substitute, symbols_in
 
 
 def test_reachable_lists_arguments_first(dag, x, y):

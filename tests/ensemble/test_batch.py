@@ -9,8 +9,8 @@ from batches import assert_same, rows_of
 
 import cotree
 from cotree.ensemble.batch import run_block, usable_cores
-from cotree.ensemble.one_by_one import run_one_by_one
 from cotree.ensemble.plan import Plan as PlanOfMembers
+from cotree.ensemble.trial import run_one_by_one
 from cotree.solvers.settings import Settings
 
 # Members one after another; those in lanes are tested in test_lanes.py.

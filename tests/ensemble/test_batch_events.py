@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.ensemble.batch import run_block
-from cotree.ensemble.one_by_one import run_one_by_one
+from cotree.ensemble.batch import Worker, run_block
 from cotree.ensemble.plan import Plan
-from cotree.ensemble.worker import Worker
+from cotree.ensemble.trial import run_one_by_one
 from cotree.solvers.settings import Settings
 
 

@@ -9,12 +9,10 @@ from constrained_scenes import winch
 
 import cotree
 from cotree import Scene
-from cotree.ensemble.batch import pattern_of, run_block
-from cotree.ensemble.block_in_c import BlockInC
-from cotree.ensemble.one_by_one import run_one_by_one
+from cotree.ensemble.batch import BlockInC, Worker, pattern_of, run_block
 from cotree.ensemble.pattern import Pattern, find_pattern
 from cotree.ensemble.plan import Plan
-from cotree.ensemble.worker import Worker
+from cotree.ensemble.trial import run_one_by_one
 from cotree.solvers.settings import Settings
 
 TIMES = np.linspace(0.0, 1.0, 9)

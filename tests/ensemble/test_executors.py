@@ -15,11 +15,12 @@ import pytest
 
 import cotree
 from cotree import BuildError, SolveError
-from cotree.ensemble import executors, parcel, run
+from cotree.ensemble import executors, run
+from cotree.ensemble import executors as parcel
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.executors import Shares, read_executor, run_on
 from cotree.ensemble.plan import Plan
-from cotree.ensemble.progress import EnsembleProgress
+from cotree.ensemble.run import EnsembleProgress
 from cotree.solvers.settings import Settings
 
 pytestmark = pytest.mark.compiler

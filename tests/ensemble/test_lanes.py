@@ -17,8 +17,7 @@ from rod_chain import rod_chain
 import cotree
 from cotree.build import find_toolchain
 from cotree.codegen.lanes import Lanes, lanes_refusal
-from cotree.ensemble.batch import run_block
-from cotree.ensemble.block_in_c import BlockInC
+from cotree.ensemble.batch import BlockInC, run_block
 from cotree.ensemble.lanes import find_lanes, lanes_of
 from cotree.ensemble.pattern import find_pattern
 from cotree.errors import SolveError

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.ensemble.one_by_one import run_one_by_one
 from cotree.ensemble.plan import Plan
+from cotree.ensemble.trial import run_one_by_one
 from cotree.solvers.settings import Settings
 
 TIMES = np.linspace(0.0, 2.0, 5)

@@ -16,8 +16,7 @@ from network_scenes import rc_grid, rc_ladder
 import cotree
 from cotree.build import find_toolchain
 from cotree.codegen.tableaus import ROSENBROCK
-from cotree.ensemble.batch import run_block
-from cotree.ensemble.block_in_c import LEFT, BlockInC
+from cotree.ensemble.batch import LEFT, BlockInC, run_block
 from cotree.ensemble.lanes import find_lanes
 from cotree.ensemble.pattern import find_pattern
 

@@ -21,8 +21,9 @@ import xarray
 
 import cotree
 from cotree import SolveError, StoreError
-from cotree.ensemble import identity, run
-from cotree.ensemble.chunks import chunk_lengths, chunk_places, chunk_region, member_range
+from cotree.ensemble import run
+from cotree.ensemble import store as identity
+from cotree.ensemble.store import chunk_lengths, chunk_places, chunk_region, member_range
 
 pytestmark = pytest.mark.compiler
 

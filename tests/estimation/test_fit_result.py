@@ -11,13 +11,11 @@ from scipy import stats
 
 import cotree
 from cotree.estimation.candidates import Candidates
-from cotree.estimation.columns import Accuracy
-from cotree.estimation.conditions import Condition, Measured
+from cotree.estimation.conditions import Accuracy, Condition, Measured
 from cotree.estimation.estimated import Estimated
-from cotree.estimation.multistart import minimise_from_starts
+from cotree.estimation.multistart import StartRecord, minimise_from_starts
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
-from cotree.estimation.start_record import StartRecord
 
 # With tolerances of 1e-10 for runs and objective, parameters have about six correct digits.
 CLOSE = 1e-6

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.estimation.columns import Accuracy
-from cotree.estimation.conditions import Condition, Measured
+from cotree.estimation.conditions import Accuracy, Condition, Measured
 from cotree.estimation.estimated import Estimated
-from cotree.estimation.multistart import Search, minimise_from_starts
+from cotree.estimation.fit import spread_starts
+from cotree.estimation.multistart import Search, SquareRows, minimise_from_starts
 from cotree.estimation.problem import Problem
-from cotree.estimation.spread import spread_starts
-from cotree.estimation.squares import SquareRows
 
 T = np.linspace(0.0, 6.0, 13)
 NOISE = 0.05 * np.random.default_rng(3).standard_normal(13)

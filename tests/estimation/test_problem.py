@@ -9,8 +9,7 @@ import pytest
 from scipy import stats
 
 import cotree
-from cotree.estimation.columns import Accuracy
-from cotree.estimation.conditions import Condition, Measured
+from cotree.estimation.conditions import Accuracy, Condition, Measured
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.problem import Problem
 

@@ -11,8 +11,7 @@ from cotree.codegen.context import model_context
 from cotree.compilation import Compiled, load_kernels
 from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import Table, table
-from cotree.dag.nodes import Dag
-from cotree.dag.symbols import STATE_RATE
+from cotree.dag.nodes import STATE_RATE, Dag
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
 from cotree.pipeline import Formed, generate, text_of

@@ -8,7 +8,7 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree.dag.evaluate import evaluate
-from cotree.formulation.lazy_mass_matrix import LateMatrix
+from cotree.formulation.mass_matrix import LateMatrix
 from cotree.pipeline import formulate
 from cotree.program.solved import SolvedSystem
 

@@ -10,7 +10,7 @@ from random_scenes import random_loop, random_scene
 from cotree import Scene
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import symbols_in
 from cotree.equations import spread
 from cotree.formulation.first_graph import form_first_graph
 from cotree.pipeline import draw_graphs

@@ -6,8 +6,8 @@ import textwrap
 import tomllib
 
 from cotree.components import OWN
+from cotree.scene.edge import usage_of
 from cotree.scene.toml_text import table_text
-from cotree.scene.usage import usage_of
 from cotree.scene.usage_text import docstring_of
 
 _TYPES = {

@@ -12,7 +12,7 @@ from component_files import examples_text, stub_text
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import render_model
 from cotree.components import OWN
-from cotree.scene.usage import examples
+from cotree.scene.edge import examples
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "components"
 SENSITIVITIES = {"slider-pendulum": ["L"], "spring-mass-damper": ["k"]}

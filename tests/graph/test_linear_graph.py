@@ -4,7 +4,7 @@ import pytest
 
 from cotree.errors import TopologyError
 from cotree.graph import GraphEdge, LinearGraph
-from cotree.graph.checks import check_spanned
+from cotree.graph.linear_graph import check_spanned
 
 
 def graph_of(nodes: str, *edges: str) -> LinearGraph:

@@ -11,8 +11,7 @@ from eq8 import HAND_WRITTEN
 
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import ARGUMENT_OF
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import ARGUMENT_OF, symbols_in
 from cotree.model.kernels import CKernels, PythonKernels
 
 pytestmark = pytest.mark.compiler

@@ -16,8 +16,7 @@ from test_embedded_algebraic import bridge
 
 from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import ARGUMENT_OF
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import ARGUMENT_OF, symbols_in
 from cotree.model.moment import Moment
 from cotree.model.unknowns import of_model
 

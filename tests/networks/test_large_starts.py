@@ -9,12 +9,11 @@ import pytest
 from bare_models import BareModel
 
 from cotree import Scene
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import symbols_in, symbols_of_each
+from cotree.dag.nodes import Dag, symbols_in, symbols_of_each
 from cotree.linear.factors import factorise, factorise_definite
 from cotree.model.kernels import PythonKernels
 from cotree.pipeline import formulate, generate
-from cotree.scene.standstill import standing_scene
+from cotree.scene.variants import standing_scene
 
 
 def _ladder(n, rung):

@@ -11,7 +11,7 @@ import pytest
 import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Kind
-from cotree.components.counterparts import ON_JOINTS, counterpart_of
+from cotree.components.mechanical import ON_JOINTS, counterpart_of
 
 #: Required fields of components of one port, and what else makes them do something here.
 FIELDS = {

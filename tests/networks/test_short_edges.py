@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.readers.spice import read_spice_text
+from cotree.readers.spice.scene import read_spice_text
 
 MODELS = (
     ".model qn NPN(IS=1f BF=80 CJE=2p CJC=1p TF=0.3n TR=5n VAF=50 RB=20 RC=2 RE=1)\n"

@@ -12,7 +12,7 @@ import pytest
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import PACKED_SENSITIVITY, SENSITIVITY
+from cotree.dag.nodes import PACKED_SENSITIVITY, SENSITIVITY
 from cotree.pipeline import formulate
 from cotree.program.lower import lower
 from cotree.scene.toml_file import read_scene

@@ -7,9 +7,8 @@ import pytest
 
 from cotree import load
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import ARGUMENT_OF
-from cotree.dag.traverse import symbols_in
-from cotree.passes.curvature import form_curvature
+from cotree.dag.nodes import ARGUMENT_OF, symbols_in
+from cotree.program.implicit import form_curvature
 
 
 @pytest.mark.parametrize(

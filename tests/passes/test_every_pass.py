@@ -18,14 +18,12 @@ from cotree.codegen import context, maps
 from cotree.codegen.blocks import Blocks, cut_into_blocks
 from cotree.codegen.context import model_context
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import ARGUMENT_OF
-from cotree.dag.traverse import reachable, symbols_in
-from cotree.passes.curvature import form_curvature
-from cotree.passes.recipe import RECIPE, run_passes
-from cotree.passes.time_slope import form_time_slope
+from cotree.dag.nodes import ARGUMENT_OF, reachable, symbols_in
 from cotree.pipeline import formulate, generate, trees_to_try
 from cotree.program import columns
+from cotree.program.implicit import form_curvature, form_time_slope
 from cotree.program.lower import lower
+from cotree.program.passes import RECIPE, run_passes
 from cotree.sensitivity.graphs import form_equations
 
 SHIPPED = sorted(path.stem for path in (Path(cotree.__file__).parent / "scenes").glob("*.toml"))

@@ -9,17 +9,14 @@ import numpy as np
 import pytest
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import Dag, symbols_in
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.linear.tree import factorise_bordered
-from cotree.passes import order
-from cotree.passes.balance import balance_sums
-from cotree.passes.order import order_by_need
-from cotree.passes.recipe import run_passes
 from cotree.pipeline import formulate, trees_to_try
-from cotree.program.cost_model import bounds, by_need
+from cotree.program import passes as order
+from cotree.program.counts import bounds, by_need
 from cotree.program.lower import lower
+from cotree.program.passes import balance_sums, order_by_need, run_passes
 
 from rod_chain import rod_chain  # isort: skip
 

@@ -9,12 +9,9 @@ import pytest
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import solve
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import dependent, reachable, symbols_in
-from cotree.passes.recipe import RECIPE, run_passes
-from cotree.passes.reciprocals import share_reciprocals
-from cotree.passes.stage import stage_parameters
+from cotree.dag.nodes import Dag, dependent, reachable, symbols_in
 from cotree.program import KERNELS
+from cotree.program.passes import RECIPE, run_passes, share_reciprocals, stage_parameters
 
 
 def _values(program, rng):

@@ -10,8 +10,8 @@ from robot_files import INERTIAL, read, stored_file
 from rod_chain import rod_chain
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.linear_map import BLOCK
-from cotree.dag.traverse import symbols_in
+from cotree.dag.multi_output import BLOCK
+from cotree.dag.nodes import symbols_in
 from cotree.pipeline import formulate, generate
 from cotree.program import columns
 from cotree.program.lower import lower

@@ -6,8 +6,7 @@ import pytest
 
 import cotree
 from cotree.dag.multi_output import solve
-from cotree.dag.nodes import Dag
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import Dag, reachable
 from cotree.program import KERNELS, count_operations
 
 

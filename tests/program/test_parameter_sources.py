@@ -10,10 +10,9 @@ from rod_chain import rod_chain
 
 import cotree
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import SENSITIVITY, STATE_CHANGE
-from cotree.dag.traverse import substitute, symbols_in
+from cotree.dag.nodes import SENSITIVITY, STATE_CHANGE, substitute, symbols_in
 from cotree.pipeline import formulate
-from cotree.program.parameter_sources import part_sources
+from cotree.program.columns import part_sources
 
 
 def _driven():

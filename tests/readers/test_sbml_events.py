@@ -12,7 +12,7 @@ import cotree
 
 pytest.importorskip("libsbml")
 
-from cotree.readers.sbml import read_sbml_text
+from cotree.readers.sbml.scene import read_sbml_text
 
 A = species_text("A", initialConcentration=3)
 DECAY = {"R": (["A"], [], "V*k*A")}

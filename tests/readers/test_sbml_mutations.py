@@ -15,7 +15,7 @@ from cotree.pipeline import formulate
 
 pytest.importorskip("libsbml")
 
-from cotree.readers.sbml import read_sbml_text
+from cotree.readers.sbml.scene import read_sbml_text
 
 _NASTY = ("", "0", "-1", "NaN", "INF", "1e308", "1e999", "x" * 600, "\x00", "&lt;", "&#0;", "<!--")
 _NASTY += ("<!DOCTYPE r [<!ENTITY a 'b'>]>", "<apply/>", "<ci> A </ci>", "<cn> 1e400 </cn>")

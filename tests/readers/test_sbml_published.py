@@ -12,7 +12,7 @@ pytest.importorskip("libsbml")
 
 from sbml_reference import Reference
 
-from cotree.readers.sbml import read_sbml_model
+from cotree.readers.sbml.scene import read_sbml_model
 
 FOLDER = shared_folder("petab")
 ENDS = {"Fujita_SciSignal2010": 1000.0, "Boehm_JProteomeRes2014": 60.0, "Bachmann_MSB2011": 3.0}

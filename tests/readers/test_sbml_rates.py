@@ -11,7 +11,7 @@ from cotree.scene.parameters import parameter_values
 
 pytest.importorskip("libsbml")
 
-from cotree.readers.sbml import read_sbml_text
+from cotree.readers.sbml.scene import read_sbml_text
 
 #: Quantities of each kind: concentrations and amounts, in compartments that stay and that grow.
 SPECIES = [

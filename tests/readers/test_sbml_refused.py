@@ -11,7 +11,7 @@ import cotree
 
 pytest.importorskip("libsbml")
 
-from cotree.readers.sbml import read_sbml_model, read_sbml_text
+from cotree.readers.sbml.scene import read_sbml_model, read_sbml_text
 
 A = species_text("A", initialConcentration=1)
 PARTS = parts_text([A], {"k": 1.0, "p": None}, constant=False)

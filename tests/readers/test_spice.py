@@ -12,8 +12,8 @@ import cotree
 from cotree.api import Scene
 from cotree.cli import main
 from cotree.dag.nodes import Dag
-from cotree.readers.spice import read_spice_text
-from cotree.readers.spice_values import Scope, read_number
+from cotree.readers.spice.scene import read_spice_text
+from cotree.readers.spice.values import Scope, read_number
 
 HERE = Path(__file__).parent
 REFERENCES = HERE.parent / "references"

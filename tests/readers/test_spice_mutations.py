@@ -12,7 +12,7 @@ from damage import cut, damaged, flip, insert, read_in_time, repeat, replaced
 import cotree
 from cotree.api import Scene
 from cotree.pipeline import formulate
-from cotree.readers.spice import read_spice_text
+from cotree.readers.spice.scene import read_spice_text
 
 NETLISTS = sorted((Path(__file__).parent / "netlists").glob("*.cir"))
 

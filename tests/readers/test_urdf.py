@@ -10,7 +10,7 @@ from urdf_texts import ROBOTS, WHOLE
 
 import cotree
 from cotree.pipeline import formulate
-from cotree.readers.rotations import rotation_rows
+from cotree.readers.urdf.scene import rotation_rows
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import cotree
 from cotree.api import Scene
 from cotree.files import read_text
 from cotree.pipeline import formulate
-from cotree.readers.urdf import UrdfOptions, read_urdf_text
+from cotree.readers.urdf.scene import UrdfOptions, read_urdf_text
 
 NASTY = (
     *(

@@ -11,7 +11,7 @@ import cotree
 from cotree import Scene
 from cotree.cli.app import app
 from cotree.errors import SceneError, SingularSystemError
-from cotree.scene.allowances import RULES
+from cotree.scene.description import RULES
 from cotree.scene.toml_file import read_scene, shipped_scenes
 from cotree.scene.toml_text import scene_text
 

@@ -31,8 +31,7 @@ from cotree.components import COMPONENTS
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, SceneError
 from cotree.pipeline import formulate, generate
-from cotree.scene.expressions import parse
-from cotree.scene.grammar import FUNCTIONS
+from cotree.scene.expressions import FUNCTIONS, parse
 from cotree.scene.toml_file import read_scene, shipped_scenes
 from cotree.scene.toml_text import scene_text
 

@@ -26,7 +26,7 @@ from jointed_scenes import (
 import cotree
 from cotree.dag.derivative import tangents, tangents_along
 from cotree.dag.evaluate import evaluate
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.program.lower import lower
 from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs

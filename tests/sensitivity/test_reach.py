@@ -11,8 +11,7 @@ from cotree.formulation.first_graph import form_first_graph
 from cotree.pipeline import draw_graphs
 from cotree.scene.graphs import joint_tree
 from cotree.sensitivity.graphs import differentiate, state_columns
-from cotree.sensitivity.seed import Seed, Support
-from cotree.sensitivity.turning import turn_axes
+from cotree.sensitivity.turning import Seed, Support, turn_axes
 
 N = 12
 

@@ -14,10 +14,8 @@ import pytest
 import cotree
 from cotree import Model, ParameterError, Result, load
 from cotree.cli import main
-from cotree.studies.accuracy import Reference, Solution
-from cotree.studies.bench_row import BenchRow, fastest
-from cotree.studies.bench_trial import Trial
-from cotree.studies.rounds import time_in_rounds
+from cotree.studies.accuracy import BenchRow, Reference, Solution, fastest
+from cotree.studies.bench import Trial, time_in_rounds
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,9 +10,9 @@ from readme_linkage import four_bar
 from cotree import Scene, load
 from cotree.errors import SceneError
 from cotree.watch import shapes
-from cotree.watch.bodies import body_box
+from cotree.watch.catalogue import body_box
 from cotree.watch.frames import MOST_FRAMES, choose_frames, coordinates_at
-from cotree.watch.poses import MotionValues
+from cotree.watch.stage import MotionValues
 
 Z = [0, 0, 1]
 

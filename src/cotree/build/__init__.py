@@ -7,12 +7,15 @@ from that compiler, :func:`load_library` loads it; :func:`obtain_library` does a
 from __future__ import annotations
 
 from cotree.build.cache import cache_directory, cache_key, clear_cache
-from cotree.build.compile import BuiltLibrary, build_library
-from cotree.build.load import LoadedLibrary, load_library
-from cotree.build.obtain import obtain_library
-from cotree.build.options import BuildOptions, compiler_flags, loop_flags
-from cotree.build.process import abandon
-from cotree.build.toolchain import Toolchain, find_toolchain
+from cotree.build.compile import (
+    BuildOptions,
+    BuiltLibrary,
+    build_library,
+    compiler_flags,
+    loop_flags,
+)
+from cotree.build.load import LoadedLibrary, load_library, obtain_library
+from cotree.build.toolchain import Toolchain, abandon, find_toolchain
 
 __all__ = [
     "BuildOptions",

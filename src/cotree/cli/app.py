@@ -22,13 +22,10 @@ from cotree.cli.arguments import (
     read_numbers,
     read_tree,
 )
-from cotree.cli.exporting import export_scene
-from cotree.cli.fitting import fit_scene
+from cotree.cli.fitting import fit_scene, optimise_scene
 from cotree.cli.guide import new_scene, show_components
-from cotree.cli.linting import lint_scene, warn_of
-from cotree.cli.messages import INTERRUPTED, complain, warnings_in_one_line
-from cotree.cli.optimise import optimise_scene
-from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+from cotree.cli.options import (
+    INTERRUPTED,
     Atol,
     Csv,
     EndTime,
@@ -43,12 +40,15 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     Setting,
     TimeLimit,
     TreeOption,
+    complain,
+    read_robots_with,
+    read_scene,
+    warnings_in_one_line,
 )
 from cotree.cli.report import run_report
-from cotree.cli.source import read_robots_with, read_scene
-from cotree.cli.studies import bench_scene, check_scene
+from cotree.cli.studies import bench_scene, check_scene, lint_scene, warn_of
 from cotree.cli.sweep import sweep_scene
-from cotree.errors import Error
+from cotree.errors import Error, SceneError
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -56,6 +56,63 @@ if TYPE_CHECKING:
 
     from cotree.api import Scene
     from cotree.scene.graphs import TreeChoice
+
+
+_KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
+
+
+def export_scene(
+    scene: SceneName,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File to write, x.fmu.")
+    ],
+    sensitivity: Sensitivity = [],  # noqa: B006
+    tree: TreeOption = [],  # noqa: B006
+    version: Annotated[int, typer.Option(help="Version of FMI: 3 or 2.")] = 3,
+    kind: Annotated[
+        list[str],
+        typer.Option(
+            metavar="KIND",
+            help="me for Model Exchange, cs for Co-Simulation, by default both; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    integrator: Annotated[
+        str | None,
+        typer.Option(
+            help="Integrator of Co-Simulation: dopri5, rkf45, dop853; rodas5, rodas4 if stiff."
+        ),
+    ] = None,
+    outside: Annotated[
+        list[str],
+        typer.Option(
+            "--outside",
+            metavar="INPUT",
+            help="Input that the importer sets, by default each one that is constant in the "
+            "scene; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+    platform: Annotated[
+        list[str],
+        typer.Option(
+            metavar="PLATFORM",
+            help="x86_64-linux, aarch64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin; "
+            "by default this machine; none for sources only; may be repeated.",
+        ),
+    ] = [],  # noqa: B006
+) -> None:
+    """Write a scene as an FMU for other simulators."""
+    if output.suffix.lower() != ".fmu":
+        raise SceneError(f"cannot write '{output}': the name of an FMU ends in .fmu")
+    check_folder(output)
+    kinds = [_KINDS.get(name, name) for name in kind] or list(_KINDS.values())
+    platforms = [name for name in platform if name != "none"] if platform else None
+    model = read_scene(scene).compile(sensitivity, read_tree(tree))
+    unit = model.export_fmu(
+        output, version, kinds, integrator, inputs=outside or None, platforms=platforms
+    )
+    where = ", ".join(unit.platforms) or "no platform (sources only)"
+    typer.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
+
 
 app = typer.Typer(
     name="cotree",

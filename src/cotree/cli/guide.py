@@ -69,10 +69,9 @@ def _describe(name: str) -> str:
 
     if name in shipped_parts():
         return _describe_part(name)
-    from cotree.scene.python_text import edge_call
+    from cotree.scene.edge import examples, usage_of
     from cotree.scene.toml_text import table_text
-    from cotree.scene.usage import examples, usage_of
-    from cotree.scene.usage_text import default_of, nodes_of, takes_of
+    from cotree.scene.usage_text import default_of, edge_call, nodes_of, takes_of
 
     usage = usage_of(name)
     row = usage.component

@@ -11,7 +11,7 @@ import numpy as np
 from cotree.errors import Error
 from cotree.files import written_whole
 from cotree.plot import choose_curves, plot_result, save_figure, svg_text
-from cotree.studies.differences import Experiment
+from cotree.studies.check import Array, Experiment
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from cotree.api import Model
     from cotree.plot import Curves
     from cotree.results import Result
-    from cotree.studies.differences import Array
 
 _CIRCLES = 40
 # Relative step of the differences, and tolerance of their runs: truncation and integration error

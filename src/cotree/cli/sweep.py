@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cotree.cli.arguments import check_picture, given, read_inputs, read_numbers, read_tree
-from cotree.cli.members import check_options, read_members_of
-from cotree.cli.messages import INTERRUPTED, complain
-from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
+from cotree.cli.arguments import (
+    check_options,
+    check_picture,
+    given,
+    read_inputs,
+    read_members_of,
+    read_numbers,
+    read_tree,
+)
+from cotree.cli.options import (
+    INTERRUPTED,
     Atol,
     EndTime,
     InitialOption,
@@ -24,8 +31,9 @@ from cotree.cli.options import (  # noqa: TC001 - typer reads the annotations
     Setting,
     TimeLimit,
     TreeOption,
+    complain,
+    read_scene,
 )
-from cotree.cli.source import read_scene
 from cotree.errors import ParameterError, nearest
 from cotree.quiet import without_warnings
 
@@ -124,11 +132,10 @@ def sweep_scene(
     import numpy as np
 
     from cotree.cli.sweep_report import sweep_report
-    from cotree.ensemble.dataset import check_xarray
-    from cotree.ensemble.files import check_dataset_file, write_dataset
+    from cotree.ensemble.dataset import check_dataset_file, check_xarray, write_dataset
     from cotree.ensemble.run import MemberError
     from cotree.plot.ensembles import SUMMARIES, picture
-    from cotree.plot.files import save_figure
+    from cotree.plot.figures import save_figure
     from cotree.solvers.engine import build_ahead
 
     # Whatever can be refused is refused before the scene is compiled.

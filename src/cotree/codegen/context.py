@@ -35,9 +35,8 @@ from cotree.codegen.printing import Body, Constants, constants, function_head, p
 from cotree.codegen.runtime import Features
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function, Table
+from cotree.dag.nodes import ARGUMENT_OF, reachable
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.symbols import ARGUMENT_OF
-from cotree.dag.traverse import reachable
 from cotree.naming import c_comment, c_identifier, c_string
 from cotree.quiet import without_collection
 from cotree.version import VERSION

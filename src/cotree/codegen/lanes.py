@@ -21,12 +21,11 @@ from cotree.codegen.printing import int_table, wrapped
 from cotree.codegen.render import render
 from cotree.codegen.runtime import header_text, with_runtime
 from cotree.codegen.targets import MEMBERS
+from cotree.dag.nodes import substitute
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.traverse import substitute
 from cotree.naming import c_identifier
-from cotree.passes.curvature import form_curvature
-from cotree.passes.rewriting import rewrite
-from cotree.passes.time_slope import form_time_slope
+from cotree.program.implicit import form_curvature, form_time_slope
+from cotree.program.passes import rewrite
 from cotree.quiet import without_collection
 from cotree.tolerances import LIMITS
 
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
     from cotree.codegen.newton import EliminationContext
     from cotree.codegen.printing import Body, Constants
-    from cotree.dag.linear_map import LinearMap
+    from cotree.dag.multi_output import LinearMap
     from cotree.dag.nodes import Node
     from cotree.program import Kernel, Layout, Program
 

@@ -35,15 +35,14 @@ from cotree.codegen.ir import (
 from cotree.codegen.loops import roll
 from cotree.codegen.node_statements import OwnRows, own_rows, print_nodes, symbol
 from cotree.codegen.printing import Body, Constants, constants, print_body, wrapped
-from cotree.dag.linear_map import BLOCK
-from cotree.program.cost_model import bounds, by_need
+from cotree.dag.multi_output import BLOCK, LinearMap
+from cotree.program.counts import bounds, by_need
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.codegen.ir import CExpression, Statement
     from cotree.codegen.targets import Target
-    from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
 
 

@@ -19,10 +19,9 @@ from cotree.codegen.printing import Body, int_table, print_body, wrapped
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.codegen.targets import DOUBLE
-from cotree.dag.symbols import INPUT, TIME, kinds_in
+from cotree.dag.nodes import INPUT, TIME, kinds_in
 from cotree.naming import c_identifier
-from cotree.passes.curvature import form_curvature
-from cotree.passes.time_slope import form_time_slope
+from cotree.program.implicit import form_curvature, form_time_slope
 from cotree.quiet import without_collection
 
 if TYPE_CHECKING:

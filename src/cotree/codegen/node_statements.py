@@ -29,16 +29,14 @@ from cotree.codegen.ir import (
 )
 from cotree.codegen.ir import tolerance as tolerance_of
 from cotree.codegen.printing import Constants, int_table
-from cotree.dag.multi_output import SEVERAL, is_symmetric, sizes_of
+from cotree.dag.multi_output import SEVERAL, LinearMap, is_symmetric, sizes_of
 from cotree.dag.multi_output import results as results_of
-from cotree.dag.symbols import ARGUMENT_OF, TIME
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import ARGUMENT_OF, TIME, reachable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from cotree.codegen.ir import CExpression, Statement
-    from cotree.dag.linear_map import LinearMap
     from cotree.dag.nodes import Node
     from cotree.program import Kernel
 

@@ -5,26 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import (
-    battery,
     chemical,
-    constraints,
     contact,
     electrical,
-    electrical_couplings,
-    electrical_sources,
     electrochemical,
-    forces,
     friction,
     hydraulic,
-    joints,
     mechanical,
-    rigid_body,
-    rigid_contact,
-    semiconductors,
-    stops,
+    multibody,
     thermal,
     transducers,
-    windings,
+    transistors,
 )
 from cotree.components.component import (
     Acts,
@@ -37,8 +28,7 @@ from cotree.components.component import (
     Shape,
 )
 from cotree.components.law import Law
-from cotree.components.register import make_component
-from cotree.components.register_network import make_network_component
+from cotree.components.register import make_component, make_network_component
 from cotree.components.terminal import Integral, Kind, Terminal, content_of, integral_of
 from cotree.errors import SceneError
 
@@ -49,20 +39,17 @@ if TYPE_CHECKING:
 COMPONENTS: dict[str, Component] = {
     row.name: row
     for family in (
-        *(rigid_body, joints, constraints, forces, contact),
-        *(electrical, electrical_sources, electrical_couplings, windings),
-        *(semiconductors, battery),
-        *(
-            hydraulic,
-            thermal,
-            mechanical,
-            friction,
-            stops,
-            rigid_contact,
-            chemical,
-            electrochemical,
-            transducers,
-        ),
+        multibody,
+        contact,
+        electrical,
+        transistors,
+        hydraulic,
+        thermal,
+        mechanical,
+        friction,
+        chemical,
+        electrochemical,
+        transducers,
     )
     for row in family.COMPONENTS
 }
@@ -83,7 +70,7 @@ def register_component(
     Its sensitivity terminal equations come from the law. Without ``domain`` it is a force element
     of multibody systems, with parameters as in
     :func:`cotree.components.register.make_component`. With one it is a component of that graph,
-    with parameters as in :func:`cotree.components.register_network.make_network_component`.
+    with parameters as in :func:`cotree.components.register.make_network_component`.
 
     Parameters
     ----------

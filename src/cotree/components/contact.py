@@ -1,24 +1,86 @@
-"""Contact of bodies of a multibody system: points, spheres, discs, cylinders and boxes.
+"""Contact: rigid stops, and bodies that touch, compliant or rigid.
+
+Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it is free, 1 and -1 while
+its upper or its lower limit holds it.
 
 The first node carries a plane or a sphere, the second the body that touches it. Each place that may
 touch, a corner of a box for example, has ports of its own: one along the gap, and one along each
 direction in which it slides.
+
+Each place that may touch has a rigid stop along its gap, whose lower limit is zero, and in planar
+systems dry friction along the surface, which that stop presses together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from cotree.components.component import Component, Field, Plane, Role, Shape, optional
+from cotree.components.component import (
+    Adapted,
+    Component,
+    Demand,
+    Field,
+    Given,
+    Nodes,
+    Plane,
+    Role,
+    Shape,
+    optional,
+)
 from cotree.components.law import Law, law_symbol
 from cotree.components.ports import scalar
-from cotree.components.terminal import Kind, PortMeasure, Terminal, Touch
+from cotree.components.terminal import Friction, Kind, PortMeasure, Stop, Terminal, Touch
 from cotree.errors import SceneError
 
-if TYPE_CHECKING:
-    from cotree.components.component import Adapted, Given, Nodes
+
+def rebound(across: Any, restitution: Any) -> Any:
+    """Give what an impact changes a relative speed by."""
+    return -(1 + restitution) * across
+
+
+def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
+    """Give the speed that an impact leaves, less that at which it leaves none."""
+    import sympy
+
+    return restitution * sympy.Abs(across) - rest_speed
+
+
+def _port(domain: str, given: Given) -> Terminal:
+    upper = Law(lambda stretch, upper: upper - stretch) if "upper" in given else None
+    lower = Law(lambda stretch, lower: stretch - lower) if "lower" in given else None
+    stop = Stop(upper, lower, Law(rebound), Law(excess))
+    return Terminal(domain, Kind.STOP, is_passive=False, stop=stop)
+
+
+_APART = Demand(Law(lambda lower, upper: upper - lower), "needs an upper limit above the lower one")
+BOUNDED = Demand(
+    Law(lambda restitution: 1 + 1e-15 - restitution), "needs a restitution of one at most"
+)
+
+
+def _stop(domain: str, length: str, unit: str) -> Component:
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        if "lower" not in given and "upper" not in given:
+            raise SceneError(f"edge '{edge}' of type '{made.name}' needs a lower or an upper limit")
+        apart = (_APART,) if "lower" in given and "upper" in given else ()
+        own = replace(made, ports=(_port(domain, given),), demands=(*apart, BOUNDED))
+        return own, nodes, given
+
+    fields = (
+        # A limit that moves would push: nodes move, limits do not.
+        Field("lower", unit, f"least {length}; none where left out"),
+        Field("upper", unit, f"largest {length}; none where left out"),
+        optional("restitution", "1", "speed after an impact over that before", 0.0, "nonnegative"),
+        optional("rest_speed", f"{unit}/s", "after an impact, below it is held", 1e-3, "positive"),
+    )
+    both = {"lower": 0, "upper": 1}
+    made = scalar(
+        f"{domain}_rigid_stop", "limits that hold what runs into them", fields, _port(domain, both)
+    )
+    return replace(made, adapt=adapt)
+
 
 #: What says where bodies may touch; the laws of contact know nothing of it.
 SHAPES = (
@@ -293,4 +355,81 @@ CONTACT = scalar(
     measures=pushes(1),
 )
 
-COMPONENTS = (CONTACT,)
+
+def _gap(spot: int, end: str) -> Terminal:
+    stop = Stop(None, Law.field("stretch"), Law(rebound), Law(excess), f"_normal{end}")
+    touch = Touch(spot, "gap")
+    return Terminal(
+        "translational", Kind.STOP, f"normal{end}", is_passive=False, stop=stop, touch=touch
+    )
+
+
+def _slip(spot: int, end: str) -> Terminal:
+    def most(way: int) -> Law:
+        # What pushes is the negative of the through variable along the gap.
+        return Law.formed_by(
+            lambda: -way * law_symbol("friction") * law_symbol(f"through_normal{end}")
+        )
+
+    name = slide_name(0, end)
+    friction = Friction(
+        most(1), most(-1), most(1), most(-1), presser=f"normal{end}", suffix=f"_{name}"
+    )
+    return Terminal(
+        "translational",
+        Kind.FRICTION,
+        name,
+        is_passive=False,
+        friction=friction,
+        touch=Touch(spot, "slip1", is_planar=True),
+    )
+
+
+def _ports(n_spots: int, has_friction: bool) -> tuple[Terminal, ...]:
+    found = []
+    for spot in range(n_spots):
+        end = suffix_of(spot, n_spots)
+        found.append(_gap(spot, end))
+        if has_friction:
+            found.append(_slip(spot, end))
+    return tuple(found)
+
+
+def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
+    n_spots, has_friction = spots_of(edge, given), "friction" in given
+    if has_friction and "ball" in given:
+        raise SceneError(
+            f"edge '{edge}' has friction on a ball, which rigid contact knows on planes only: "
+            "leave it out, or take a contact that gives way"
+        )
+    own = replace(
+        RIGID_CONTACT,
+        ports=_ports(n_spots, has_friction),
+        measures=pushes(n_spots),
+        geometry=geometry_of(given),
+    )
+    return own, nodes, given
+
+
+RIGID_CONTACT = scalar(
+    "rigid_contact",
+    "rigid contact of two bodies, with impacts and dry friction",
+    (
+        *SHAPES,
+        optional("restitution", "1", "speed after an impact over that before", 0.0, "nonnegative"),
+        optional("rest_speed", "m/s", "after an impact, below it is held", 1e-3, "positive"),
+        FRICTION,
+    ),
+    *_ports(1, True),
+    adapt=_adapt_rigid,
+    geometry=GEOMETRY,
+    measures=pushes(1),
+    demands=(BOUNDED,),
+)
+
+COMPONENTS = (
+    _stop("translational", "length", "m"),
+    _stop("rotational", "angle", "rad"),
+    CONTACT,
+    RIGID_CONTACT,
+)

@@ -1,16 +1,47 @@
-"""Electrical elements of two nodes: across is plus minus minus, through flows from plus to minus.
+"""Electrical components: elements of two nodes, couplings, sources and windings.
 
 Sources, couplings and semiconductors have modules of their own.
+
+Kinks of pulses and of piecewise linear waveforms are found from their laws, so that integration
+stops at each; see :mod:`cotree.dag.switching_times`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
 
-from cotree.components.component import optional, value
+from cotree.components.component import (
+    Adapt,
+    Adapted,
+    Component,
+    Demand,
+    Field,
+    Given,
+    Nodes,
+    Shape,
+    optional,
+    value,
+)
 from cotree.components.law import Law
-from cotree.components.ports import content_storage, resistance, scalar, storage
+from cotree.components.ports import (
+    across_source,
+    content_storage,
+    ideal_coupling,
+    ideal_gyration,
+    resistance,
+    scalar,
+    storage,
+    through_source,
+)
 from cotree.components.terminal import Kind, Terminal
+from cotree.errors import SceneError, check_known
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 
 _DOMAIN = "electrical"
 
@@ -105,7 +136,305 @@ SWITCH = scalar(
     Terminal(_DOMAIN, Kind.DISSIPATOR, across=Law(_switch_voltage), through=Law(_switch_current)),
 )
 
+
+TRANSFORMER = ideal_coupling(
+    "transformer",
+    "ideal transformer: voltage of the primary is ratio times that of the secondary",
+    value("ratio", "1", "turns of the primary for each of the secondary", ""),
+    (_DOMAIN, "primary"),
+    (_DOMAIN, "secondary"),
+)
+
+
+GYRATOR = ideal_gyration(
+    "gyrator",
+    "current of each port in proportion to the voltage of the other, without losses",
+    value("conductance", "S", "current of the primary per voltage of the secondary", ""),
+    (_DOMAIN, "primary"),
+    (_DOMAIN, "secondary"),
+)
+
+#: Controlling ports: an open one measures a voltage, a short-circuited one a current.
+_VOLTMETER = Terminal(
+    _DOMAIN, Kind.THROUGH_SOURCE, "control", through=Law(lambda: 0), is_passive=False
+)
+_AMMETER = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "control", across=Law(lambda: 0), is_passive=False)
+
+
+def _controlled(
+    name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
+) -> Component:
+    """Make a controlled source."""
+    # The controlled port alone takes up power, which comes from nowhere: none of these is passive.
+    measured = "across_control" if by_voltage else "through_control"
+    law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
+    if gives_voltage:
+        output = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, "output", across=law, is_passive=False)
+    else:
+        output = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, "output", through=law, is_passive=False)
+    given, by = ("voltage", "current")[not gives_voltage], ("voltage", "current")[not by_voltage]
+    doc = f"{given} in proportion to a {by} elsewhere"
+    return scalar(name, doc, (value(*field, ""),), _VOLTMETER if by_voltage else _AMMETER, output)
+
+
+VCVS = _controlled("vcvs", True, True, ("gain", "1", "voltage per voltage"))
+VCCS = _controlled("vccs", True, False, ("transconductance", "S", "current per voltage"))
+CCVS = _controlled("ccvs", False, True, ("transresistance", "ohm", "voltage per current"))
+CCCS = _controlled("cccs", False, False, ("gain", "1", "current per current"))
+
+
+# Infinite gain holds voltage and current of the input at zero; those of the output follow from the
+# rest of the network.
+_INPUT = Terminal(
+    _DOMAIN,
+    Kind.NULLATOR,
+    "input",
+    across=Law(lambda: 0),
+    through=Law(lambda: 0),
+    is_passive=False,
+)
+_OUTPUT = Terminal(_DOMAIN, Kind.NORATOR, "output", is_passive=False)
+
+IDEAL_OP_AMP = scalar(
+    "ideal_op_amp",
+    "operational amplifier of infinite gain, with feedback",
+    (),
+    replace(_INPUT, between=("plus", "minus")),
+    replace(_OUTPUT, between=("output", "ground")),
+    terminals=("plus", "minus", "output"),
+)
+
+NULLOR = scalar("nullor", "ideal amplifier whose output may float", (), _INPUT, _OUTPUT)
+
+
+#: Beyond the span of any run, [s]: a pulse that does not come back.
+_NEVER = 1e30
+
+VOLTAGE_SOURCE = across_source(
+    _DOMAIN, "voltage_source", "given voltage", value("voltage", "V", "plus minus minus", "")
+)
+
+CURRENT_SOURCE = through_source(
+    _DOMAIN,
+    "current_source",
+    "given current, from plus to minus inside",
+    value("current", "A", "from plus to minus inside", ""),
+)
+
+
+def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
+    import sympy
+
+    # The argument is held until the delay is over, so that the waveform is continuous there.
+    passed = sympy.Max(0, t - delay)
+    return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
+
+
+def _pulse(
+    t: Any,
+    low: Any,
+    high: Any,
+    delay: Any,
+    rise: Any,
+    fall: Any,
+    width: Any,
+    period: Any,
+) -> Any:
+    import sympy
+
+    # ``s`` counts from the beginning of the current period; it is negative before the first pulse.
+    count = sympy.floor(sympy.Max(0, (t - delay) / period))
+    s = t - delay - period * count
+    # Branches are looked at in order; each begins where the one before it ends.
+    share = sympy.Piecewise(
+        (0, s <= 0),
+        (s / rise, s < rise),
+        (1, s <= rise + width),
+        (1 - (s - rise - width) / fall, s < rise + width + fall),
+        (0, True),
+    )
+    return low + (high - low) * share
+
+
+def _sine_fields(unit: str) -> tuple[Field, ...]:
+    return (
+        value("amplitude", unit, "half of what lies between the extremes", ""),
+        value("frequency", "Hz", "turns per second"),
+        optional("phase", "rad", "at the delay and before", 0.0),
+        optional("offset", unit, "mean value", 0.0),
+        optional("delay", "s", "before it nothing changes", 0.0),
+    )
+
+
+def _pulse_fields(unit: str) -> tuple[Field, ...]:
+    return (
+        optional("low", unit, "before, between and after", 0.0),
+        value("high", unit, "for its width", ""),
+        optional("delay", "s", "when the first edge begins", 0.0),
+        optional("rise", "s", "length of the first edge", 1e-9, "positive"),
+        optional("fall", "s", "length of the second edge", 1e-9, "positive"),
+        value("width", "s", "between the edges", "nonnegative"),
+        optional("period", "s", "from one pulse to the next; by default there is one", _NEVER),
+    )
+
+
+def _waveforms(
+    name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
+) -> tuple[Component, Component]:
+    """Make the sources of a voltage and of a current that follow a waveform."""
+    # One law serves both: the field of which the waveform is decides on the variable that is given.
+    voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
+    current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
+    return (
+        scalar(f"{name}_voltage", doc, fields("V"), voltage),
+        scalar(f"{name}_current", doc, fields("A"), current),
+    )
+
+
+def _tabled(source: Component) -> Adapt:
+    """Turn ``times`` and ``values`` into a table over time in the field of a source."""
+
+    def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
+        # Any scalar field takes a table over an expression; here the expression is the time.
+        rest = dict(fields)
+        for name in ("times", "values"):
+            if name not in rest:
+                raise SceneError(f"edge '{edge}' needs the field '{name}': a list of numbers")
+        over_time = {"of": "t", "x": rest.pop("times"), "y": rest.pop("values")}
+        check_known(rest, ("times", "values"), f"edge '{edge}' has no field")
+        return source, nodes, {source.fields[0].name: over_time}
+
+    return adapt
+
+
+def _piecewise(source: Component) -> Component:
+    """Make the source of a table over time."""
+    given = source.fields[0]
+    name, doc = f"piecewise_{given.name}", "linear between given points"
+    fields = (
+        Field("times", "s", "that increase", Shape.NUMBERS, required=True),
+        Field(
+            "values",
+            given.unit,
+            "at these times; constant outside them",
+            Shape.NUMBERS,
+            required=True,
+        ),
+    )
+    own = replace(source, name=name, doc=doc)
+    return replace(own, fields=fields, adapt=_tabled(own))
+
+
+#: Names of the windings' ports, in order.
+WINDINGS = ("primary", "secondary", "winding3", "winding4", "winding5", "winding6")
+
+_COMPLETE = (
+    "couples its windings completely: give a coupling between -1 and 1, or an ideal transformer "
+    "with an inductor, which have other equations, so that no parameter leads there; in a netlist, "
+    "write the coupling as the number 1"
+)
+_TOO_CLOSE = "couples its windings by more than the flux that they have: give smaller couplings"
+
+
+def coupling_field(i: int, j: int) -> str:
+    """Name the field of the coupling of two windings, counted from 1."""
+    first, second = sorted((i, j))
+    return "coupling" if (first, second) == (1, 2) else f"coupling{first}{second}"
+
+
+def _induced(*values: Any) -> Any:
+    """Sum k sqrt(L Lj) dij/dt over the other windings; values are L, then k, Lj and the rates."""
+    import sympy
+
+    # Mutual inductance k sqrt(L Lj) times the rate of the other current.
+    own, others = values[0], zip(values[1::3], values[2::3], values[3::3], strict=True)
+    return sum(coupling * sympy.sqrt(own * other) * rate for coupling, other, rate in others)
+
+
+def _winding(i: int, n: int) -> Terminal:
+    """Make the port of a winding among n: its own flux, and what the others induce."""
+    own = f"inductance{i}"
+    # Names in threes (k, Lj and the rate of ij) are what ``_induced`` takes apart again.
+    names = [own]
+    for j in (j for j in range(1, n + 1) if j != i):
+        names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
+    return Terminal(
+        _DOMAIN,
+        Kind.THROUGH_STORAGE,
+        WINDINGS[i - 1],
+        storage=Law.field(own),
+        across=Law.taking(tuple(names), _induced),
+    )
+
+
+def _determinant(n: int, *couplings: Any) -> Any:
+    """Give the determinant of the matrix of n windings' couplings, in the order of their pairs."""
+    import sympy
+
+    matrix = sympy.eye(n)
+    for (i, j), coupling in zip(combinations(range(n), 2), couplings, strict=True):
+        matrix[i, j] = matrix[j, i] = coupling
+    return sympy.expand(matrix.det())
+
+
+# Leading minors that are positive make the matrix of inductances positive definite (Sylvester), so
+# that energy is stored and the fluxes determine the currents.
+def _demand(n: int) -> Demand:
+    """Ask for a positive minor of the first n windings: then the fluxes give the currents."""
+    names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))
+    return Demand(Law.taking(names, partial(_determinant, n)), _COMPLETE if n == 2 else _TOO_CLOSE)
+
+
+@lru_cache(maxsize=len(WINDINGS))
+def _windings(n: int) -> Component:
+    every = range(1, n + 1)
+    doc = "mutual inductance, by the root of the product of the two"
+    couplings: list[Field] = [value("coupling", "1", doc, "")]
+    if n > 2:
+        pairs = combinations(every, 2)
+        # Of two windings the coupling is all that there is to say; of more, pairs may be uncoupled.
+        couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
+    return scalar(
+        "coupled_inductors",
+        "windings that share a part of their flux",
+        (
+            *(value(f"inductance{i}", "H", f"of {WINDINGS[i - 1]} alone") for i in every),
+            *couplings,
+        ),
+        *(_winding(i, n) for i in every),
+        # The first leading minor is one, so that the minors of two windings and more remain.
+        demands=tuple(_demand(k) for k in range(2, n + 1)),
+    )
+
+
+def _as_given(edge: str, nodes: Nodes, fields: Given) -> Adapted:
+    """Make as many windings as have an inductance."""
+    del edge
+    # Windings are counted by the inductances that a scene gives in order.
+    n = 2
+    while n < len(WINDINGS) and f"inductance{n + 1}" in fields:
+        n += 1
+    return _windings(n), nodes, fields
+
+
+COUPLED_INDUCTORS = replace(_windings(2), adapt=_as_given)
+
 COMPONENTS = (
     *(RESISTOR, CAPACITOR, NONLINEAR_CAPACITOR, THREE_TERMINAL_CAPACITOR),
     *(INDUCTOR, NONLINEAR_INDUCTOR, SWITCH),
+    TRANSFORMER,
+    GYRATOR,
+    VCVS,
+    VCCS,
+    CCVS,
+    CCCS,
+    IDEAL_OP_AMP,
+    NULLOR,
+    VOLTAGE_SOURCE,
+    CURRENT_SOURCE,
+    *_waveforms("sine", "sine from a delay on", _sine_fields, _sine),
+    *_waveforms("pulse", "one pulse with straight edges, or many", _pulse_fields, _pulse),
+    _piecewise(VOLTAGE_SOURCE),
+    _piecewise(CURRENT_SOURCE),
+    COUPLED_INDUCTORS,
 )

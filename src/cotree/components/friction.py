@@ -1,7 +1,7 @@
 """Dry friction that sticks and slides, in translation and rotation: guides, clutches, gears.
 
-Each edge has a mode, which :mod:`cotree.scene.friction` adds: 0 while it sticks, 1 and -1 while it
-slides forwards and backwards, 2 while it is disengaged.
+Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it sticks, 1 and -1 while
+it slides forwards and backwards, 2 while it is disengaged.
 """
 
 from __future__ import annotations

@@ -16,9 +16,7 @@ from cotree.dag.clips import SINGULAR, Clips
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import is_varied, tangent_of, value_of, varied
 from cotree.dag.from_sympy import from_sympy
-from cotree.dag.nodes import Dag
-from cotree.dag.symbols import ARGUMENT
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.nodes import ARGUMENT, Dag, reachable, substitute
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -7,12 +7,16 @@ and a given force, which acts on the second node, is the through variable's nega
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cotree.components.component import (
+    Adapt,
+    Adapted,
     Component,
     Demand,
     Field,
+    Given,
+    Nodes,
     Plane,
     Role,
     Shape,
@@ -20,18 +24,9 @@ from cotree.components.component import (
     value,
 )
 from cotree.components.law import Law
-from cotree.components.ports import (
-    across_source,
-    ideal_coupling,
-    scalar,
-    storage,
-    through_source,
-)
+from cotree.components.ports import across_source, ideal_coupling, scalar, storage, through_source
 from cotree.components.terminal import Kind, Terminal
 from cotree.errors import SceneError
-
-if TYPE_CHECKING:
-    from cotree.components.component import Adapt, Adapted, Given, Nodes
 
 
 @dataclass(frozen=True)
@@ -374,3 +369,38 @@ COMPONENTS = (
     PLANETARY_GEAR,
     RACK_AND_PINION,
 )
+
+
+#: Components of rotation, each with that of translation.
+_PAIRS = {
+    "rotational_inertia": "translational_mass",
+    "rotational_spring": "translational_spring",
+    "rotational_damper": "translational_damper",
+    "rotational_stop": "translational_stop",
+    "rotational_rigid_stop": "translational_rigid_stop",
+    "rotational_friction": "translational_friction",
+    "rotational_dry_friction": "translational_dry_friction",
+    "rotational_lugre": "translational_lugre",
+    "rotational_backlash": "translational_backlash",
+    "torque_source": "force_source",
+    "speed_source": "velocity_source",
+    "ideal_gear": "lever",
+    "dc_motor": "voice_coil",
+    "hydraulic_machine": "hydraulic_cylinder",
+}
+_COUNTERPARTS = {**_PAIRS, **{along: about for about, along in _PAIRS.items()}}
+
+#: For components between two nodes: those of one-dimensional graphs that may sit on a joint.
+ON_JOINTS = {
+    "spring": ("translational_spring", "rotational_spring"),
+    "damper": ("translational_damper", "rotational_damper"),
+    "force": ("force_source",),
+    "line_force": ("force_source",),
+    "torque": ("torque_source",),
+    "rigid_body": ("translational_mass", "rotational_inertia"),
+}
+
+
+def counterpart_of(type: str) -> str:
+    """Give the type of rotation for one of translation, and the reverse; empty if there is none."""
+    return _COUNTERPARTS.get(type, "")

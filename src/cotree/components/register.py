@@ -1,18 +1,25 @@
-"""Components that users register, with a law in SymPy."""
+"""Components that users register, with laws in SymPy.
+
+The kind of a port follows from the arguments of its law: with the rate of a variable the port is a
+storage, with ``stretch`` a spring, with its own other variable a dissipator, with neither a source.
+A port whose law gives its content is a storage, too.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 from cotree.components.component import Acts, Component, Field, Plane, Role, value
-from cotree.components.forces import AXIS
 from cotree.components.law import Law
+from cotree.components.multibody import AXIS
+from cotree.components.ports import scalar
+from cotree.components.terminal import Kind, Terminal
 from cotree.dag.nodes import Dag
-from cotree.errors import SceneError, brief
+from cotree.domains import DOMAINS
+from cotree.domains import domain as domain_of
+from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
 
 #: Arguments of a law that are no fields, by the direction along which it acts.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
@@ -145,3 +152,221 @@ def _predicate(error: Exception) -> str:
     """Say what is wrong with a law, without naming it."""
     told = str(error)
     return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
+
+
+#: Arguments of laws that are neither variables of ports nor fields.
+_NEITHER = frozenset({"t", "stretch", "potential_head", "potential_tail"})
+_VARIABLES = ("across_rate", "through_rate", "across", "through")
+
+_GIVES = ("across", "through", "content")
+
+#: A law, or that of each port by name.
+Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
+
+#: What laws give: all of them, or that of each port by name.
+Gives = str | Mapping[str, str]
+
+
+def make_network_component(
+    name: str,
+    laws: Laws,
+    *,
+    domain: str,
+    gives: Gives = "",
+    terminals: Sequence[str] = (),
+    between: Mapping[str, Sequence[str]] | None = None,
+    units: Mapping[str, str] | None = None,
+    doc: str = "",
+) -> Component:
+    """Make a scalar component from its laws.
+
+    Parameters
+    ----------
+    name : str
+        Its ``type`` in scenes.
+    laws : callable, or mapping of str to callable
+        The law of its port, or of each by its name: takes SymPy symbols and gives the through
+        variable of the port as a function of ``across``, ``across_rate`` or ``stretch``, or its
+        across variable as one of ``through`` or ``through_rate``. Other arguments are
+        ``across_<port>`` and ``through_<port>`` of the other ports, the potentials of its own nodes
+        ``potential_head`` and ``potential_tail``, the time ``t``, and any others: these become
+        fields.
+    domain : str
+        The graph of its ports: ``electrical``, ``hydraulic``, ``thermal``, ...
+    gives : {'', 'across', 'through', 'content'}, or mapping of str to these
+        What laws give, or that of each port by its name. It follows from the arguments for all but
+        sources, which are functions of none of these, and storages by content: these give what
+        they hold as a function of ``across``, as a charge of a voltage, or of ``through``, as a
+        flux linkage of a current, and may be functions of the same variable of other ports. What
+        they hold must not jump.
+    terminals : sequence of str
+        Names of its nodes, where ports share them; else each port has two of its own.
+    between : mapping of str to pair of str
+        With ``terminals``: from which to which node each port runs.
+    units : mapping of str to str, optional
+        Units of the fields.
+    doc : str
+        One line on what it models.
+
+    Raises
+    ------
+    SceneError
+        If a name or an argument is not allowed, or a law gives no expression.
+    """
+    check_name("component", name)
+    domain_of(domain)
+    named = dict(laws) if isinstance(laws, Mapping) else {"": laws}
+    # A single port may go without a name; among several each needs one.
+    for port in named:
+        if port or len(named) > 1:
+            check_name("port", port)
+    places = _places(name, named, terminals, between or {})
+    what = f"a law of component '{name}'"
+    made = {port: checked_law(law, what) for port, law in named.items()}
+    given = _given(name, named, gives)
+    ports = (
+        _content(name, domain, port, law, named, places.get(port, ("", "")))
+        if given.get(port) == "content"
+        else _terminal(name, domain, port, law, given.get(port, ""), places.get(port, ("", "")))
+        for port, law in made.items()
+    )
+    fields = (
+        argument
+        for law in made.values()
+        for argument in law.arguments
+        if argument not in _NEITHER and not _is_variable(argument, named)
+    )
+    rows = law_fields(fields, units or {})
+    return scalar(name, doc or "a user's law", rows, *ports, terminals=tuple(terminals))
+
+
+def _places(
+    name: str,
+    ports: Iterable[str],
+    terminals: Sequence[str],
+    between: Mapping[str, Sequence[str]],
+) -> dict[str, tuple[str, str]]:
+    """Check between which of the named nodes each port runs."""
+    if not terminals:
+        return {}
+    places = {}
+    for port in ports:
+        pair = tuple(between.get(port, ()))
+        for node in pair:
+            if node not in terminals and node != "ground":
+                raise SceneError(
+                    f"port '{port}' of component '{name}' runs to '{node}', which is none of its "
+                    f"terminals{nearest(str(node), terminals)}"
+                )
+        if len(pair) != 2:
+            raise SceneError(f"component '{name}' must say between which two nodes '{port}' runs")
+        places[port] = (pair[0], pair[1])
+    return places
+
+
+def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
+    """Give the variable that the law of each port determines, where it is specified."""
+    given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
+    for port, what in given.items():
+        if port not in ports:
+            raise SceneError(
+                f"gives of component '{name}' names '{port}', which is no port of it"
+                f"{nearest(str(port), ports)}"
+            )
+        if what not in ("", *_GIVES):
+            raise SceneError(
+                f"component '{name}' gives {what!r}: give one of {', '.join(map(repr, _GIVES))}"
+            )
+    return given
+
+
+def _is_variable(argument: str, ports: Iterable[str]) -> bool:
+    """Say whether an argument is a variable of a port, its own or another."""
+    siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
+    return argument in _VARIABLES or argument in siblings
+
+
+def _terminal(
+    name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
+) -> Terminal:
+    """Make the terminal equation of a law."""
+    # A through variable follows from across, its rate or its integral, and the other way round. An
+    # argument that cancels out decides nothing, therefore the expression is asked.
+    own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
+    dual = [v for v in ("through", "through_rate") if law.uses(v)]
+    if own and dual:
+        raise SceneError(
+            f"a law of component '{name}' is a function of {own[0]} and {dual[0]} of its own port: "
+            "give one variable as a function of the other"
+        )
+    found = "through" if own else "across" if dual else gives
+    if found not in ("across", "through"):
+        raise SceneError(
+            f"what a law of component '{name}' gives does not follow from its arguments: add "
+            "gives='across' or gives='through'"
+        )
+    is_through = found == "through"
+    rate = "across_rate" if is_through else "through_rate"
+    storage = None
+    if law.uses(rate):
+        # The rate is asked first: a storage may depend on across, too, as a leaky capacitor does.
+        kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
+        storage, law = _linear(name, law, rate)
+    elif law.uses("stretch"):
+        kind = Kind.SPRING
+    elif own or dual:
+        kind = Kind.DISSIPATOR
+    else:
+        kind = Kind.THROUGH_SOURCE if is_through else Kind.ACROSS_SOURCE
+    return Terminal(
+        domain,
+        kind,
+        port,
+        across=None if is_through else law,
+        through=law if is_through else None,
+        storage=storage,
+        # Nothing is known of the slopes of a user's law: equations made of it are not assumed to be
+        # symmetric and positive definite.
+        is_passive=False,
+        between=between,
+    )
+
+
+def _content(
+    name: str, domain: str, port: str, law: Law, ports: Iterable[str], between: tuple[str, str]
+) -> Terminal:
+    """Make the terminal equation of a storage from the law of its content."""
+    used = [v for v in law.arguments if v in _NEITHER - {"t"} or _is_variable(v, ports)]
+    # ``stretch`` and potentials leave words in the set that are neither across nor through.
+    of = {v.partition("_")[0] for v in used}
+    if any("_rate" in v for v in used) or of not in ({"across"}, {"through"}):
+        raise SceneError(
+            f"a law of component '{name}' gives a content: make it a function of across, or of "
+            "through, of its port, and of the same variable of other ports, but of no rate, "
+            "stretch or potential"
+        )
+    # A domain without a name for one of the contents has no storage by that variable.
+    row, is_across = DOMAINS[domain], of == {"across"}
+    if not (row.content if is_across else row.impulse)[0]:
+        also = ": give through as a function of stretch" if row.stretch else ""
+        raise SceneError(
+            f"a law of component '{name}' gives a content as a function of {used[0]}, which the "
+            f"{domain} graph has no storage of{also}"
+        )
+    kind = Kind.ACROSS_STORAGE if is_across else Kind.THROUGH_STORAGE
+    return Terminal(domain, kind, port, content=law, is_passive=False, between=between)
+
+
+def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
+    """Split a law into the factor of a rate and the rest."""
+    import sympy
+
+    symbol = sympy.Symbol(rate, real=True)
+    # A storage: linear in the rate, with a factor that may depend on anything else.
+    factor = sympy.diff(law.expression, symbol)
+    if symbol in factor.free_symbols:
+        raise SceneError(
+            f"a law of component '{name}' is not linear in {rate}: give the product of a storage "
+            f"and {rate}, and what is added to it"
+        )
+    return Law.of(factor), Law.of(law.expression.subs(symbol, 0))

@@ -198,10 +198,10 @@ class Terminal:
         Whether its tail must be the ground, where motion and concentrations are measured from.
     friction : Friction or None
         Of dry friction: its laws. Which of them holds is the field ``mode``, which
-        :mod:`cotree.scene.friction` adds.
+        :mod:`cotree.scene.unilateral` adds.
     stop : Stop or None
         Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
-        :mod:`cotree.scene.stops` adds.
+        :mod:`cotree.scene.unilateral` adds.
     touch : Touch or None
         Of a contact of two bodies: what it acts along.
     """

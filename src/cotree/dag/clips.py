@@ -14,9 +14,8 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from cotree.dag.continuity import ways_to_zero
-from cotree.dag.nodes import Dag
+from cotree.dag.nodes import Dag, reachable, substitute, symbols_in
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.traverse import reachable, substitute, symbols_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

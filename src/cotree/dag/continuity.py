@@ -1,9 +1,9 @@
 """Detection of jumps, from the limits of values on both sides.
 
 In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
-(:mod:`cotree.dag.stops`), nodes that are negative where the value jumps; for other conditions,
-whether it jumps along random motions, at random values of the parameters; and for one condition,
-whether both branches agree wherever it passes through zero.
+(:mod:`cotree.dag.switching_times`), nodes that are negative where the value jumps; for other
+conditions, whether it jumps along random motions, at random values of the parameters; and for one
+condition, whether both branches agree wherever it passes through zero.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.ieee import floor
-from cotree.dag.stops import find_stops, stops_within
-from cotree.dag.symbols import PARAMETER
-from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
+from cotree.dag.nodes import PARAMETER, dependent, reachable, substitute, symbols_in
+from cotree.dag.operations import floor
+from cotree.dag.switching_times import find_stops, stops_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

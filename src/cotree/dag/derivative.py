@@ -12,12 +12,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from cotree.dag.clips import Clips
-from cotree.dag.multi_output import SEVERAL, call, results, sizes_of, solve
-from cotree.dag.symbols import CHANGE
-from cotree.dag.traverse import reachable, substitute
+from cotree.dag.multi_output import SEVERAL, LinearMap, call, results, sizes_of, solve
+from cotree.dag.nodes import CHANGE, reachable, substitute
 
 if TYPE_CHECKING:
-    from cotree.dag.linear_map import LinearMap
     from cotree.dag.multi_output import Function
     from cotree.dag.nodes import Node
 

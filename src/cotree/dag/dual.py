@@ -12,8 +12,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from cotree.dag.derivative import tangents
-from cotree.dag.nodes import Node
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import Node, substitute
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from cotree.dag.multi_output import SEVERAL
+from cotree.dag.nodes import PIECE, reachable
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.symbols import PIECE
-from cotree.dag.traverse import reachable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,7 +33,7 @@ def evaluate(
     numbers : {'real', 'complex_', 'array'}
         Kind of the values; 'complex_' follows the real part at every branch, for the complex step.
     order : sequence of Node, optional
-        :func:`~cotree.dag.traverse.reachable` of the roots, where it is known already.
+        :func:`~cotree.dag.nodes.reachable` of the roots, where it is known already.
 
     Returns
     -------

@@ -5,18 +5,23 @@ of the arena (``dag.function("sin", a)``); asking twice for the same value gives
 common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
 one, ``x+(y-x)`` is ``y``, negations sink towards the result. An argument always has a smaller index
 than the node that uses it, so ascending index is a valid order of evaluation.
+
+Those of :data:`ARGUMENT_OF` are what kernels are given. The others stand for what is not known yet
+when something is formed, and are replaced later.
 """
 
 from __future__ import annotations
 
 import math
 from contextlib import contextmanager
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.operations import OPERATIONS, folded
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+
 
 _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "erf", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
@@ -397,3 +402,169 @@ class Dag:
         if op in OPERATIONS:
             return self.function(op, *args)
         return self._intern(op, args, node.data)
+
+
+_by_index = attrgetter("index")
+
+
+def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
+    """List every node that the roots depend on, themselves included, in order of evaluation.
+
+    Nodes of ``stop`` are listed, but what they depend on is not followed.
+    """
+    found = set(roots)
+    stack = list(found)
+    while stack:
+        node = stack.pop()
+        if node in stop:
+            continue
+        for arg in node.args:
+            if arg not in found:
+                found.add(arg)
+                stack.append(arg)
+    # A node is made after its arguments, so its index is an order of evaluation.
+    return sorted(found, key=_by_index)
+
+
+def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
+    """Give the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
+    marked = set(sources)
+    for node in nodes:
+        # In order of evaluation, all arguments have been decided on.
+        if any(arg in marked for arg in node.args):
+            marked.add(node)
+    return marked
+
+
+def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
+    """Rebuild the roots with some nodes replaced; values that do not depend on them stay.
+
+    Parameters
+    ----------
+    roots : iterable of Node
+        The values wanted.
+    replacement : mapping of Node to Node
+        The new node for each node that is replaced.
+
+    Returns
+    -------
+    list of Node
+        The new values, in the order of ``roots``.
+    """
+    roots = list(roots)
+    new: dict[Node, Node] = dict(replacement)
+    # The walk ends at replaced nodes. Their arguments are rebuilt only where another path leads.
+    for node in reachable(roots, stop=replacement):
+        if node in replacement:
+            continue
+        made = rebuilt(node, new)
+        if made is not node:
+            new[node] = made
+    return [new.get(root, root) for root in roots]
+
+
+def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
+    """Rebuild a value from what replaces its arguments; it keeps its origin."""
+    args = tuple([new.get(arg, arg) for arg in node.args])
+    if args == node.args:
+        return node
+    # Rebuilding folds: what replaces an argument may make the value simpler.
+    made = node.dag.rebuild(node, args)
+    if node in node.dag.origins:
+        node.dag.note_origin(made, node.dag.origins[node])
+    return made
+
+
+def symbols_of_each(
+    roots: Sequence[Node], among: Container[Node] | None = None
+) -> list[list[Node]]:
+    """List the symbols that each root depends on, in one walk over all of them.
+
+    The symbols of a value are an integer with one bit for each, of those in ``among`` if given.
+    """
+    walk = reachable(roots)
+    symbols = [node for node in walk if node.op == "symbol" and (among is None or node in among)]
+    masks = {node: 1 << i for i, node in enumerate(symbols)}
+    for node in walk:
+        if node.args:
+            mask = 0
+            for arg in node.args:
+                # Sets as integers: a union is one operation, however many symbols there are.
+                mask |= masks.get(arg, 0)
+            masks[node] = mask
+    known: dict[int, list[Node]] = {}
+    for root in roots:
+        mask = masks.get(root, 0)
+        if mask not in known:
+            digits = bin(mask)[:1:-1]  # the lowest first
+            known[mask] = [symbols[i] for i, digit in enumerate(digits) if digit == "1"]
+    return [known[masks.get(root, 0)] for root in roots]
+
+
+def symbols_in(roots: Iterable[Node]) -> list[Node]:
+    """List the symbols that the roots depend on."""
+    return [node for node in reachable(roots) if node.op == "symbol"]
+
+
+TIME = "t"
+STATE = "x"
+INPUT = "u"
+PARAMETER = "p"
+#: Derivative of state i by parameter or initial value j, at j n + i for n states.
+SENSITIVITY = "s"
+#: The same among those that do not vanish, one after another.
+PACKED_SENSITIVITY = "packed"
+#: Rate of a state, in derivatives along the motion.
+STATE_RATE = "rate"
+#: A direction of the states, along which a kernel differentiates.
+DIRECTION = "v"
+#: The piece that a step holds of something with corners, zero for none: a sign, or the number of a
+#: piece of a table. Kernels read it among the prepared values.
+PIECE = "piece"
+
+#: An end of the range of a quantity, or of its rate, over a part of a step.
+RANGE = "range"
+
+#: The argument of a kernel that holds the values of each kind.
+ARGUMENT_OF = {
+    TIME: "t",
+    STATE: "x",
+    INPUT: "u",
+    PARAMETER: "p",
+    SENSITIVITY: "s",
+    PACKED_SENSITIVITY: "s",
+    STATE_RATE: "s",
+    RANGE: "s",
+    DIRECTION: "v",
+    PIECE: "k",
+}
+
+#: Change of a state, and of the parameter of sensitivity j, along any direction in common.
+STATE_CHANGE = "dx"
+PARAMETER_CHANGE = "dp"
+#: Change of an input, and of any tunable parameter, along a direction of a linearisation.
+INPUT_CHANGE = "du"
+TUNED_CHANGE = "dtuned"
+#: The direct change by a parameter, at constant states, along that direction.
+SOURCE = "source"
+#: An acceleration or a multiplier, and its derivative along a direction.
+UNKNOWN = "w"
+UNKNOWN_CHANGE = "dw"
+#: An entry of a right-hand side, or a result, that a map or a pattern is formed for.
+ENTRY = "own"
+#: An argument of a law.
+ARGUMENT = "argument"
+#: Newton's step of an algebraic unknown.
+STEP = "step"
+#: An across variable that a field names.
+MEASURED = "measured"
+#: Values of a map that all columns share, and those of one column.
+SHARED = "shared"
+COLUMN = "column"
+#: Change of what one column of a map is given, or weight of what it gives.
+CHANGE = "change"
+
+
+def kinds_in(roots: Iterable[Node]) -> set[str]:
+    """List the kinds of symbols that some values depend on."""
+    return {symbol.data[0] for symbol in symbols_in(roots)}

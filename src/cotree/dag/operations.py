@@ -1,5 +1,9 @@
 """The scalar operations, one row each: how many arguments, how it is evaluated, how C spells it.
 
+Python's own raise where there is no number: ``1/0``, ``exp(1000)``, ``log(-1)``. These give
+infinities and nan, with C's signs, so that a value beyond what matters, such as the ``exp`` in
+``1/(1 + exp(1000))``, does no harm with or without a compiler.
+
 Sums, differences, products, quotients and negations are arithmetic; everything else is a
 function call. Partial derivatives stand in :mod:`cotree.dag.derivative`, since they are built
 from nodes.
@@ -15,10 +19,70 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag import ieee
-
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+def divide(a: float, b: float) -> float:
+    """Divide; a division by zero gives an infinity, or nan where the dividend is zero, too."""
+    try:
+        return a / b
+    except ZeroDivisionError:
+        if a == 0.0 or math.isnan(a):
+            return math.nan
+        # The sign of a zero counts, as in C: 1/-0.0 is minus infinity.
+        return math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+
+def power(a: float, b: float) -> float:
+    """Raise to a power; an infinite result has the sign of the base if the power is odd."""
+    try:
+        return math.pow(a, b)
+    except OverflowError:
+        # Overflow: the exponent tells whether the sign of the base survives.
+        return math.copysign(math.inf, a) if _is_odd(b) else math.inf
+    except ValueError:
+        # Without a value are a negative base with a fractional exponent, and zero with a negative
+        # exponent. The latter is a pole, whose sign is that of the zero for odd exponents.
+        if a != 0.0:
+            return math.nan
+        return math.copysign(math.inf, a) if _is_odd(b) else math.inf
+
+
+def logarithm(x: float) -> float:
+    """Give the natural logarithm: minus infinity of zero, nan of what is negative."""
+    try:
+        return math.log(x)
+    except ValueError:
+        return -math.inf if x == 0.0 else math.nan
+
+
+def floor(x: float) -> float:
+    """Round down; zeros keep their sign, infinities and nan stay."""
+    return float(math.floor(x)) if x and math.isfinite(x) else x
+
+
+def total(function: Callable[[float], float]) -> Callable[[float], float]:
+    """Let a function give nan outside its domain, and an infinity beyond the largest number.
+
+    Of those that overflow, ``exp`` and ``cosh`` do so upwards, ``sinh`` towards both sides.
+    """
+    upwards = function in (math.exp, math.cosh)
+
+    def value(x: float) -> float:
+        try:
+            return function(x)
+        except OverflowError:
+            return math.inf if upwards else math.copysign(math.inf, x)
+        except ValueError:
+            return math.nan
+
+    return value
+
+
+def _is_odd(x: float) -> bool:
+    return math.isfinite(x) and abs(math.fmod(x, 2.0)) == 1.0
+
 
 Scalar = Any  # float, complex, or a numpy array of either
 
@@ -35,7 +99,7 @@ class Operation:
         Number of arguments.
     real, complex_, array : callable
         Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises:
-        it follows C (:mod:`cotree.dag.ieee`).
+        it follows C (:mod:`cotree.dag.operations`).
     c : str
         The C expression, with ``{0}``, ``{1}``, ... for its arguments.
     is_call : bool
@@ -112,7 +176,7 @@ def _arithmetic(name: str, arity: int, function: Callable[..., Scalar], c: str) 
 
 def _function(name: str, real: Callable[[float], float] | None = None) -> Operation:
     array = getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))
-    real = real or ieee.total(getattr(math, name))
+    real = real or total(getattr(math, name))
     return Operation(name, 1, real, getattr(cmath, name), array, f"{name}({{0}})")
 
 
@@ -121,13 +185,11 @@ _ROWS = (
     _arithmetic("sub", 2, operator.sub, "{0} - {1}"),
     _arithmetic("mul", 2, operator.mul, "{0} * {1}"),
     # Division is the only arithmetic operator of Python that raises on floats.
-    Operation(
-        "div", 2, ieee.divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False
-    ),
+    Operation("div", 2, divide, operator.truediv, operator.truediv, "{0} / {1}", is_call=False),
     _arithmetic("neg", 1, operator.neg, "-{0}"),
     *(_function(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")),
     *(_function(name) for name in ("sinh", "cosh", "tanh", "exp")),
-    _function("log", ieee.logarithm),
+    _function("log", logarithm),
     Operation("erf", 1, math.erf, _complex_erf, _array_erf, "erf({0})"),
     Operation("abs", 1, abs, _complex_abs, np.abs, "fabs({0})"),
     Operation(
@@ -140,9 +202,9 @@ _ROWS = (
         # both.
         "(double)(({0} > 0.0) - ({0} < 0.0))",
     ),
-    Operation("floor", 1, ieee.floor, _complex_floor, np.floor, "floor({0})"),
+    Operation("floor", 1, floor, _complex_floor, np.floor, "floor({0})"),
     Operation("atan2", 2, math.atan2, _complex_atan2, np.arctan2, "atan2({0}, {1})"),
-    Operation("pow", 2, ieee.power, operator.pow, np.power, "pow({0}, {1})"),
+    Operation("pow", 2, power, operator.pow, np.power, "pow({0}, {1})"),
     Operation(
         "select",
         3,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.lookup import HeldTable
 from cotree.dag.multi_output import Table
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -9,10 +9,16 @@ import numpy as np
 
 from cotree.design.design import ConditionValue, Design
 from cotree.design.evaluation import Evaluation, Run
-from cotree.design.goals import Goals
-from cotree.design.scales import drawn_starts, read_scales
-from cotree.design.search import MET, OPTIMAL, Search, check_method
-from cotree.design.variant import scene_of, variant_of
+from cotree.design.goals import Goals, scene_of, variant_of
+from cotree.design.search import (
+    MET,
+    OPTIMAL,
+    Scale,
+    Search,
+    check_method,
+    drawn_starts,
+    read_scales,
+)
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_number
@@ -21,7 +27,6 @@ from cotree.scene.given import check_mapping, check_names, check_whole
 if TYPE_CHECKING:
     from cotree.api import Model, Scene
     from cotree.design.evaluation import Point
-    from cotree.design.scales import Scale
 
 #: Fields of a scenario.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.build.options import cpu_features
+from cotree.build.compile import cpu_features
 from cotree.codegen.lanes import (
     Lanes,
     lanes_context,

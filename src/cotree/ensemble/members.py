@@ -6,23 +6,163 @@ dimensions that results have. What a name stands for is checked against a model 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.grid import Grid
-from cotree.ensemble.values import column_values
 from cotree.errors import ParameterError, brief, nearest
+from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable
-
     import numpy.typing as npt
 
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
+
+
+def column_values(values: Any, what: str) -> FloatArray:
+    """Read a number, or numbers for each member.
+
+    Parameters
+    ----------
+    values : float or array_like of one dimension
+        As users give them.
+    what : str
+        Where they stand, for messages.
+
+    Returns
+    -------
+    ndarray, shape (n,) or ()
+
+    Raises
+    ------
+    ParameterError
+        If they have more dimensions, or one is no finite number; the message tells its row.
+    """
+    if hasattr(values, "magnitude"):
+        raise ParameterError(f"{what} has units of its own: give plain numbers in SI units")
+    try:
+        # Values that are masked are missing.
+        array = (
+            np.ma.filled(np.ma.asarray(values, dtype=None), np.nan)
+            if np.ma.isMA(values)
+            else np.asarray(values)
+        )
+    except ValueError:  # rows of several lengths
+        raise ParameterError(f"{what} is no sequence of numbers") from None
+    if array.ndim > 1:
+        raise ParameterError(f"{what} has shape {array.shape}: give one value for each member")
+    if array.ndim == 0:
+        return np.array(check_number(array.item(), what))
+    if array.dtype.kind not in "fiu":
+        # Each value is looked at, so that the first wrong one can be named.
+        listed = [
+            check_number(value, f"{what}, row {i},") for i, value in enumerate(array.tolist())
+        ]
+        return np.array(listed, dtype=float)
+    numbers = array.astype(float)
+    wrong = np.flatnonzero(~np.isfinite(numbers))
+    if wrong.size:
+        check_number(float(numbers[wrong[0]]), f"{what}, row {wrong[0]},")
+    return numbers
+
+
+# A bound on what a slip may ask for: the rows alone of so many members take gigabytes.
+_MOST = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The product of some axes; see :func:`grid`.
+
+    Attributes
+    ----------
+    axes : mapping of str to ndarray
+        Values of each, in the order of the dimensions of results.
+    """
+
+    axes: Mapping[str, FloatArray]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of the axes."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def __len__(self) -> int:
+        return math.prod(self.shape)
+
+    def __repr__(self) -> str:
+        shown = " x ".join(f"{name} ({len(values)})" for name, values in self.axes.items())
+        return f"<Grid of {len(self)} members: {shown}>"
+
+    def rows(self) -> FloatArray:
+        """Give the values of each member, shape (n_members, n_axes); the last axis goes fastest."""
+        meshed = np.meshgrid(*self.axes.values(), indexing="ij")
+        return np.stack([values.ravel() for values in meshed], axis=1)
+
+
+def grid(axes: Mapping[str, Any] | None = None, /, **more: Any) -> Grid:
+    """Make members of all combinations of some values.
+
+    Parameters
+    ----------
+    axes : mapping of str to array_like of shape (n,), optional
+        Values of parameters, and initial values of states, whose names have dots.
+    **more : array_like of shape (n,)
+        Further ones.
+
+    Returns
+    -------
+    Grid
+        For ``members`` of :meth:`cotree.Model.ensemble`. Results have a dimension for each axis.
+
+    Raises
+    ------
+    ParameterError
+        If an axis is empty, has a value twice or one that is no finite number, or is given twice.
+
+    Examples
+    --------
+    >>> import cotree
+    >>> cotree.grid({"j1.s": [0.4, 0.5]}, L=[0.8, 1.0, 1.2])
+    <Grid of 6 members: j1.s (2) x L (3)>
+    """
+    if axes is not None and not isinstance(axes, Mapping):
+        raise ParameterError(f"grid takes a mapping of names to values, not {brief(repr(axes))}")
+    first = dict(axes or {})
+    for name in more:
+        if name in first:
+            raise ParameterError(f"the grid has two axes '{brief(name)}': give one")
+    read = {}
+    for name, values in {**first, **more}.items():
+        if not isinstance(name, str):
+            raise ParameterError(
+                f"the grid has the axis {brief(repr(name))}: give its name as text"
+            )
+        what = f"axis '{brief(name)}' of the grid"
+        read[name] = np.atleast_1d(column_values(values, what))
+        if not read[name].size:
+            raise ParameterError(f"{what} is empty: give at least one value")
+        found, counts = np.unique(read[name], return_counts=True)
+        if len(found) < len(read[name]):
+            raise ParameterError(f"{what} has {found[counts > 1][0]:.17g} twice: give it once")
+    if not read:
+        raise ParameterError("the grid has no axes: give grid(L=[0.9, 1.0, 1.1])")
+    made = Grid(read)
+    if len(made) > _MOST:
+        raise ParameterError(
+            f"the grid has {len(made)} members, more than {_MOST}: take fewer values"
+        )
+    return made
+
 
 #: The dimension along which members lie that are no grid.
 MEMBER = "member"

@@ -12,7 +12,7 @@ import numpy as np
 
 from cotree.errors import ModelError
 from cotree.model.arrays import as_array
-from cotree.scene.replaced import expressions_among
+from cotree.scene.variants import expressions_among
 from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
 from cotree.solvers.settings import Settings, checked_settings
 

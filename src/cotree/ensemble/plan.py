@@ -10,13 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+import numpy as np
+import numpy.typing as npt
 
+if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import RunRecord
     from cotree.solvers.settings import Settings
+
 
 #: Members for which the code of lanes is not compiled, where nobody asks for lanes.
 FEW = 100
@@ -113,3 +115,131 @@ class Block:
     steps: npt.NDArray[np.int64]
     seconds: FloatArray
     happened: Happened
+
+
+#: The status of a member that was not run, since the ensemble was stopped.
+NOT_RUN = -3
+
+#: What a member says then.
+NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
+
+
+class Results:
+    """Results of the members of a block; it is mutable, and members are put in in any order.
+
+    Parameters
+    ----------
+    plan : Plan
+        What they share.
+    n_members : int
+        How many there are; none of them has run yet.
+
+    Attributes
+    ----------
+    z, outputs, slopes, status, messages, steps, seconds
+        As the arrays of a ``Block``; of members that are not put in ``z``, ``outputs`` and
+        ``slopes`` hold anything.
+    """
+
+    def __init__(self, plan: Plan, n_members: int) -> None:
+        n_t, n, n_y = np.size(plan.settings.t_eval), len(plan.model.states), len(plan.outputs)
+        m = self.n_sensitivities = n_sensitivities(plan)
+        self._plan = plan
+        self._events = [event.name for event in plan.model.layout.events]
+        self._places = [plan.model.outputs.index(name) for name in plan.outputs]
+        self._happened: list[FloatArray] = []
+        self.z = np.empty((n_members, n_t, n * (1 + m)))
+        self.outputs = np.empty((n_members, n_t, n_y))
+        self.slopes = np.empty((n_members, n_t, m, n_y))
+        self.status = np.full(n_members, NOT_RUN, dtype=np.int8)
+        self.messages = [NOT_RUN_SENTENCE] * n_members
+        self.steps = np.zeros(n_members, dtype=np.int64)
+        self.seconds = np.zeros(n_members)
+
+    def leave_blank(self, member: int) -> None:
+        """Let all values of a member be no numbers."""
+        for array in (self.z, self.outputs, self.slopes):
+            array[member] = np.nan
+
+    def fail(self, member: int, status: int, message: str) -> None:
+        """Put in a member that failed."""
+        self.leave_blank(member)
+        self.status[member], self.messages[member] = status, message
+
+    def succeed(self, members: npt.NDArray[np.bool_]) -> None:
+        """Put in members whose values are all there."""
+        self.status[members] = 0
+        if members.all():
+            self.messages = [""] * len(members)
+            return
+        for member in np.flatnonzero(members).tolist():
+            self.messages[member] = ""
+
+    def put(self, member: int, run: RunRecord) -> None:
+        """Put in a member that ran by itself."""
+        self.steps[member] = run.statistics.n_steps
+        if run.status != 0:
+            self.fail(member, run.status, run.message)
+            return
+        self.leave_blank(member)
+        self.status[member], self.messages[member] = 0, ""
+        n, m = len(self._plan.model.states), self.n_sensitivities
+        # Where an event ends a run, its last point is that of the event, which nobody asked for.
+        wanted = np.asarray(self._plan.settings.t_eval, dtype=float)
+        k = min(len(run.t), len(wanted))
+        reached = int(np.count_nonzero(run.t[:k] == wanted[:k]))
+        self.z[member, :reached, :n] = run.y.T[:reached]
+        self.z[member, :reached, n:] = (
+            run.s[:, :m].transpose(2, 1, 0).reshape(len(run.t), m * n)[:reached]
+        )
+        self.outputs[member, :reached] = run.output_values[self._places].T[:reached]
+        found = run.output_sensitivities[self._places, :m].transpose(2, 1, 0)
+        self.slopes[member, :reached] = found[:reached]
+        self._happened.append(_happened(run, member, self._events, m))
+
+    def add_happened(self, rows: FloatArray) -> None:
+        """Add events, a row each: member, event, time, and the derivatives of the time."""
+        self._happened.append(rows)
+
+    def block(self) -> Block:
+        """Give what was put in; other members were not run."""
+        is_left = self.status == NOT_RUN
+        for array in (self.z, self.outputs, self.slopes) if is_left.any() else ():
+            array[is_left] = np.nan
+        return Block(
+            self.z,
+            self.outputs,
+            self.slopes,
+            self.status,
+            tuple(self.messages),
+            self.steps,
+            self.seconds,
+            _gathered(self._happened, self.n_sensitivities),
+        )
+
+
+def n_sensitivities(plan: Plan) -> int:
+    """Count the parameters of sensitivity of a run."""
+    return len(plan.model.sensitivities) if plan.has_sensitivities else 0
+
+
+def _happened(run: RunRecord, member: int, names: list[str], m: int) -> FloatArray:
+    """List the events of one run, a row each."""
+    rows = [
+        [float(member), float(names.index(name)), float(t), *times.s[:m, j]]
+        for name, times in run.events.items()
+        for j, t in enumerate(times.t)
+    ]
+    # Events are grouped by name; those at one time stay in the order of the model.
+    found = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
+    return found[np.argsort(found[:, 2], kind="stable")]
+
+
+def _gathered(parts: list[FloatArray], m: int) -> Happened:
+    """Put events together, by member; those of each are in order already."""
+    rows = np.concatenate([np.zeros((0, 3 + m)), *parts])
+    if len(rows):
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return Happened(
+        rows[:, 0].astype(np.intp), rows[:, 1].astype(np.intp), rows[:, 2].copy(), rows[:, 3:]
+    )

@@ -1,19 +1,31 @@
-"""Reasons of failed members, counted by sentences that differ in their numbers alone."""
+"""Reasons of failed members, and how often each occurs.
+
+In: the problem of a member, and its job in C, which stands where the budget ended. Out: a sentence.
+"""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.results import NOT_RUN
+from cotree.ensemble.plan import NOT_RUN
+from cotree.solvers.base import FloatArray, Statistics, Trajectory
+from cotree.solvers.budgets import steps_spent, time_spent
+from cotree.solvers.evaluate import BUDGET_SPENT
+from cotree.solvers.event_messages import verdict
+from cotree.solvers.growth import with_growth
+from cotree.solvers.messages import stiffness_note, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
+
+    from cotree.solvers.problem import Problem
+
 
 _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
 
@@ -56,3 +68,49 @@ class Reasons:
             f"{self.failed} of {n_members} members failed and are nan{often}: "
             + (self._shown[reason][1])
         )
+
+
+#: Budgets, by how members end in C; see cotree_batch.h.
+STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
+
+
+def spent_sentence(
+    problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
+) -> str:
+    """Say where a member stopped, and which state grew meanwhile.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its problem; times are given.
+    method : str
+        Its method.
+    job : cotree_job
+        Its job.
+    ended : int
+        The budget that is spent.
+    kept : ndarray, shape (n_kept, size of z)
+        What is known at the first times.
+    last : ndarray, shape (size of z,)
+        Where it stands.
+    """
+    reason = _reason(problem, job, ended)
+    sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
+    assert problem.t_eval is not None  # a plan gives them
+    t, z = problem.t_eval[: len(kept)], kept
+    # As in a run by itself, the last point is one of those that are looked at.
+    if not (len(t) and t[-1] == float(job.t)):
+        t, z = np.append(t, float(job.t)), np.vstack([z, last])
+    work = Statistics(method, 0, 0, 0, int(job.n_steps), 0.0)
+    message = " ".join(filter(None, sentences))
+    return with_growth(problem, Trajectory(t, z.T, BUDGET_SPENT, message, work)).message
+
+
+def _reason(problem: Problem, job: Any, ended: int) -> str:
+    if ended == EVENTS_SPENT:
+        return verdict("spends", [], detail=job.most_events)
+    if ended == STEPS_SPENT:
+        assert problem.max_steps is not None  # it is spent
+        return steps_spent(problem.max_steps)
+    assert problem.time_limit is not None  # likewise
+    return time_spent(problem.time_limit)

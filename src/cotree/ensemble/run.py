@@ -8,40 +8,129 @@ neither on the sizes of the blocks nor on who runs them.
 from __future__ import annotations
 
 import contextlib
+import signal
+import threading
 import time
 import warnings
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cotree.ensemble.batch import run_block, usable_cores
-from cotree.ensemble.collected import Collected, member_bytes
-from cotree.ensemble.dataset import Frame, check_xarray
+from cotree.ensemble.dataset import Collected, Frame, check_xarray, member_bytes
 from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
-from cotree.ensemble.interrupts import stopped_by_interrupt
-from cotree.ensemble.plan import FEW, Plan
-from cotree.ensemble.progress import EnsembleProgress
-from cotree.ensemble.results import NOT_RUN
-from cotree.ensemble.sizing import timed_size
+from cotree.ensemble.plan import FEW, NOT_RUN, Block, Plan
 from cotree.ensemble.store import Store
 from cotree.ensemble.trial import tried_settings
 from cotree.ensemble.zarr_folder import read_path
 from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
-from cotree.solvers.settings import in_python
+from cotree.solvers.progress import CountingBar
+from cotree.solvers.settings import Settings, in_python
 
 if TYPE_CHECKING:
-    import threading
-    from collections.abc import Generator, Iterator, Mapping, Sequence
+    from types import FrameType
 
     from cotree.ensemble.members import Members
-    from cotree.ensemble.plan import Block
     from cotree.ensemble.reasons import Reasons
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
-    from cotree.solvers.settings import Settings
+
+
+class EnsembleProgress(CountingBar):
+    """Show how many members are done; it does nothing where nobody looks, nor for short ensembles.
+
+    Parameters
+    ----------
+    n : int
+        Number of members.
+    is_wanted : bool
+        Whether it may be shown at all.
+    """
+
+    def __init__(self, n: int, is_wanted: bool) -> None:
+        super().__init__("members", n, is_wanted)
+
+    def reached(self, done: int, failed: int) -> None:
+        """Take note of how many members are done, and how many of them failed."""
+        bad = f"{failed} failed, " if failed else ""
+        self.count(done, lambda elapsed: f", {bad}{_rate(done / elapsed)}")
+
+
+def _rate(rate: float) -> str:
+    """Write members a second with about three digits."""
+    return f"{rate:,.0f}/s" if rate >= 100.0 else f"{rate:.3g}/s"
+
+
+# A trial is believed from this time on, [s], and given up after that one.
+_ENOUGH, _TOO_LONG = 0.05, 1.0
+
+# Growth of a trial from one to the next.
+_GROWTH = 64
+
+
+def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: int) -> int:
+    """Give the number of members that threads run together in some time, at least one.
+
+    Parameters
+    ----------
+    plan : Plan
+        What the members share.
+    rows : ndarray, shape (n_members, n_columns)
+        What each of them sets.
+    threads : int
+        Threads that share a block.
+    piece : float
+        The time, [s].
+    most : int
+        No more than so many are tried.
+    """
+    size = 1
+    while True:
+        stop = threading.Event()
+        limit = threading.Timer(_TOO_LONG, stop.set)
+        limit.start()
+        block = run_block(plan, rows[:size], threads=threads, stop=stop)
+        limit.cancel()
+        if np.any(block.status == NOT_RUN):
+            return 1
+        # Times of members leave out those of compilers.
+        seconds = max(float(block.seconds.sum()) / min(size, threads), 1e-9)
+        if seconds >= _ENOUGH or size >= min(len(rows), most):
+            return max(1, int(piece * size / seconds))
+        size = min(len(rows), most, _GROWTH * size, int(_ENOUGH * size / seconds) + size)
+
+
+@contextmanager
+def stopped_by_interrupt() -> Iterator[threading.Event]:
+    """Give an event that Ctrl-C sets.
+
+    It is a plain event where another thread than the main one asks, to which signals never come,
+    and where the program has a handler of its own, whose KeyboardInterrupt may come out of any
+    statement.
+    """
+    stop = threading.Event()
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield stop
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            signal.default_int_handler(number, frame)
+        stop.set()
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 # Work of a block, [s]: Ctrl-C and the progress bar wait for no more than that, a kill loses no
 # more, and what a block costs beside its members is still nothing.

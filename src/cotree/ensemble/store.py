@@ -1,5 +1,11 @@
 """Results of an ensemble in a folder, which survives what happens to the process that fills it.
 
+In: a plan. Out: an ``Identity`` of texts and numbers that JSON has, and the first difference
+between two of them as a sentence.
+
+Members lie in the order of their rows, and in a grid the last axis goes fastest. A chunk is one
+place of the first axes, some places of one axis, and all of the others: its members are a range.
+
 In: blocks as they are done. Out: a Zarr store that ``xarray.open_zarr`` reads as the Dataset that a
 call without a store gives. Each block is a chunk of each array; that of ``status`` is written last,
 and says that its members are there. Members without it were not run, whatever else a kill left.
@@ -11,15 +17,16 @@ import hashlib
 import json
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.chunks import chunk_lengths, chunk_places, chunk_region, member_range
+from cotree.codegen.render import template_folder
 from cotree.ensemble.dataset import OCCURRENCE, Frame
-from cotree.ensemble.identity import first_difference, identity_of
+from cotree.ensemble.plan import NOT_RUN, NOT_RUN_SENTENCE, Block, Plan, Results
 from cotree.ensemble.reasons import Reasons
-from cotree.ensemble.results import NOT_RUN, NOT_RUN_SENTENCE, Results
 from cotree.ensemble.zarr_folder import (
     attribute_text,
     check_zarr,
@@ -37,15 +44,156 @@ from cotree.ensemble.zarr_folder import (
     unlock,
     whole_bytes,
 )
-from cotree.errors import StoreError
+from cotree.errors import SolveError, StoreError, brief
+from cotree.model.signals import read_signals
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
 
-    from cotree.ensemble.plan import Block
+
+# Longer values, as of tables, are told apart by their hash.
+_LONGEST = 200
+
+_SETTINGS = (
+    *("method", "rtol", "atol", "initial", "scales", "error_test_sensitivities"),
+    *("max_step", "max_steps", "max_events", "time_limit", "project"),
+)
+
+
+def identity_of(plan: Plan) -> dict[str, Any]:
+    """Tell what all members of a plan share, by name.
+
+    What members set, and the times, are coordinates of the results, and are compared there.
+
+    Raises
+    ------
+    SolveError
+        If inputs are functions of Python, of which nobody can tell whether they are the same.
+    """
+    model, settings = plan.model, plan.settings
+    signals = read_signals(settings.inputs, model.inputs)
+    for place in {*signals.by_position, *signals.sampled} - set(signals.tables):
+        raise SolveError(
+            f"input '{model.inputs[place]}' is a function of Python, and nobody can tell whether "
+            "another call's is the same: with store=... give a table or an expression"
+        )
+    p = model.parameter_array(settings.parameters).tolist()
+    values = dict(zip(model.parameters, p, strict=True))
+    tables = {model.inputs[i]: [t, y] for i, (t, y) in signals.tables.items()}
+    return {
+        "cotree": VERSION,
+        "scene": model.layout.name,
+        "columns": list(plan.columns),
+        **{name: _plain(getattr(settings, name)) for name in _SETTINGS},
+        # Members that an automatically chosen method finds stiff are run with another one.
+        "method_is_chosen": plan.is_chosen,
+        "t_span": _plain(settings.t_span),
+        "inputs": {name: _short(_plain(table)) for name, table in tables.items()},
+        # A column goes before these.
+        "parameters": {name: v for name, v in values.items() if name not in plan.columns},
+        "leaves_explicit": plan.is_chosen,
+        "outputs": list(plan.outputs),
+        "sensitivities": list(model.sensitivities) if plan.has_sensitivities else [],
+        "kernels": model.backend,
+        "model": model.digest,
+        "engine": _engine(),
+    }
+
+
+def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    """Say what differs first, as a sentence without a capital and an end; empty if nothing does."""
+    for name, value in here.items():
+        # What was written came through JSON.
+        old, new = there.get(name), json.loads(json.dumps(value))
+        if old == new:
+            continue
+        if name == "model":
+            return "its model has other equations, laws, names or compiler options"
+        if name == "engine":
+            return "it was written by another build of cotree, whose methods may differ"
+        if isinstance(old, dict) and isinstance(new, dict):
+            key = next(key for key in {**new, **old} if old.get(key) != new.get(key))
+            return (
+                f"of {name} '{key}' is {_told(old.get(key))} there and {_told(new.get(key))} here"
+            )
+        return f"{name} is {_told(old)} there and {_told(new)} here"
+    return ""
+
+
+def _told(value: Any) -> str:
+    return "not given" if value is None else brief(json.dumps(value))
+
+
+def _plain(value: Any) -> Any:
+    """Turn mappings, arrays and numbers into those that JSON has."""
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if hasattr(value, "items"):
+        return {str(name): _plain(item) for name, item in sorted(value.items())}
+    if isinstance(value, float) or np.ndim(value) == 0:
+        return float(value)
+    return [_plain(item) for item in value]
+
+
+def _short(value: Any) -> Any:
+    text = json.dumps(value)
+    if len(text) <= _LONGEST:
+        return value
+    return f"the table with hash {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+@cache
+def _engine() -> str:
+    """Hash the C text of the methods, from which the same version may have been built twice."""
+    found = hashlib.sha256()
+    for path in sorted(template_folder().rglob("*.jinja")):
+        found.update(path.name.encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
+
+
+def chunk_lengths(shape: Sequence[int], wanted: int) -> tuple[int, ...]:
+    """Give the lengths of chunks of at most so many members, and at least one.
+
+    Examples
+    --------
+    >>> chunk_lengths((4, 10, 3), 7)
+    (1, 2, 3)
+    """
+    lengths, left = [1] * len(shape), max(1, wanted)
+    for axis in reversed(range(len(shape))):
+        n_chunks = math.ceil(shape[axis] / left)
+        lengths[axis] = math.ceil(shape[axis] / n_chunks)
+        if n_chunks > 1:
+            break
+        left = max(1, left // shape[axis])
+    return tuple(lengths)
+
+
+def chunk_places(shape: Sequence[int], lengths: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Give the places of all chunks, in the order of their members."""
+    counts = [math.ceil(n / length) for n, length in zip(shape, lengths, strict=True)]
+    return product(*map(range, counts))
+
+
+def chunk_region(
+    shape: Sequence[int], lengths: Sequence[int], place: Sequence[int]
+) -> tuple[slice, ...]:
+    """Give the part of the dimensions that a chunk holds."""
+    rows = zip(place, lengths, shape, strict=True)
+    return tuple(slice(i * length, min((i + 1) * length, n)) for i, length, n in rows)
+
+
+def member_range(shape: Sequence[int], region: Sequence[slice]) -> tuple[int, int]:
+    """Give the first member of a chunk, and the one behind its last."""
+    first = 0
+    for n, part in zip(shape, region, strict=True):
+        first = first * n + part.start
+    return first, first + math.prod(part.stop - part.start for part in region)
+
 
 # The attribute that tells whose results a store holds.
 _IDENTITY = "cotree_store"

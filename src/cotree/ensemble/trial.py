@@ -1,4 +1,6 @@
-"""Trial runs before an ensemble: faults of its settings, and the method that all members share.
+"""Members that run by themselves, and trial runs before an ensemble.
+
+Models without a compiler and methods that run in Python come here.
 
 In: a model, settings and members. Out: settings with times and a method by name.
 """
@@ -6,27 +8,85 @@ In: a model, settings and members. Out: settings with times and a method by name
 from __future__ import annotations
 
 import contextlib
+import time
 import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.one_by_one import settings_of
+from cotree.ensemble.plan import Block, Plan, Results
 from cotree.errors import Error, SolveError, brief
 from cotree.quiet import level_of_user, without_warnings
 from cotree.scene.expressions import check_number
+from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.select import probe_steps
-from cotree.solvers.settings import checked_settings, read_span, read_times, read_whole
+from cotree.solvers.settings import Settings, checked_settings, read_span, read_times, read_whole
 from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from threading import Event
+
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
     from cotree.solvers.base import FloatArray
     from cotree.solvers.result import RunRecord
-    from cotree.solvers.settings import Settings
+
+
+def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:
+    """Run members one after another.
+
+    Parameters
+    ----------
+    plan : Plan
+        What they share.
+    rows : ndarray, shape (n_members, n_columns)
+        What they set.
+    stop : threading.Event, optional
+        Once it is set, no other member is begun.
+    """
+    results = Results(plan, len(rows))
+    for i, row in enumerate(rows.tolist()):
+        if stop is not None and stop.is_set():
+            break
+        run_member(plan, row, results, i)
+    return results.block()
+
+
+def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) -> None:
+    """Run one member by itself, as ``simulate`` does, and put it among the results."""
+    begun = time.perf_counter()
+    try:
+        settings = settings_of(plan.model, plan.settings, plan.columns, row)
+        settings = replace(settings, sensitivities=plan.has_sensitivities)
+        with without_warnings():  # a message says the same
+            results.put(member, simulate(plan.model, settings, {}))
+    except Error as error:
+        results.fail(member, FAILED, str(error))
+    results.seconds[member] += time.perf_counter() - begun
+
+
+def settings_of(
+    model: CompiledModel, settings: Settings, columns: Sequence[str], row: Sequence[float]
+) -> Settings:
+    """Give the settings of one member.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not accepted.
+    """
+    own = dict(zip(columns, row, strict=True))
+    initial = {name: value for name, value in own.items() if name not in model.parameters}
+    p = model.parameter_array(settings.parameters)
+    # The same checks as of one run, value by value.
+    for name in own.keys() - initial.keys():
+        place = model.parameters.index(name)
+        p[place] = model.parameter_array({name: own[name]})[place]
+    return replace(settings, parameters=p, initial={**settings.initial, **initial})
+
 
 #: Times of an ensemble that asks for none, evenly over the span.
 POINTS = 101

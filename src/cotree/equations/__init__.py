@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from cotree.equations.corner import CornerRow
-from cotree.equations.derivative import Derivative, spread, substituted
-from cotree.equations.derived import DerivedParameter, PositionRow, RedundantRow
 from cotree.equations.equations import (
     ConstraintSet,
+    CornerRow,
+    Derivative,
+    DerivedParameter,
     Equations,
     EventRow,
     Guard,
+    PositionRow,
     Quantity,
+    RedundantRow,
     State,
+    spread,
+    substituted,
 )
 
 __all__ = [

@@ -9,22 +9,122 @@ derivative along a direction has the same matrices on the left: ``A w_p = b_p`` 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
-from cotree.dag.symbols import PARAMETER
-from cotree.dag.traverse import symbols_in
-from cotree.equations.derivative import substituted
-from cotree.errors import ParameterError
+from cotree.dag.nodes import PARAMETER, Dag, Node, substitute, symbols_in
+from cotree.errors import ParameterError, listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.dag.nodes import Dag, Node
-    from cotree.equations.corner import CornerRow
-    from cotree.equations.derivative import Derivative
-    from cotree.equations.derived import DerivedParameter, PositionRow, RedundantRow
     from cotree.linear.tree import TreeLink
+
+
+@dataclass(frozen=True)
+class CornerRow:
+    """A corner of the rates, which a value reaches where it passes through zero.
+
+    Attributes
+    ----------
+    value : Node
+        The value, relative to the end of the piece that is held.
+    piece : int
+        Which of the pieces that are held ends there.
+    direction : int
+        Zero where the piece is the sign of the value; else what is added to its number where the
+        value passes through zero in that direction.
+    """
+
+    value: Node
+    piece: int
+    direction: int
+
+
+def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
+    """Write a sparse row out in full.
+
+    Parameters
+    ----------
+    row : mapping of int to Node
+        Its values by place.
+    n : int
+        Its length.
+    zero : Node
+        The value at the places that it leaves out.
+    """
+    return [row.get(i, zero) for i in range(n)]
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """Derivatives of the equations along one direction.
+
+    Of states and outputs there may be many thousands, each direction changing a few: their
+    derivatives are kept by place, those that vanish left out.
+
+    Attributes
+    ----------
+    name : str
+        The parameter or state that the direction belongs to.
+    seed : mapping of Node to Node
+        Tangents of the symbols.
+    forcing : tuple of Node
+        Right-hand side of ``A w_p = forcing``, unknowns held fixed.
+    rates : mapping of int to Node
+        Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
+    outputs : mapping of int to Node
+        Derivatives of the outputs.
+    initial : mapping of int to Node
+        Derivatives of the initial values.
+    held, held_rates : tuple of Node
+        Derivatives of the constraints and of their rates.
+    start : tuple of Node
+        Derivatives of :attr:`ConstraintSet.start_values`.
+    """
+
+    name: str
+    seed: Mapping[Node, Node]
+    forcing: tuple[Node, ...]
+    rates: Mapping[int, Node]
+    outputs: Mapping[int, Node]
+    initial: Mapping[int, Node]
+    held: tuple[Node, ...]
+    held_rates: tuple[Node, ...]
+    start: tuple[Node, ...]
+
+    @property
+    def nodes(self) -> list[Node]:
+        """All its nodes but for those of the seed and of the initial values."""
+        rates, outputs = self.rates.values(), self.outputs.values()
+        return [*self.forcing, *rates, *outputs, *self.held, *self.held_rates, *self.start]
+
+
+def substituted(
+    rows: Sequence[Derivative], replacement: Mapping[Node, Node]
+) -> tuple[Derivative, ...]:
+    """Replace some nodes in derivatives, but not in their seeds and initial values."""
+    # One call for all rows: values that they share are replaced once. The order is that of `nodes`.
+    new = iter(substitute([node for row in rows for node in row.nodes], replacement))
+
+    def again(row: Mapping[int, Node]) -> dict[int, Node]:
+        # Taken from the iterator whether it vanishes or not, so that the order is kept.
+        made = {i: next(new) for i in row}
+        return {i: node for i, node in made.items() if not node.is_zero}
+
+    return tuple(
+        replace(
+            row,
+            forcing=tuple(next(new) for _ in row.forcing),
+            rates=again(row.rates),
+            outputs=again(row.outputs),
+            held=tuple(next(new) for _ in row.held),
+            held_rates=tuple(next(new) for _ in row.held_rates),
+            start=tuple(next(new) for _ in row.start),
+        )
+        for row in rows
+    )
+
 
 #: Parameters that a message names.
 _MOST_SHOWN = 5
@@ -301,9 +401,9 @@ class Equations:
         the states as symbols.
     direction : Derivative or None
         Along a change of all states and of the parameters that sensitivities are taken to, where
-        these are several, in terms of these changes as symbols; see :mod:`cotree.dag.symbols`.
+        these are several, in terms of these changes as symbols; see :mod:`cotree.dag.nodes`.
     corners : tuple of CornerRow
-        What ends the pieces that steps hold; see :mod:`cotree.program.pieces`.
+        What ends the pieces that steps hold; see :mod:`cotree.program.surfaces`.
     positions : tuple of PositionRow
         Positions in networks that are sums of states.
     given : tuple of str
@@ -386,3 +486,81 @@ class Equations:
             f"{self.name}: {len(self.states)} states ({names}), {len(self.unknowns)} unknowns, "
             f"{len(self.parameters)} parameters, sensitivities to: {by}"
         )
+
+
+@dataclass(frozen=True)
+class DerivedParameter:
+    """A parameter that follows from others.
+
+    Attributes
+    ----------
+    name, unit, doc : str
+        As of other parameters.
+    text : str
+        The expression that gives it, as the scene has it.
+    node : Node
+        Its value, of the symbols of parameters.
+    arguments : tuple of str
+        Names of all parameters that are arguments, in the order of their symbols.
+    """
+
+    name: str
+    unit: str
+    doc: str
+    text: str
+    node: Node = field(repr=False)
+    arguments: tuple[str, ...] = field(repr=False)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The parameters that it follows from and a run may change."""
+        symbols = symbols_in([self.node])
+        places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
+        return tuple(self.arguments[place] for place in places)
+
+    @property
+    def told(self) -> str:
+        """Say that it cannot be chosen, and what it is made of."""
+        shown = listed(f"'{source}'" for source in self.sources)
+        tail = f"; it follows from {shown}" if shown else ""
+        return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"
+
+
+@dataclass(frozen=True)
+class RedundantRow:
+    """An initial value of a variable that is not a state but follows from states.
+
+    Attributes
+    ----------
+    name : str
+        Of the variable.
+    states : tuple of str
+        The states that the variable follows from.
+    is_position : bool
+        Whether it is a position, which follows along an f-circuit.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    is_position: bool = False
+
+
+@dataclass(frozen=True)
+class PositionRow:
+    """A position that is no state: the sum of those along its f-circuit.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of the position.
+    terms : tuple of (int, int)
+        Signs, and the states by their numbers.
+    """
+
+    name: str
+    unit: str
+    terms: tuple[tuple[int, int], ...]
+
+    def sum_of(self, values: Any) -> Any:
+        """Sum an array of states, or of their sensitivities, along its last axis."""
+        return sum(sign * values[..., i] for sign, i in self.terms)

@@ -24,7 +24,7 @@ from cotree.errors import ParameterError, nearest
 from cotree.estimation import bands
 from cotree.estimation.conditions import spread
 from cotree.scene.given import check_mapping, check_whole
-from cotree.scene.replaced import expressions_among
+from cotree.scene.variants import expressions_among
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.estimation.determined import in_words, points_beside, split
+from cotree.estimation.uncertainty import in_words, points_beside, split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.estimation.likelihood import Predictions
-    from cotree.estimation.multistart import Search
+    from cotree.estimation.multistart import Search, StartRecord
     from cotree.estimation.problem import Problem
-    from cotree.estimation.start_record import StartRecord
     from cotree.estimation.uncertainty import Uncertainty
 
     Array = npt.NDArray[np.float64]

@@ -1,5 +1,12 @@
 """Multistart least squares, with the simulations of all starts batched in the ensemble engine.
 
+For a given normal noise, F consists of the residuals. The other terms, logarithms of estimated
+standard deviations and absolute values for Laplace distributions, are not squares. They are
+rewritten such that at every point 1/2 F^T F is the objective up to a constant, J^T F is its exact
+gradient, and J^T J approximates its Hessian. To this end a last row, whose row of J is zero,
+corrects the value. The usual rows sqrt(2 log(sigma) + constant) have only the first two properties:
+Gauss-Newton steps in a standard deviation are then about twice too long and converge slowly.
+
 Each start runs SciPy's ``least_squares`` in its own thread. Whenever all threads wait for
 predictions, these are computed in one batch. The result of a start does not depend on the others.
 """
@@ -7,27 +14,222 @@ predictions, these are computed in one batch. The result of a start does not dep
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from cotree.ensemble.run import stopped_by_interrupt
 from cotree.errors import ParameterError
-from cotree.estimation.rendezvous import Rendezvous, Stopped
-from cotree.estimation.squares import SquareRows
-from cotree.estimation.start_record import StartRecord
 from cotree.solvers.progress import CountingBar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from scipy.optimize import OptimizeResult
 
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
+
+class Stopped(BaseException):
+    """Computation was stopped; a ``BaseException``, so that no handler catches it by accident."""
+
+
+class Rendezvous:
+    """Collects the requests of threads until all active ones are waiting.
+
+    Parameters
+    ----------
+    compute : callable
+        Computes the predictions of a batch, an array with a row for each request. It is called in
+        the thread that called :meth:`meet`, which receives Ctrl-C.
+    """
+
+    def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
+        self._compute = compute
+        self._changed = threading.Condition()
+        self._asked: dict[int, Any] = {}
+        self._answers: dict[int, Predictions] = {}
+        self._working: set[int] = set()
+        self._is_stopped = False
+
+    def ask(self, number: int, theta: Any) -> Predictions:
+        """Request predictions from a thread, and wait for them.
+
+        Raises
+        ------
+        Stopped
+            If computation was stopped.
+        """
+        with self._changed:
+            self._asked[number] = np.array(theta, dtype=float)
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: number in self._answers or self._is_stopped)
+            if number in self._answers:
+                return self._answers.pop(number)
+            raise Stopped
+
+    def meet(self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]) -> bool:
+        """Run functions, each in its own thread, until all have returned.
+
+        Parameters
+        ----------
+        works : sequence of callable
+            The functions, which call :meth:`ask` with their number.
+        report : callable
+            Called after each batch with the numbers of functions that have returned and of
+            predictions computed.
+
+        Returns
+        -------
+        bool
+            Whether Ctrl-C was pressed, upon which all functions were stopped.
+        """
+        self._working = set(range(len(works)))
+        errors: list[BaseException] = []
+        threads = [
+            threading.Thread(target=self._work, args=(i, work, errors), daemon=True)
+            for i, work in enumerate(works)
+        ]
+        n_computed = 0
+        with stopped_by_interrupt() as stop:
+            try:
+                for thread in threads:
+                    thread.start()
+                while self._gathered() and not stop.is_set():
+                    numbers = sorted(self._asked)
+                    found = self._compute(np.array([self._asked[i] for i in numbers]))
+                    n_computed += len(numbers)
+                    self._answer(dict(zip(numbers, found, strict=True)))
+                    report(len(works) - len(self._working), n_computed)
+            finally:
+                with self._changed:
+                    self._is_stopped = True
+                    self._changed.notify_all()
+                for thread in threads:
+                    if thread.ident is not None:
+                        thread.join()
+            if errors:
+                raise errors[0]
+            return stop.is_set()
+
+    def _work(self, number: int, work: Callable[[], None], errors: list[BaseException]) -> None:
+        try:
+            work()
+        except BaseException as error:
+            errors.append(error)
+        finally:
+            with self._changed:
+                self._working.discard(number)
+                self._changed.notify_all()
+
+    def _gathered(self) -> bool:
+        """Wait until all active threads have made a request; tell whether there are any."""
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._asked) == len(self._working))
+            return bool(self._working)
+
+    def _answer(self, found: dict[int, Predictions]) -> None:
+        with self._changed:
+            self._asked.clear()
+            self._answers.update(found)
+            self._changed.notify_all()
+
+
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StartRecord:
+    """The outcome of one start of the optimiser.
+
+    Attributes
+    ----------
+    began, theta : ndarray, shape (n_estimated,)
+        First and best values of the estimated parameters on their scales.
+    objective : float
+        The objective at the best point; infinite if no run succeeded.
+    n_evaluations : int
+        Number of evaluations of the predictions.
+    is_converged : bool
+        Whether the optimiser met its tolerances.
+    message : str
+        Reason for termination.
+    optimality : float
+        The largest entry of the gradient where the optimiser ended, each times the distance to the
+        bound that it points to; nan if it was interrupted.
+    """
+
+    began: Array
+    theta: Array
+    objective: float
+    n_evaluations: int
+    is_converged: bool
+    message: str
+    optimality: float = math.nan
+
+
+# A standard deviation may shrink by a factor exp(-20) = 2e-9 from its initial value. A larger
+# exponent would cost digits of the objective.
+_SHRINKS = 20.0
+
+# Below this, residuals of a Laplace distribution count quadratically: it smooths the kink at zero.
+_CORNER = 1e-3
+
+
+class SquareRows:
+    """Computes F and J from the predictions of one start.
+
+    Parameters
+    ----------
+    problem : Problem
+        The estimation problem.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._likelihood = problem.likelihood
+        self._is_normal = problem.likelihood.is_normal
+        self._with_noise = np.array([isinstance(v, str) for v in problem.measured.noise])
+        self._is_plain = bool(self._is_normal.all()) and not self._with_noise.any()
+        self._first: Array | None = None
+
+    def at(self, found: Predictions) -> tuple[Array, Array]:
+        """Return F, shape (n,), and J, shape (n, n_estimated).
+
+        The first call fixes the additive constant of the terms of standard deviations.
+        """
+        r = self._likelihood.residuals(found)
+        slopes = self._likelihood.residual_slopes(found)
+        if self._is_plain:
+            return r, slopes
+        # The squares of these rows are r^2 for normal and |r| for Laplace distributions.
+        weights = np.where(self._is_normal, 1.0, np.maximum(np.abs(r), _CORNER) ** -0.5)
+        rows, missing = r * weights, np.where(self._is_normal, 0.0, 2.0 * np.abs(r))
+        missing = missing - np.where(self._is_normal, 0.0, rows**2)
+        noisy, normal = self._with_noise, self._is_normal[self._with_noise]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = np.log(found.sigma)
+        if self._first is None:
+            self._first = logs
+        # With respect to log(sigma), J^T J of the rows above contributes r^2, but the Hessian of
+        # the objective is 2 r^2, with expectation 2. For Laplace distributions little is missing.
+        weight = np.where(normal, np.maximum(1.0, np.abs(r[noisy])), 0.5)
+        by_sigma = found.sigma_slopes[noisy] / found.sigma[noisy, None]
+        rest = np.sum(missing) + np.sum(
+            2.0 * (logs - self._first + _SHRINKS)[noisy] - weight**-2.0 + 4.0
+        )
+        with np.errstate(invalid="ignore"):
+            # If a standard deviation shrinks too far, this is nan, and the step is rejected.
+            last = np.sqrt(rest)
+        return (
+            np.concatenate([rows, 1.0 / weight, [last]]),
+            np.vstack(
+                [slopes * weights[:, None], weight[:, None] * by_sigma, np.zeros(slopes.shape[1])]
+            ),
+        )
 
 
 # Number of starts that run concurrently, one thread each; results do not depend on it.

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.estimation.columns import Accuracy
-from cotree.estimation.conditions import check_condition, check_measured
+from cotree.estimation.conditions import Accuracy, check_condition, check_measured
 from cotree.estimation.estimated import Scaled
 from cotree.estimation.groups import Group
 from cotree.estimation.likelihood import Likelihood, Predictions

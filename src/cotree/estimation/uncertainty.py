@@ -1,5 +1,12 @@
 """Uncertainty of estimates: covariance, standard errors, intervals and correlations.
 
+In: derivatives of the predictions, at the estimates and at nearby points. Out: directions along
+which parameters can change together without changing any prediction, and sentences about them.
+Directions are first expressed in relative changes, in which an identifiable product of powers has
+integer exponents, then in absolute changes, in which an identifiable sum has integer coefficients.
+Either is accepted only if it also holds at the other points, since near the estimates alone every
+curved manifold looks like a plane.
+
 In: a matrix J at the estimates with the Fisher information J^T J. The covariance is the inverse of
 the information (the Cramer-Rao bound), from a singular value decomposition of J in relative units.
 Parameters that are involved in an undetermined direction have infinite standard errors; the others
@@ -16,21 +23,300 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.estimation.determined import split
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from cotree.estimation.determined import Split
+    from collections.abc import Sequence
+
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
+
 Array = npt.NDArray[np.float64]
+
+# Global errors of values and sensitivities, in multiples of the local tolerances: over long
+# oscillations the local errors accumulate to several hundred times the tolerance.
+_GROWN = 1e3
+
+# Exponents and coefficients follow from sensitivities with about five correct digits; larger
+# integers than this would not be plausible.
+_DIGITS, _LARGEST = 1e-3, 6
+
+# Entries of a direction below this fraction of the largest one count as zero.
+_NOTHING = 1e-4
+
+# Number of nearby points, and the range of their relative distances from the estimates.
+_N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Determined and undetermined directions of the parameter space at a point.
+
+    Attributes
+    ----------
+    sizes : ndarray, shape (n,)
+        Unit of change of each parameter on its scale: to first order, a change by its own value.
+    values : ndarray, shape (n,)
+        The corresponding change of the value itself.
+    open : ndarray, shape (n, n_open)
+        Undetermined directions in these units, orthonormal.
+    is_relative : ndarray of bool, shape (n,)
+        Whether the unit is the parameter's value; it is not if that is zero.
+    """
+
+    sizes: Array
+    values: Array
+    open: Array
+    is_relative: npt.NDArray[np.bool_]
+
+    @property
+    def is_open(self) -> npt.NDArray[np.bool_]:
+        """Whether each parameter is involved in an undetermined direction."""
+        return np.asarray(np.any(np.abs(self.open) > _NOTHING, axis=1))
+
+
+def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
+    """Find the directions that the information does not determine.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was estimated.
+    theta : ndarray, shape (n,)
+        The point.
+    found : Predictions
+        Predictions there; their accuracy decides which changes are distinguishable from zero.
+    rows : ndarray, shape (n_rows, n)
+        A square root J of the information J^T J there, on the scales of the parameters.
+    """
+    accuracy = problem.accuracy
+    slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
+    is_relative = np.abs(values) > accuracy.atol
+    width = problem.scaled.upper - problem.scaled.lower
+    other = np.where(np.isfinite(width), width, 1.0)
+    units = np.where(is_relative, values, other)
+    sizes = units / np.where(slopes > 0.0, slopes, 1.0)
+    # A parameter has no influence if a unit change moves predictions by less than their errors.
+    deviations = np.abs(found.values) * accuracy.rtol + accuracy.atol
+    slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
+    # Estimated standard deviations do not depend on a simulation, so their columns are exact.
+    is_run = np.any(found.slopes != 0.0, axis=0)
+    blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
+    return Split(sizes, units, _null(rows * sizes, _GROWN * accuracy.rtol, blur), is_relative)
+
+
+def _null(rows: Array, relative: float, blur: Array) -> Array:
+    """Return an orthonormal basis of the numerical null space.
+
+    The error of a column has the norm ``blur`` plus ``relative`` times the norm of the column.
+    """
+    n = rows.shape[1]
+    norms = np.linalg.norm(rows, axis=0)
+    is_dead = norms <= blur
+    found = [np.eye(n)[:, is_dead]]
+    live = np.flatnonzero(~is_dead)
+    if live.size:
+        _, s, vh = np.linalg.svd(rows[:, live] / norms[live], full_matrices=True)
+        s = np.concatenate([s, np.zeros(live.size - len(s))])
+        # Perturbations move singular values by at most the norm of the perturbation (Weyl).
+        limit = float(np.linalg.norm(relative + blur[live] / norms[live]))
+        along = np.zeros((n, int(np.sum(s <= limit))))
+        # Undo the normalisation of the columns.
+        along[live] = (vh[s <= limit] / norms[live]).T
+        found.append(along)
+    basis = np.hstack(found)
+    return np.asarray(np.linalg.qr(basis)[0]) if basis.shape[1] else basis
+
+
+def points_beside(problem: Problem, theta: Array) -> Array:
+    """Choose nearby points, at which a structural direction must be undetermined as well."""
+    random = np.random.default_rng(0)
+    share = random.uniform(_LEAST_BESIDE, _MOST_BESIDE, (_N_BESIDE, len(theta)))
+    share *= random.choice([-1.0, 1.0], share.shape)
+    values = problem.scaled.values(theta)
+    beside = problem.scaled.scaled(np.where(values == 0.0, share, values * (1.0 + share)))
+    return np.clip(beside, problem.scaled.lower, problem.scaled.upper)
+
+
+def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
+    """Describe what is not determined, one sentence for each group of coupled parameters.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the parameters.
+    here : Split
+        What is determined at the estimates.
+    beside : sequence of Split
+        The same at nearby points.
+    """
+    sentences, idle = [], []
+    for group in _groups(here.open):
+        rows = here.open[group]
+        rows = rows[:, np.linalg.norm(rows, axis=0) > _NOTHING]
+        basis = _spanned(rows)
+        chosen = [names[i] for i in group]
+        if basis.shape[1] == len(group):
+            idle += chosen
+        else:
+            sentences.append(_sentence(chosen, group, basis, here, beside))
+    if idle:
+        they = "it" if len(idle) == 1 else "they"
+        sentences.insert(0, f"No measured value depends on {_listed(idle)}, so {they} cannot be "
+                    "estimated.")  # fmt: skip
+    return tuple(sentences)
+
+
+def _sentence(
+    names: list[str],
+    group: list[int],
+    basis: Array,
+    here: Split,
+    beside: Sequence[Split],
+) -> str:
+    others = [item for item in beside if item.open.shape[1] >= here.open.shape[1]]
+    is_everywhere = bool(beside) and len(others) == len(beside)
+    combinations: list[str] = []
+    kind = ""
+    if is_everywhere and here.is_relative[group].all():
+        simple = _simple(_complement(basis))
+        if simple is not None and _holds(simple, group, [item.open for item in others]):
+            combinations = [_product(names, row) for row in simple]
+    if is_everywhere and not combinations:
+        simple = _simple(_complement(basis * here.values[group, None]))
+        absolute = [item.open * item.values[:, None] for item in others]
+        if simple is not None and _holds(simple, group, absolute):
+            combinations = [_sum(names, row) for row in simple]
+            positive = all(c >= 0 for row in simple for c in row)
+            kind = "the sum " if positive and len(simple) == 1 else ""
+    if combinations:
+        verb = "is" if len(combinations) == 1 else "are"
+        number = "one" if basis.shape[1] == 1 else str(basis.shape[1])
+        return (
+            f"Only {kind}{_listed(combinations)} {verb} determined, not {_listed(names)} "
+            f"individually: fix {number} of them to estimate the rest."
+        )
+    where = "" if is_everywhere else " at these estimates"
+    return (
+        f"{_listed(names)} are not determined individually{where}: the measured quantities stay "
+        f"the same if they change together by {_direction(names, group, basis[:, 0], here)}."
+    )
+
+
+def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
+    """Tell whether combinations are constant along the undetermined directions elsewhere."""
+    rows = np.array(simple, dtype=float)
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    for item in opens:
+        along = item[group]
+        lengths = np.linalg.norm(along, axis=0)
+        along = along[:, lengths > _NOTHING] / lengths[lengths > _NOTHING]
+        if np.any(np.abs(rows @ along) > _DIGITS):
+            return False
+    return True
+
+
+def _groups(basis: Array) -> list[list[int]]:
+    """Group parameters that share an undetermined direction in reduced echelon form."""
+    reduced = np.abs(_reduced(basis.T)) > _NOTHING
+    groups: list[set[int]] = []
+    for row in reduced:
+        new = set(np.flatnonzero(row).tolist())
+        groups = [g for g in groups if not g & new] + [new.union(*(g for g in groups if g & new))]
+    return sorted(sorted(g) for g in groups if g)
+
+
+def _spanned(columns: Array) -> Array:
+    """Return an orthonormal basis of the column space."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, s > _NOTHING])
+
+
+def _complement(columns: Array) -> Array:
+    """Return rows that span the orthogonal complement of the column space."""
+    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=True)
+    return np.asarray(u[:, int(np.sum(s > _NOTHING)) :].T)
+
+
+def _reduced(rows: Array) -> Array:
+    """Return the reduced row echelon form."""
+    a, top = rows.copy(), 0
+    for j in range(a.shape[1]):
+        if top == len(a):
+            break
+        pivot = top + int(np.argmax(np.abs(a[top:, j])))
+        if abs(a[pivot, j]) <= _NOTHING:
+            continue
+        a[[top, pivot]] = a[[pivot, top]]
+        a[top] /= a[top, j]
+        for i in range(len(a)):
+            if i != top:
+                a[i] -= a[i, j] * a[top]
+        top += 1
+    return a[:top]
+
+
+def _simple(rows: Array) -> list[list[int]] | None:
+    """Express rows as small integers; None if that is not possible."""
+    found = []
+    for row in _reduced(rows):
+        parts = [Fraction(float(x)).limit_denominator(_LARGEST) for x in row]
+        near = all(abs(float(p) - x) <= _DIGITS for p, x in zip(parts, row, strict=True))
+        common = math.lcm(*(p.denominator for p in parts))
+        whole = [int(p * common) for p in parts]
+        if not near or max(map(abs, whole)) > _LARGEST:
+            return None
+        found.append(whole)
+    return found
+
+
+def _product(names: Sequence[str], exponents: Sequence[int]) -> str:
+    def power(name: str, exponent: int) -> str:
+        return name if exponent == 1 else f"{name}**{exponent}"
+
+    pairs = list(zip(names, exponents, strict=True))
+    over = "*".join(power(name, e) for name, e in pairs if e > 0)
+    below = [power(name, -e) for name, e in pairs if e < 0]
+    if not below:
+        return over
+    return f"{over}/{below[0]}" if len(below) == 1 else f"{over}/({'*'.join(below)})"
+
+
+def _sum(names: Sequence[str], coefficients: Sequence[int]) -> str:
+    text = ""
+    for name, c in zip(names, coefficients, strict=True):
+        if c:
+            term = name if abs(c) == 1 else f"{abs(c)}*{name}"
+            sign = " - " if c < 0 else " + "
+            text += f"{sign if text else ''}{term}"
+    return text
+
+
+def _direction(names: Sequence[str], group: list[int], along: Array, here: Split) -> str:
+    """Describe the changes along a direction, in percent unless the value is zero."""
+    along = along / np.abs(along).max() * (1.0 if along[0] >= 0 else -1.0)
+    return _listed(
+        [
+            f"{x:+.3g} %" + f" ({name})" if relative else f"{0.01 * x * unit:+.3g} ({name})"
+            for name, x, relative, unit in zip(
+                names, along, here.is_relative[group], here.values[group], strict=True
+            )
+        ]
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 @dataclass(frozen=True, eq=False)

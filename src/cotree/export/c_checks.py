@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_stops
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
 from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels

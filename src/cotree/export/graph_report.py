@@ -46,7 +46,7 @@ class GraphReport:
     def draw(self) -> Figure:
         """Draw the graphs side by side, trees in bold, for ``plt.show()`` and notebooks, too."""
         from cotree.plot import draw_graphs
-        from cotree.plot.known import figure_for_people
+        from cotree.plot.figures import figure_for_people
 
         return draw_graphs(self._pairs(), figure_for_people, self.parts)
 

@@ -16,8 +16,8 @@ from cotree.codegen.integrators import INTEGRATORS
 from cotree.codegen.printing import wrapped
 from cotree.codegen.start_tables import start_tables
 from cotree.codegen.tableaus import FIXED
-from cotree.dag.stops import value_of
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import symbols_in
+from cotree.dag.switching_times import value_of
 from cotree.naming import c_string
 from cotree.solvers.budgets import MOST_STEPS
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role, integral_of
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 from cotree.domains import DOMAINS
 from cotree.export.spelling import joined, printer, real_symbol
 from cotree.export.symbolic import SymbolTable, symbolic_equations, to_sympy

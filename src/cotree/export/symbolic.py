@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.traverse import reachable
+from cotree.dag.nodes import reachable
 from cotree.equations import spread
 from cotree.export.spelling import (
     acceleration_name,

@@ -4,22 +4,28 @@ Such branches give no equation. Their across variables are constant in the clust
 their circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at
 the cluster's origin. What remains between clusters are the branches that move; where the trees of
 translation and rotation differ, a cluster's origin and its axes are reached from different ones.
+
+The translation tree places the origins of the clusters, the rotation tree turns their axes. Where
+the trees are the same one step does both.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.components import Freedom
+from cotree.components import Freedom, FreeRotation, Role
 from cotree.dag import vector
+from cotree.errors import FormulationError, SceneError
+from cotree.graph import TreeStep, tree_walk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Matrix, Vector
-    from cotree.formulation.system import Coordinate, Speed, Step
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.system import Coordinate, Speed, Step, System
 
 
 @dataclass(frozen=True)
@@ -234,3 +240,236 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
     return Inertia(
         a.mass + b.mass, vector.add(a.moment, b.moment), vector.matadd(a.tensor, b.tensor)
     )
+
+
+def lump(system: System) -> Clusters:
+    """Group the nodes into rigid clusters and lump their inertias.
+
+    Raises
+    ------
+    SceneError
+        If a body does not begin at the ground, where accelerations are measured from.
+    FormulationError
+        If the trees reach bodies in opposite orders.
+    """
+    found = _Walks(system)
+    found.walk()
+    inertias = _inertias(system, found.points, len(found.branches))
+    return Clusters(found.points, tuple(found.branches), inertias, found.entries)
+
+
+class _Walks:
+    """A walk over both trees from the ground outwards, with all that it has reached so far."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.points = {"ground": Point(0, vector.zeros(system.dag))}
+        self.branches: list[Branch | None] = [None]
+        self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
+        # The step of the rotation tree into each node, and the node's axes in its cluster's (None
+        # where they are the same).
+        self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
+        self._turns: dict[str, Matrix | None] = {"ground": None}
+
+    def walk(self) -> None:
+        """Follow the translation tree, each body once the rotation tree has reached it too."""
+        # Each round places what both trees have reached. A round that places nothing means that
+        # each tree waits for the other, so that no order of the clusters exists.
+        rest = list(tree_walk(self.system.trees.translation))
+        while rest:
+            waiting = [step for step in rest if not self._is_done(step)]
+            if len(waiting) == len(rest):
+                raise FormulationError(self._opposite(waiting))
+            rest = waiting
+
+    def _is_done(self, step: TreeStep) -> bool:
+        """Place a node of the translation tree; False where it has to wait."""
+        inner = self.points.get(step.parent)
+        if inner is None:
+            return False
+        edge = self.system.edges[step.edge]
+        if edge.component.role is Role.ARM:
+            # Arms and welds are branches of both trees or of neither, so that the rotation tree
+            # agrees.
+            self.points[step.child] = self._fixed_point(edge, step, inner)
+            return True
+        turning = self._entering(step.child)
+        if turning.parent not in self.points:
+            return False
+        place = self._moved(step, inner, turning)
+        self.points[step.child] = replace(place, turn=self._turn(step.child))
+        return True
+
+    def _opposite(self, waiting: list[TreeStep]) -> str:
+        """Say which bodies the trees reach in opposite orders."""
+        step = next(step for step in waiting if step.parent in self.points)
+        turning = self._entering(step.child)
+        return (
+            "the trees reach bodies in opposite orders: the rotation tree reaches node "
+            f"'{step.child}' by '{turning.edge}' from node '{turning.parent}', which the "
+            f"translation tree cannot reach before it: name '{step.edge}' in the rotation tree in "
+            f"place of '{turning.edge}', or another tree of translation"
+        )
+
+    def _entering(self, node: str) -> TreeStep:
+        """Find the step of the rotation tree into a node's cluster."""
+        step = self._to[node]
+        # Arms stay within a cluster, which is entered by the nearest edge inwards that is no arm.
+        while self.system.edges[step.edge].component.role is Role.ARM:
+            step = self._to[step.parent]
+        return step
+
+    def _turn(self, node: str) -> Matrix | None:
+        """Give a node's own axes in its cluster's; the rotation tree alone decides on them."""
+        # Walk inwards to a node whose turn is known, then compose the turns outwards.
+        unknown = []
+        while node not in self._turns:
+            unknown.append(self._to[node])
+            node = unknown[-1].parent
+        turn = self._turns[node]
+        for step in reversed(unknown):
+            turn = self._turned(step, turn)
+            self._turns[step.child] = turn
+        return turn
+
+    def _turned(self, step: TreeStep, turn: Matrix | None) -> Matrix | None:
+        edge = self.system.edges[step.edge]
+        if edge.component.role is Role.ARM:
+            # The rotation of an arm or a weld gives the second node's axes in the first's.
+            own = edge.rotation
+            if step.sign < 0 and own is not None:
+                own = vector.transpose(own)
+            return _product(turn, own)
+        steps = self.system.steps.get(step.edge, ())
+        # The outer node's axes become the child's.
+        return None if any(isinstance(own.kind, FreeRotation) for own in steps) else turn
+
+    def _fixed_point(self, edge: BoundEdge, step: TreeStep, inner: Point) -> Point:
+        """Place the other node of an arm or a weld."""
+        arm = edge.vectors.get("vector")
+        if step.sign > 0:
+            # The arm is given in the axes of the edge's first node: that is the inner node here.
+            local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
+            return Point(inner.cluster, local, self._turn(step.child))
+        # The first node is the outer one, whose axes have to be known before the arm can be
+        # resolved.
+        first = replace(inner, turn=self._turn(step.child))
+        if arm is None:
+            return first
+        return replace(first, local=vector.sub(first.local, first.resolved(arm)))
+
+    def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
+        """Make the branches into a cluster, and give its origin."""
+        first = len(self.branches)
+        if turning == step:
+            place = self._along(step, inner, inner)
+            # An edge with an empty motion space makes no branch.
+            if len(self.branches) > first:
+                entry = EdgeEntry(step.sign, first, place.cluster)
+                self.entries["translation"][step.edge] = entry
+                self.entries["rotation"][step.edge] = entry
+            return place
+        # A joint slides in the axes of its first node: those of the cluster that it starts from,
+        # or of the one that it leads to, which is then turned first.
+        place, turned = inner, self.points[turning.parent]
+        if step.sign > 0:
+            place = self._along(step, place, place)
+        first_turn = len(self.branches)
+        if self.system.steps.get(turning.edge):
+            place = self._along(turning, place, turned)
+        else:
+            # The rotation tree leads here by an edge without a step: the branch only joins origin
+            # and axes.
+            place = self._add(turning, None, place, turned)
+        self.entries["rotation"][turning.edge] = EdgeEntry(turning.sign, first_turn, place.cluster)
+        if step.sign < 0:
+            place = replace(place, turn=self._turn(step.child))
+            place = self._along(step, place, place)
+        self.entries["translation"][step.edge] = EdgeEntry(step.sign, first, place.cluster)
+        return place
+
+    def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
+        """Make a branch of each step of an edge's motion space."""
+        # An edge that points inwards is walked from its second node: its last step comes first.
+        for own in self.system.steps.get(step.edge, ())[:: step.sign]:
+            place = turned = self._add(step, own, place, turned)
+        return place
+
+    def _add(self, step: TreeStep, own: Step | None, place: Point, turned: Point) -> Point:
+        edge, child = self.system.edges[step.edge], len(self.branches)
+        branch, outer = _branch(edge, own, step.sign, place, turned, child)
+        self.branches.append(branch)
+        return outer
+
+
+def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
+    if a is None or b is None:
+        return a if b is None else b
+    return vector.matmul(a, b)
+
+
+def _branch(
+    edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
+) -> tuple[Branch, Point]:
+    """Make one branch of a joint, and its outer node.
+
+    Its inner node stands at ``place``, and its turn begins at ``turned``: the same point unless
+    the trees differ. Without a step it only brings the two together.
+    """
+    dag = place.local[0].dag
+    zero, units = vector.zeros(dag), vector.identity(dag)
+    # At zero coordinates the child's axes are those of the turn parent, so that the inner node's
+    # turn holds for the outer node too.
+    inner, outer = turned.cluster, Point(child, zero, turned.turn)
+    carrier = inner if sign > 0 else child
+    mount: Matrix | None = None
+    axes: tuple[Vector, ...] = ()
+    slides: tuple[Node, ...] = ()
+    if own is not None and isinstance(own.kind, Freedom):
+        axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
+        slide = dag.zero if own.kind.rotates else dag.one
+        # The axis is the same in both clusters, since a turn about it leaves it in place.
+        axes = (turned.resolved(axis[own.kind.axis]),)
+        slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
+    elif own is not None:
+        # Angular velocities of a free rotation are in the axes of the edge's second node, which
+        # become the child's axes where the edge points outwards.
+        axes = units if sign > 0 else tuple(turned.resolved(unit) for unit in units)
+        slides = (dag.zero, dag.zero, dag.zero)
+        carrier = child if sign > 0 else inner
+        mount, outer = turned.turn, Point(child, zero)
+    branch = Branch(
+        edge.name,
+        sign,
+        place.cluster,
+        inner,
+        child,
+        carrier,
+        place.local,
+        own,
+        axes,
+        slides,
+        mount,
+    )
+    return branch, outer
+
+
+def _inertias(
+    system: System, points: dict[str, Point], n_clusters: int
+) -> tuple[Inertia | None, ...]:
+    inertias: list[Inertia | None] = [None] * n_clusters
+    for body in system.bodies:
+        if body.first != "ground":
+            raise SceneError(
+                f"rigid body '{body.name}' begins at node '{body.first}': inertia is measured "
+                f'from the ground, write nodes = ["ground", "{body.second}"]'
+            )
+        point = points[body.second]
+        with system.dag.labelled(f"inertia of {body.name}"):
+            tensor = body.inertia
+            if tensor is not None and point.turn is not None:
+                # Given in the axes of the body's node; lumped tensors are in those of the cluster.
+                tensor = vector.congruence(point.turn, tensor)
+            own = shifted(body.scalars["mass"], point.local, tensor)
+            inertias[point.cluster] = combined(inertias[point.cluster], own)
+    return tuple(inertias)

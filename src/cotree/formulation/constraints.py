@@ -8,20 +8,18 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag import vector
 from cotree.formulation.chords import constraint_rows
 from cotree.formulation.elements import Sums, Wrench
-from cotree.formulation.joint_places import paced_rows
-from cotree.formulation.laws import Applied
+from cotree.formulation.laws import Applied, paced_rows
 from cotree.formulation.through import carried, hand_on, project
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.across import Motion
+    from cotree.formulation.across import Motion, View
     from cotree.formulation.chords import Row
     from cotree.formulation.endpoints import Pull
     from cotree.formulation.frames import Geometry
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import View
 
 
 @dataclass(frozen=True)

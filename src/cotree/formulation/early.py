@@ -17,10 +17,9 @@ import numpy.typing as npt
 
 from cotree.components import FreeRotation
 from cotree.dag.evaluate import evaluate
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import symbols_in
 from cotree.errors import FormulationError, SingularSystemError
-from cotree.scene.expressions import Expression
-from cotree.scene.grammar import finite
+from cotree.scene.expressions import Expression, finite
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.components import Role
 from cotree.dag import vector
 from cotree.errors import ParameterError
-from cotree.formulation.circuits import inwards, outwards
+from cotree.formulation.across import inwards, outwards
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,10 +14,9 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
-    from cotree.formulation.across import Motion
+    from cotree.formulation.across import Motion, View
     from cotree.formulation.clusters import Clusters, Point
     from cotree.formulation.fields import BoundEdge
-    from cotree.formulation.views import View
 
 
 @dataclass(frozen=True)

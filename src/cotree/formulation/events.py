@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.symbols import PARAMETER, kinds_in
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import PARAMETER, kinds_in, substitute
 from cotree.equations import EventRow
 from cotree.errors import SceneError, nearest
 from cotree.scene.events import ModePart

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.components import Component, Field, Shape
+from cotree.components import Component, Field, MotionStep, Shape
+from cotree.components.component import Role
+from cotree.components.mechanical import PACED
 from cotree.dag import vector
-from cotree.dag.rotation import about
-from cotree.dag.traverse import symbols_in
+from cotree.dag.continuity import are_seen, margins, may_jump
+from cotree.dag.derivative import tangents
+from cotree.dag.nodes import MEASURED, PARAMETER, TIME, Dag, Node, kinds_in, symbols_in
+from cotree.dag.vector import Matrix, Vector, about, quaternion_of_angles, quaternion_of_matrix
 from cotree.equations import Guard
-from cotree.errors import ParameterError
-from cotree.scene.expressions import Expression
-from cotree.scene.inertias import ROUNDING
+from cotree.errors import ExpressionError, FormulationError, ParameterError, SceneError, nearest
+from cotree.naming import owner_among
+from cotree.scene.checks import ROUNDING
+from cotree.scene.expressions import Expression, FieldValue
 
 if TYPE_CHECKING:
-    from cotree.dag.nodes import Dag, Node
-    from cotree.dag.vector import Matrix, Vector
-    from cotree.scene.description import Edge
-    from cotree.scene.expressions import FieldValue
+    from cotree.scene.description import Edge, SceneDescription
+
 
 Resolver = Callable[[str], "Node"]
 
@@ -200,7 +203,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
     """Ask parameters to keep what a real body's inertia satisfies: no negative minor of two rows.
 
     A tensor that has one at the scene's values is that of no body. It is taken all the same, with a
-    warning (:mod:`cotree.scene.inertias`), and no pivot relies on it (:func:`safe_pivots`).
+    warning (:mod:`cotree.scene.checks`), and no pivot relies on it (:func:`safe_pivots`).
     """
     # Thin rods, and entries of 1e-35 beside zeros, have minors of zero but for rounding: a share of
     # the tensor's own size on its diagonal leaves room for that.
@@ -267,3 +270,249 @@ def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
         length = dag.function("sqrt", vector.dot(first, first))
         first = (first[0] / length, first[1] / length, first[2] / length)
     return first, vector.cross(normal, first)
+
+
+def resolver_of(
+    known: Sequence[Mapping[str, Node]],
+    allowed: str = "",
+    refused: Collection[str] = (),
+    advice: str = "",
+) -> Resolver:
+    """Make the function that gives the node of a name; ``allowed`` says what may be used.
+
+    Parameters
+    ----------
+    known : sequence of mapping of str to Node
+        The nodes of names; later mappings come first.
+    allowed : str
+        What may be used, for messages; empty where anything may.
+    refused : collection of str
+        Names that have a node elsewhere but may not be used here.
+    advice : str
+        What to write instead, for messages.
+    """
+    by_name = {name: node for mapping in known for name, node in mapping.items()}
+
+    def resolve(name: str) -> Node:
+        if name in by_name:
+            return by_name[name]
+        # Known elsewhere but not allowed here: that is another mistake than a misspelt name.
+        if allowed and (name == "t" or "." in name or name in refused):
+            told = f"uses '{name}', but may depend on {allowed} only"
+            if name in refused:
+                told += ": let an output depend on modes, which fields may name"
+            elif advice:
+                told += f": {advice}"
+            raise ExpressionError(told)
+        # Whoever writes T means a temperature or a torque, and hardly the time.
+        hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
+        raise ExpressionError(f"uses the unknown name '{name}'{hint}")
+
+    return resolve
+
+
+class FieldNames:
+    """Names that fields may use: parameters, inputs, states, outputs and across variables.
+
+    Across variables follow from the motion, which is formed after the first fields are bound: each
+    gets a symbol when a field names it. :meth:`gathered` ends that.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        Its outputs, nodes and edges have names.
+    dag : Dag
+        The arena.
+    known : mapping of str to Node
+        Nodes by name.
+    others : collection of str
+        Further nodes and edges, of the scalar networks.
+    """
+
+    def __init__(
+        self,
+        scene: SceneDescription,
+        dag: Dag,
+        known: Mapping[str, Node],
+        others: Collection[str],
+    ) -> None:
+        self._scene, self._dag, self._known = scene, dag, known
+        self._of_known = resolver_of([known])
+        self._places = {*scene.nodes, *scene.edges, *others}
+        self._pending: list[str] = []
+        self._measured: dict[str, Node] = {}
+        self._is_gathered = False
+
+    def node(self, name: str, resolve: Resolver | None = None) -> Node:
+        """Give the node of a name.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+        resolve : callable, optional
+            Gives the nodes of the names that an output is made of; this method where absent.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is unknown, or that of an output that is made of itself.
+        """
+        # Parameters hide outputs of the same name.
+        if name in self._scene.outputs and name not in self._scene.parameters:
+            return self._output(name, resolve or self.node)
+        # States have dots in their names too: they are known, and need no symbol of a measure.
+        is_across = bool(owner_among(name, self._places))
+        if not is_across or name in self._known:
+            return self._of_known(name)
+        if name not in self._measured:
+            assert not self._is_gathered  # nothing would say what it stands for
+            self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
+        return self._measured[name]
+
+    def _output(self, name: str, resolve: Resolver) -> Node:
+        if name in self._pending:
+            raise ExpressionError(f"uses output '{name}', which is made of itself")
+        # Outputs may name outputs; a name that is pending has led back to itself.
+        self._pending.append(name)
+        found = self._scene.outputs[name].lower(self._dag, resolve)
+        self._pending.remove(name)
+        return found
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the across variables that fields use so far, in the order of their use."""
+        return tuple(self._measured)
+
+    def gathered(self) -> dict[str, Node]:
+        """Give the symbols of all across variables by name; no further ones may follow."""
+        self._is_gathered = True
+        return dict(self._measured)
+
+
+def initial_values(
+    edge: Edge,
+    space: Sequence[MotionStep],
+    dag: Dag,
+    resolve: Resolver,
+    start: Mapping[str, Node],
+) -> dict[str, Node]:
+    """Bind the initial values of a branch; what the scene does not give is ``start``, or zero.
+
+    Parameters
+    ----------
+    edge : Edge
+        The branch.
+    space : sequence of MotionStep
+        Its motion space.
+    dag : Dag
+        The arena.
+    resolve : callable
+        From names of parameters to nodes.
+    start : mapping of str to Node
+        Values where the scene gives none, by short names of coordinates and rates.
+
+    Returns
+    -------
+    dict of str to Node
+        By the short names of coordinates and rates.
+
+    Raises
+    ------
+    SceneError
+        If the scene gives a value that the branch has no coordinate for.
+    """
+    values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
+    # Without a rotation the quaternion is one, not zero.
+    if "q0" in values:
+        values["q0"] = dag.one
+    # What the scene says itself, below, has the last word.
+    values |= start
+    for name, given in edge.initial.items():
+        if name == "rotation" and "q0" in values:
+            turned = _quaternion(given, dag, resolve)
+            values |= {f"q{i}": node for i, node in enumerate(turned)}
+        elif name not in values:
+            raise SceneError(
+                f"edge '{edge.name}' moves along {', '.join(values) or 'nothing'} in this scene, "
+                f"so it has no initial '{name}'{nearest(name, values)}"
+            )
+        else:
+            # All but rotations are single expressions; the scene has checked their shape.
+            assert isinstance(given, Expression)
+            values[name] = given.lower(dag, resolve)
+    return values
+
+
+def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
+    """Turn roll, pitch and yaw, or a matrix of numbers, into a quaternion."""
+    assert isinstance(given, tuple)
+    if isinstance(given[0], Expression):
+        return quaternion_of_angles(lower_vector(given, dag, resolve))
+    quaternion = quaternion_of_matrix([[entry.number for entry in row] for row in given])
+    assert quaternion is not None  # checked when the scene was made
+    return tuple(dag.constant(entry) for entry in quaternion)
+
+
+def guards_of(
+    value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
+) -> Iterator[Guard]:
+    """Refuse a value that jumps; where parameters decide it, guard them.
+
+    Parameters
+    ----------
+    value : Node
+        The value.
+    moving : sequence of Node
+        The symbols that change during a run, time among them.
+    time : Node
+        The symbol of time.
+    what, breach : str
+        Subject and predicate of the message: the name of the value, and what is wrong if it jumps.
+
+    Raises
+    ------
+    FormulationError
+        If the value jumps.
+    """
+    if not is_timed(value, time):
+        if may_jump(value, moving, time):
+            raise FormulationError(f"{what} {breach}")
+        return
+    # A margin is negative where the value jumps; one that is a number is known now.
+    for margin in margins(time.dag, value, time):
+        if margin.value is None:
+            yield Guard(margin, what, False, breach)
+        elif not margin.value >= 0.0:
+            raise FormulationError(f"{what} {breach}")
+
+
+def is_timed(value: Node, time: Node) -> bool:
+    """Tell whether parameters and time alone decide where a value may jump, and when is known."""
+    of_time = kinds_in([value]) <= {PARAMETER, TIME}
+    return of_time and are_seen(time.dag, value, [time])
+
+
+_BREACH = (
+    "jumps, or its rate does, which would take an impulse: give an expression of t whose value and "
+    "rate are continuous, such as max(0, t)**2 in place of max(0, t)"
+)
+
+
+def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
+    """Refuse prescribed motions, and prescribed values of constraints, whose speed jumps.
+
+    Raises
+    ------
+    FormulationError
+        If one of them jumps, or its rate does.
+    """
+    if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
+        return
+    for name, value in edge.scalars.items():
+        if edge.component.role is Role.JOINT and name != "motion":
+            continue
+        (rate,) = tangents([value], {time: time.dag.one})
+        # A jump of the position, or of the speed, would take an impulse.
+        for node in (value,) if edge.component.name in PACED else (value, rate):
+            yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

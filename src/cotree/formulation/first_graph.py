@@ -11,33 +11,34 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
-from cotree.dag.nodes import Dag
-from cotree.dag.rotation import quaternion_rates
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import Dag, substitute
+from cotree.dag.vector import quaternion_rates
 from cotree.equations import State
 from cotree.errors import ExpressionError
-from cotree.formulation.across import accelerate, move
-from cotree.formulation.augmented import augmented_mass_matrix
+from cotree.formulation.across import View, accelerate, move
+from cotree.formulation.clusters import lump
 from cotree.formulation.constraints import form_constraints, multiplier_loads
 from cotree.formulation.elements import actions
 from cotree.formulation.events import bind_events, started
 from cotree.formulation.frames import choose_frames
 from cotree.formulation.laws import applied_laws
-from cotree.formulation.lazy_mass_matrix import LateMatrix, is_deep
-from cotree.formulation.lumping import lump
-from cotree.formulation.networks.attached import attach_network
-from cotree.formulation.observed import Observer, observe_motion
-from cotree.formulation.outputs import form_outputs
-from cotree.formulation.safety import check_inertia, met_where_idle, safe_pivots
+from cotree.formulation.mass_matrix import (
+    LateMatrix,
+    augmented_mass_matrix,
+    check_inertia,
+    is_deep,
+    met_where_idle,
+    safe_pivots,
+)
+from cotree.formulation.networks.network import attach_network
+from cotree.formulation.outputs import Observer, form_outputs, observe_motion
 from cotree.formulation.start import body_starts, start_conditions
 from cotree.formulation.system import bind
 from cotree.formulation.through import balance, loads_of, mass_matrix
-from cotree.formulation.views import View
 from cotree.linear.tree import TreeLink
 from cotree.naming import split_name
-from cotree.scene.friction import with_friction
-from cotree.scene.motion_spaces import motion_spaces
-from cotree.scene.stops import with_stops
+from cotree.scene.graphs import Trees, motion_spaces
+from cotree.scene.unilateral import with_friction, with_stops
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
     from cotree.formulation.through import Balance, Loads
     from cotree.scene.description import SceneDescription
-    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag import vector
-from cotree.dag.rotation import Rotation, no_rotation, of_quaternion
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import substitute
+from cotree.dag.vector import Rotation, no_rotation, of_quaternion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Node
     from cotree.dag.vector import Vector
+    from cotree.formulation.across import View
     from cotree.formulation.system import Speed
-    from cotree.formulation.views import View
 
 
 class Measure(Protocol):

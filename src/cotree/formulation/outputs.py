@@ -1,22 +1,401 @@
-"""Outputs: expressions of coordinates, inputs, parameters and whatever can be observed."""
+"""Outputs, and the quantities that they observe by name, with units.
+
+Values are formed only for the names that an output or a field uses.
+"""
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from cotree.components import Component, Role
+from cotree.dag import vector
 from cotree.dag.dual import tangent_of
-from cotree.errors import ExpressionError
-from cotree.naming import split_name
+from cotree.domains import DOMAINS
+from cotree.errors import ExpressionError, nearest
+from cotree.formulation.across import Motion, View, inwards
+from cotree.formulation.chords import chord_measure, whole_angle
+from cotree.formulation.elements import Wrench
+from cotree.formulation.laws import Applied, stored_energy
+from cotree.formulation.measures import Angle
+from cotree.formulation.through import Balance, Loads, shifted
+from cotree.naming import owner_among, split_name
+from cotree.scene.checks import Dimensions, dimension_of_unit, stated_units
 from cotree.scene.events import event_expressions
+from cotree.scene.expressions import Expression, dotted
+from cotree.scene.fields import initial_units
+from cotree.scene.parameters import in_order
+from cotree.units import Dimension, unit_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.across import Motion
-    from cotree.formulation.observed import Observer
+    from cotree.dag.vector import Matrix, Vector
+    from cotree.formulation.clusters import Point
+    from cotree.formulation.fields import BoundEdge
+    from cotree.formulation.networks.names import Names
     from cotree.scene.description import SceneDescription
+
+
+_XYZ = "xyz"
+
+#: Variables of a node, with their units; components in ground axes.
+NODE_VARIABLES: dict[str, str] = {
+    **dict.fromkeys(_XYZ, "m"),
+    **{f"v{i}": "m/s" for i in _XYZ},
+    **{f"a{i}": "m/s^2" for i in _XYZ},
+    **{f"w{i}": "rad/s" for i in _XYZ},
+    **{f"alpha{i}": "rad/s^2" for i in _XYZ},
+    **{f"r{i}{j}": "" for i in "123" for j in "123"},
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
+}
+
+#: Variables of a joint, a constraint or a force element: on its second node, in ground axes.
+EDGE_VARIABLES: dict[str, str] = {
+    **{f"f{i}": "N" for i in _XYZ},
+    **{f"t{i}": "N m" for i in _XYZ},
+    "power": "W",
+}
+
+#: Name of the through variable that drives a joint along a prescribed motion.
+DRIVE = "drive"
+
+ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
+
+
+def observed_unit(name: str) -> str:
+    """Give the unit of a name that may be observed; nothing where it has none."""
+    variable = split_name(name)[1]
+    return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
+
+
+def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
+    """Give a position or a velocity by name; None where there is none such.
+
+    Parameters
+    ----------
+    motion : Motion
+        Positions and velocities.
+    name : str
+        ``node.variable``, or ``edge.coordinate`` of a chord joint.
+    is_acting : bool
+        Whether the value acts on the motion, in place of being looked at only.
+
+    Raises
+    ------
+    FormulationError
+        If it is to act on the motion and is an angle that is only known within half a turn.
+    """
+    first, last = split_name(name)
+    edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
+    if edge is not None and edge.component.role is Role.JOINT:
+        found = _chord_coordinate(motion, edge, last, is_acting)
+        if found is not None:
+            return found
+    if point is None:
+        return None
+    if last in ("x", "y", "z"):
+        return motion.position(point)[_XYZ.index(last)]
+    if last in ("vx", "vy", "vz"):
+        return motion.velocity(point)[_XYZ.index(last[1])]
+    if last in ("wx", "wy", "wz"):
+        return _in_ground(motion, motion.omega[point.cluster], point.cluster)[_XYZ.index(last[1])]
+    if last in NODE_VARIABLES and last[0] in "rpy":
+        return _orientation(_axes(motion, point), last)
+    return None
+
+
+def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: bool) -> Node | None:
+    """Give a coordinate of a chord joint, or its rate."""
+    measure = chord_measure(motion, edge, name)
+    if measure is None:
+        return None
+    # A measure gives both; the name tells which is meant.
+    is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
+    if is_acting and is_value and isinstance(measure, Angle):
+        measure = whole_angle(motion, edge)
+    view = View(motion)
+    found: Node = measure.value(view) if is_value else measure.rate(view)
+    return found
+
+
+def _in_ground(motion: Motion, a: Vector, cluster: int) -> Vector:
+    return inwards(motion.clusters, motion.frames, a, cluster, 0)
+
+
+def _axes(motion: Motion, point: Point) -> Matrix:
+    """Give the axes of a node, resolved in ground axes."""
+    units = vector.identity(motion.system.dag)
+    columns = [
+        # From the node's axes to the cluster's, to its basis, to the ground.
+        _in_ground(motion, motion.frames.resolved(point.cluster, point.resolved(e)), point.cluster)
+        for e in units
+    ]
+    return vector.transpose((columns[0], columns[1], columns[2]))
+
+
+def _orientation(axes: Matrix, name: str) -> Node:
+    """Give an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
+    dag = axes[0][0].dag
+    # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r).
+    roll = dag.function("atan2", axes[2][1], axes[2][2])
+    if name == "roll":
+        return roll
+    if name == "yaw":
+        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), at a pitch
+        # of a right angle, too, where any roll has a yaw that goes with it.
+        sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
+        return dag.function(
+            "atan2",
+            axes[0][2] * sine - axes[0][1] * cosine,
+            axes[1][1] * cosine - axes[1][2] * sine,
+        )
+    if name == "pitch":
+        # The root is |cos p|, so that pitch lies between -pi/2 and pi/2.
+        flat = dag.function("sqrt", axes[2][1] * axes[2][1] + axes[2][2] * axes[2][2])
+        return dag.function("atan2", -axes[2][0], flat)
+    return axes[int(name[1]) - 1][int(name[2]) - 1]
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Forms the values that outputs name, at the accelerations and multipliers of the first graph.
+
+    Attributes
+    ----------
+    view : View
+        Across variables.
+    loads, balance : Loads, Balance
+        Through variables.
+    applied : sequence of Applied
+        Through variables along measures.
+    networks : mapping of str to Node
+        Variables of the scalar networks, by name.
+    owners : collection of str
+        Names of the scene's nodes and edges, for messages.
+    names : Names or None
+        What scenes call the variables of the networks, for messages; None where there are none.
+    """
+
+    view: View
+    loads: Loads
+    balance: Balance
+    applied: Sequence[Applied]
+    networks: Mapping[str, Node]
+    owners: Collection[str]
+    names: Names | None = None
+
+    @property
+    def motion(self) -> Motion:
+        """Positions and velocities."""
+        return self.view.motion
+
+    def value(self, name: str) -> Node:
+        """Form what a name stands for.
+
+        Raises
+        ------
+        ExpressionError
+            If there is nothing of this name.
+        """
+        if name == "energy.kinetic":
+            return self._kinetic()
+        if name == "energy.potential":
+            return self._potential()
+        found = observe_motion(self.motion, name)
+        if found is None:
+            found = self._of_node(name)
+        if found is None:
+            found = self._of_edge(name)
+        if found is None:
+            raise ExpressionError(self._unknown(name))
+        return found
+
+    def _unknown(self, name: str) -> str:
+        """Say what is wrong with a name."""
+        system = self.motion.system
+        # Variables of several ports have a dot of their own, which belongs to no owner.
+        first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
+        last = name[len(first) + 1 :] if first else ""
+        if first in self.motion.clusters.points:
+            return f"node '{first}' has no variable '{last}'{nearest(last, NODE_VARIABLES)}"
+        if first in system.edges:
+            known = [split_name(n)[1] for n in system.names if split_name(n)[0] == first]
+            known += [
+                *EDGE_VARIABLES,
+                *([DRIVE] if "motion" in system.edges[first].scalars else []),
+                # Of a contact, whose laws belong to networks.
+                *(self.names.of_edge(first) if self.names is not None else ()),
+            ]
+            return f"edge '{first}' has no variable '{last}'{nearest(last, known)}"
+        if last and first in self.owners:
+            return f"uses the unknown name '{name}': '{first}' has no variable '{last}'"
+        if last:
+            hint = nearest(first, self.owners)
+            return f"uses the unknown name '{name}': there is no node or edge '{first}'{hint}"
+        known = [*system.names, *system.parameters, *system.inputs, *ENERGIES]
+        return f"uses the unknown name '{name}'{nearest(name, known)}"
+
+    def _of_node(self, name: str) -> Node | None:
+        """Give an acceleration of a node, in ground axes."""
+        first, last = split_name(name)
+        point = self.motion.clusters.points.get(first)
+        if point is None or last not in NODE_VARIABLES:
+            return None
+        i = _XYZ.index(last[-1])
+        if last.startswith("alpha"):
+            alpha = self.view.across.alpha[point.cluster]
+            return _in_ground(self.motion, alpha, point.cluster)[i]
+        return self.view.acceleration(point, 0)[i]
+
+    def _of_edge(self, name: str) -> Node | None:
+        """Give a component of an edge's wrench on its second node, its power, or its drive."""
+        first, last = split_name(name)
+        edge = self.motion.system.edges.get(first)
+        if edge is None:
+            return None
+        if last == DRIVE:
+            # A prescribed motion is a constraint row, whose multiplier is the drive.
+            own = [row for row in self.applied if row.name == f"{first}.motion"]
+            return own[0].magnitude if own else None
+        if last not in EDGE_VARIABLES:
+            return None
+        wrench = self._on_second(edge)
+        if last == "power":
+            return self._power(edge, wrench)
+        i = _XYZ.index(last[1])
+        return wrench.force[i] if last[0] == "f" else wrench.torque[i]
+
+    def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
+        """Give F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction adds nothing."""
+        motion, points = self.motion, self.motion.clusters.points
+        first, second = points[edge.first], points[edge.second]
+        spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
+        reach = vector.sub(motion.position(second), motion.position(first))
+        closing = vector.sub(motion.velocity(second), motion.velocity(first))
+        # The reaction acts on the first body at the place of the second node, hence w1 x r.
+        against = vector.sub(closing, vector.cross(spins[0], reach))
+        turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
+        return vector.dot(wrench.force, against) + turning
+
+    def _on_second(self, edge: BoundEdge) -> Wrench:
+        """Form force and torque of an edge on its second node, about it, in ground axes."""
+        if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
+            raise ExpressionError(
+                f"asks what '{edge.name}' transmits, but what it holds is lumped to one body: "
+                "let a joint hold it where the reaction is wanted"
+            )
+        pushing = self._transmitted(edge, "translation")
+        turning = self._transmitted(edge, "rotation")
+        # A branch of both trees: what it transmits is the whole cutset sum, its own law included.
+        if pushing is not None and turning is not None:
+            return Wrench(pushing.force, turning.torque)
+        second = self.motion.clusters.points[edge.second]
+        # Otherwise it is a chord of one graph at least: multipliers and laws act along measures.
+        total = self._pulled(edge, second)
+        zero = vector.zeros(self.motion.system.dag)
+        if pushing is not None:
+            total = total.plus(Wrench(pushing.force, zero))
+        if turning is not None:
+            total = total.plus(Wrench(zero, turning.torque))
+        for action in self.loads.actions:
+            if action.edge.name == edge.name:
+                inward = (action.force, action.torque)
+                force, torque = (
+                    inwards(self.motion.clusters, self.motion.frames, a, action.ancestor, 0)
+                    for a in inward
+                )
+                total = total.plus(Wrench(force, torque))
+        return total
+
+    def _pulled(self, edge: BoundEdge, second: Point) -> Wrench:
+        """Sum the through variables along measures of an edge, on its second node's cluster."""
+        zero = vector.zeros(self.motion.system.dag)
+        total = Wrench(zero, zero)
+        for row in self.applied:
+            if row.edge != edge.name:
+                continue
+            # The pair acts on both clusters; the ground is left out, so take either side.
+            for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
+                sign = 1 if cluster == second.cluster else -1
+                if sign < 0 and second.cluster != 0:
+                    continue
+                total = total.plus(self._about(cluster, sign, force, torque, second))
+        return total
+
+    def _about(
+        self, cluster: int, sign: int, force: Vector, torque: Vector, second: Point
+    ) -> Wrench:
+        """Move a wrench from a cluster's origin to the second node, in ground axes."""
+        zero = vector.zeros(self.motion.system.dag)
+        origin = self.motion.positions.between(0, cluster, zero)
+        force = vector.signed(sign, _in_ground(self.motion, force, cluster))
+        torque = vector.signed(sign, _in_ground(self.motion, torque, cluster))
+        arm = vector.sub(origin, self.motion.position(second))
+        return Wrench(force, vector.add(torque, vector.cross(arm, force)))
+
+    def _transmitted(self, edge: BoundEdge, domain: str) -> Wrench | None:
+        """Give the cutset sum of a branch, on its second node; None of a chord."""
+        entry = self.motion.clusters.entries[domain].get(edge.name)
+        if entry is None:
+            return None
+        # The second node lies at the outer end of an edge that points outwards, else at the inner
+        # end.
+        geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
+        branch = geometry.branch
+        wrench = self.balance.beyond[branch.child - 1]
+        if entry.sign < 0:  # the second node is the inner one: it feels the reaction
+            anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
+            to_inner = vector.sub(geometry.offset, anchor)
+            wrench = shifted(wrench, to_inner)
+        return Wrench(
+            vector.signed(entry.sign, _in_ground(self.motion, wrench.force, branch.parent)),
+            vector.signed(entry.sign, _in_ground(self.motion, wrench.torque, branch.parent)),
+        )
+
+    def _kinetic(self) -> Node:
+        """Sum (m v.v)/2 + v.(omega x h) + (omega.J omega)/2 over the clusters."""
+        motion = self.motion
+        zero = vector.zeros(motion.system.dag)
+        total = motion.system.dag.zero
+        for cluster, inertia in enumerate(self.loads.inertias):
+            if inertia is None or cluster == 0:
+                continue
+            omega = motion.omega[cluster]
+            # h and J refer to the origin of the cluster, not to its centre of mass: hence the mixed
+            # term.
+            v = motion.velocities.between(0, cluster, zero)
+            carried = _in_ground(motion, vector.cross(omega, inertia.moment), cluster)
+            spin = vector.dot(omega, vector.times(inertia.tensor, omega))
+            total = total + 0.5 * (inertia.mass * vector.dot(v, v) + spin) + vector.dot(v, carried)
+        return total
+
+    def _potential(self) -> Node:
+        """Sum the potentials of gravity and of linear springs."""
+        motion, system = self.motion, self.motion.system
+        zero = vector.zeros(system.dag)
+        total = system.dag.zero
+        for cluster, inertia in enumerate(self.loads.inertias):
+            if inertia is None or cluster == 0:
+                continue
+            # First moment about the ground's origin: m r + h.
+            place = vector.scale(inertia.mass, motion.positions.between(0, cluster, zero))
+            first = vector.add(place, _in_ground(motion, inertia.moment, cluster))
+            total = total - vector.dot(system.gravity, first)
+        for action in self.loads.actions:
+            if "stiffness" in action.arguments and "length" in action.arguments:
+                total = total + stored_energy(action.arguments, action.arguments["length"])
+        for row in self.applied:
+            total = total + (row.potential or system.dag.zero)
+        for arguments in (effort.arguments for effort in self.loads.efforts):
+            if "stiffness" in arguments:
+                # Tree joints with a spring turn or slide along one coordinate.
+                at = arguments["theta"] if "theta" in arguments else arguments["s"]
+                total = total + stored_energy(arguments, at)
+        return total
 
 
 @dataclass(frozen=True)
@@ -115,3 +494,121 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
         see = motion.velocity if order else motion.position
         seed[value] = tangent_of(see(point))[i]
     return seed
+
+
+def units_of_expressions(
+    scene: SceneDescription, states: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Give the unit of each output and derived parameter; nothing where a name in it has none.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    states : mapping of str to str
+        Units of the states.
+
+    Returns
+    -------
+    outputs, derived : dict of str to str
+        The unit of a sum is written as its terms have it; that of a product in SI.
+    """
+    units = {**stated_units(scene), "t": "s", **states}
+    found: dict[str, str] = {}
+    pending: set[str] = set()
+    variable_unit = VariableUnits(scene)
+
+    def unit_of(name: str) -> str:
+        if name in units:
+            return units[name]
+        if name in scene.outputs and name not in scene.parameters:
+            return output(name)
+        return variable_unit(name)
+
+    def dimension_of(name: str) -> Dimension | None:
+        return dimension_of_unit(unit_of(name))
+
+    def output(name: str) -> str:
+        # An output that is made of itself is refused elsewhere.
+        if name not in found and name not in pending:
+            pending.add(name)
+            found[name] = unit_in(scene.outputs[name].tree)
+        return found.get(name, "")
+
+    def unit_in(tree: ast.expr) -> str:
+        terms = {unit_of(term) for term in _terms(tree)}
+        if _is_celsius(tree) and terms == {"K", ""}:
+            return "degC"
+        if len(terms) == 1 and terms != {""}:
+            return terms.pop()
+        dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
+        return "" if dimension is None else unit_text(dimension)
+
+    # Each after those it is made of, since chains may be longer than recursion goes.
+    derived = {}
+    for name in in_order(scene.parameters):
+        value = scene.parameters[name].value
+        if isinstance(value, Expression):
+            units[name] = derived[name] = units.get(name) or unit_in(value.tree)
+    return {name: output(name) for name in scene.outputs}, derived
+
+
+class VariableUnits:
+    """Units of the variables of a scene's edges and nodes.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    """
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._scene = scene
+        self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
+
+    def __call__(self, name: str) -> str:
+        """Give the unit of ``edge.variable`` or ``node.variable``; nothing where it has none."""
+        edge = self._scene.edges.get(owner_among(name, self._scene.edges))
+        own = self._units(edge.component) if edge is not None else {}
+        rest = name[len(edge.name) + 1 :] if edge is not None else ""
+        return own.get(rest, "") or observed_unit(name) or self._across.get(name, "")
+
+    def _units(self, component: Component) -> dict[str, str]:
+        found = self._of_component.get(id(component))
+        if found is None:
+            found = initial_units(component) | {m.name: m.unit for m in component.measures}
+            self._of_component[id(component)] = found
+        return found
+
+    @cached_property
+    def _across(self) -> dict[str, str]:
+        """Units of the across variables of all nodes of scalar networks, by ``node.symbol``."""
+        found: dict[str, str] = {}
+        for edge in self._scene.edges.values():
+            for port, ends in zip(edge.component.ports, edge.ports, strict=True):
+                row = DOMAINS[port.domain]
+                for node in (ends.tail, ends.head):
+                    found.setdefault(f"{node}.{row.across_symbol}", row.across_unit)
+        return found
+
+
+def _is_celsius(tree: ast.expr) -> bool:
+    """Whether the zero of temperatures is taken from something."""
+    match tree:
+        case ast.BinOp(op=ast.Sub(), right=ast.Constant(value=273.15)):
+            return True
+    return False
+
+
+def _terms(tree: ast.expr) -> list[str]:
+    """List the names that a sum is of; a term that is no name is an empty one."""
+    match tree:
+        case ast.UnaryOp(operand=operand):
+            return _terms(operand)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
+            return _terms(left) + _terms(right)
+        case ast.Call(func=ast.Name(id="abs" | "min" | "max"), args=args):
+            return [term for arg in args for term in _terms(arg)]
+        case ast.Name(id=name):
+            return [name]
+    return [dotted(tree)]

@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING
 from cotree.components import Freedom, Role
 from cotree.dag import vector
 from cotree.dag.evaluate import evaluate
-from cotree.dag.rotation import quaternion_of_nodes
+from cotree.dag.vector import quaternion_of_nodes
 from cotree.errors import SceneError
-from cotree.formulation.across import move
+from cotree.formulation.across import View, move
 from cotree.formulation.chords import chord_measure, node_angle
+from cotree.formulation.clusters import lump
 from cotree.formulation.constraints import along_speeds
 from cotree.formulation.frames import choose_frames
-from cotree.formulation.lumping import lump
 from cotree.formulation.system import bind
 from cotree.scene.expressions import Expression
-from cotree.scene.graphs import joint_branches
-from cotree.scene.motion_spaces import motion_spaces
+from cotree.scene.graphs import Trees, joint_branches, motion_spaces
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,9 +32,7 @@ if TYPE_CHECKING:
     from cotree.formulation.across import Motion
     from cotree.formulation.measures import Measure
     from cotree.formulation.system import System
-    from cotree.formulation.views import View
     from cotree.scene.description import SceneDescription
-    from cotree.scene.trees import Trees
 
 #: What a scene may give of a free rotation.
 _TURN = ("rotation", "q0", "q1", "q2", "q3")

@@ -13,13 +13,19 @@ from typing import TYPE_CHECKING
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import Table, table
-from cotree.dag.symbols import INPUT, PARAMETER, STATE, TIME, UNKNOWN
+from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, UNKNOWN
 from cotree.equations import State
-from cotree.formulation.continuous import motion_guards
-from cotree.formulation.fields import Resolver, Resolvers, bind_edge, lower_vector
-from cotree.formulation.initial import initial_values
-from cotree.formulation.signals import FieldNames, resolver_of
-from cotree.scene.motion_spaces import motion_spaces
+from cotree.formulation.fields import (
+    FieldNames,
+    Resolver,
+    Resolvers,
+    bind_edge,
+    initial_values,
+    lower_vector,
+    motion_guards,
+    resolver_of,
+)
+from cotree.scene.graphs import Trees, motion_spaces
 from cotree.scene.parameters import parameter_nodes, parameter_values
 
 if TYPE_CHECKING:
@@ -32,7 +38,6 @@ if TYPE_CHECKING:
     from cotree.formulation.fields import BoundEdge
     from cotree.scene.description import SceneDescription
     from cotree.scene.parameters import Parameter
-    from cotree.scene.trees import Trees
 
 
 @dataclass(frozen=True)

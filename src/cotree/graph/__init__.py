@@ -6,9 +6,8 @@ Pure topology. What the edges mean is known to the rooms above.
 from __future__ import annotations
 
 from cotree.graph.common_forest import Contracted, common_forest
-from cotree.graph.linear_graph import GraphEdge, LinearGraph
+from cotree.graph.linear_graph import GraphEdge, LinearGraph, TreeStep
 from cotree.graph.matrices import TopologyMatrix, f_circuit, f_cutset, incidence
-from cotree.graph.traversal import TreeStep
 from cotree.graph.tree import Tree, named_tree, select_tree, tree_walk
 
 __all__ = [

@@ -5,14 +5,15 @@ In: names. Out: a `LinearGraph`, checked on construction. [1] section 1.1, Fig. 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.errors import TopologyError, nearest
+from cotree.errors import TopologyError, listed, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Iterable
 
 
 @dataclass(frozen=True)
@@ -157,3 +158,112 @@ def _widths(edges: tuple[GraphEdge, ...]) -> tuple[int, int]:
     names = max((len(edge.name) for edge in edges), default=0)
     ends = max((len(f"{edge.tail} -> {edge.head}") for edge in edges), default=0)
     return names, ends
+
+
+@dataclass(frozen=True)
+class TreeStep:
+    """One step of a walk, from a node that is known to one that is not.
+
+    Parameters
+    ----------
+    edge : str
+        Name of the edge that is walked along.
+    parent, child : str
+        The node the step leaves and the node it reaches.
+    sign : int
+        +1 if the edge points from parent to child, -1 if it points back.
+    """
+
+    edge: str
+    parent: str
+    child: str
+    sign: int
+
+
+def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
+    """Walk depth first from `start` along the named edges, reaching each node once.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    names : collection of str
+        Names of the edges that may be used.
+    start : str
+        The node to start from.
+
+    Returns
+    -------
+    tuple of TreeStep
+        Parents before children, siblings in edge order, a subtree without interruption. Costs O(n),
+        and no recursion, so that long chains are no danger.
+    """
+    allowed = names if isinstance(names, (set, frozenset)) else set(names)
+    leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
+    # Backwards, so that the stack gives the edges back in their own order.
+    for edge in reversed(graph.edges):
+        if edge.name in allowed:
+            leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
+            # A walk ignores the direction of edges, and notes it in the sign.
+            leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
+    steps: list[TreeStep] = []
+    reached = {start}
+    stack = list(leaving[start])
+    while stack:
+        step = stack.pop()
+        # An edge of a circuit may lead to a node that was reached since the edge was put on the
+        # stack.
+        if step.child not in reached:
+            reached.add(step.child)
+            steps.append(step)
+            stack.extend(leaving[step.child])
+    return tuple(steps)
+
+
+def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
+    """Check that the named edges alone join every node to the reference.
+
+    Parameters
+    ----------
+    graph : LinearGraph
+        The graph.
+    names : collection of str
+        Names of the edges that count.
+    what : str
+        What these edges are called, for the message.
+    remedy : str
+        What to do about it, for the message; `{them}` in it stands for the nodes.
+
+    Raises
+    ------
+    TopologyError
+        If a node is not reached.
+    """
+    steps = walk_edges(graph, names, graph.reference)
+    # Each step reaches one more node; the reference is reached by none.
+    if len(steps) + 1 < graph.n_nodes:
+        reached = {graph.reference, *(step.child for step in steps)}
+        floating = [node for node in graph.nodes if node not in reached]
+        raise TopologyError(_floating_message(graph, floating, what, remedy))
+
+
+def _floating_message(graph: LinearGraph, floating: list[str], what: str, remedy: str) -> str:
+    inside = set(floating)
+    # Edges of any kind: the message also names those that cannot be branches.
+    touching = [edge.name for edge in graph.edges if edge.tail in inside or edge.head in inside]
+    subject, verb, them = (
+        ("node", "is", "it") if len(floating) == 1 else ("nodes", "are", "one of them")
+    )
+    here = "it" if len(floating) == 1 else "them"
+    if not touching:
+        attached = f"no edge touches {here}"
+    elif len(touching) == 1:
+        attached = f"edge {touching[0]} touches {here}"
+    else:
+        attached = f"edges {listed(touching)} touch {here}"
+    quoted = listed(f"'{node}'" for node in floating)
+    return (
+        f"{subject} {quoted} of the {graph.domain} graph "
+        f"{verb} floating: {attached}{', but' if touching else ';'} no path of {what} leads there "
+        f"from '{graph.reference}'; {remedy.format(them=them)}"
+    )

@@ -12,8 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.errors import TopologyError, listed
-from cotree.graph.checks import check_spanned
-from cotree.graph.traversal import TreeStep, walk_edges
+from cotree.graph.linear_graph import TreeStep, check_spanned, walk_edges
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

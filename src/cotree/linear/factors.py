@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.multi_output import RANK_TOLERANCE, SolveShape, solve
-from cotree.linear.elimination import eliminate
-from cotree.linear.pivots import FewestCouplings, FewestUpdates
+from cotree.linear.elimination import FewestCouplings, FewestUpdates, eliminate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -4,20 +4,28 @@ In: the pattern of the Jacobian J, and the number of algebraic unknowns, which c
 steps that factor ``shift M - J`` and solve with the factors, where M is one on the diagonal of the
 other unknowns and zero elsewhere. Values are known at run time only: the code that takes the steps
 checks their results.
+
+In: a pattern, compressed by columns. Out: the bandwidths, and the places of the unknowns.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from cotree.linear.elimination import Remainder, columns_of, eliminate
-from cotree.linear.pivots import FewestUpdatesOfMatched, match
+import numpy as np
+
+from cotree.linear.elimination import (
+    Factors,
+    FewestUpdatesOfMatched,
+    Remainder,
+    columns_of,
+    eliminate,
+    match,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from cotree.linear.elimination import Factors
 
 
 @dataclass(frozen=True)
@@ -182,3 +190,45 @@ def _entry(own: _Sum) -> FactorStep:
     products = tuple(zip(numbers[::2], numbers[1::2], strict=True))
     pivot = -1 if own.pivot is None else own.pivot.number
     return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
+
+
+# Matrices up to this size are dense, whatever their pattern: an order for them costs more.
+_SMALL = 40
+
+
+def narrow_band(
+    n: int, column_starts: Sequence[int], row_indices: Sequence[int]
+) -> tuple[int, int, Any]:
+    """Give the bandwidths of a matrix, and the places of unknowns that make them narrow.
+
+    Parameters
+    ----------
+    n : int
+        Number of unknowns.
+    column_starts, row_indices : sequence of int
+        The pattern, compressed by columns.
+
+    Returns
+    -------
+    lower, upper : int
+        How many diagonals there are below and above the main one.
+    places : ndarray or None
+        The place of each unknown; None where the matrix is small or not sparse.
+    """
+    if n > _SMALL:
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+        starts, rows = np.array(column_starts), np.array(row_indices, dtype=np.int64)
+        pattern = csc_matrix((np.ones(len(rows)), rows, starts), shape=(n, n)).tocsr()
+        # The order lists unknowns by their new places; its inverse gives the new place of each.
+        places = np.empty(n, dtype=np.intc)
+        places[reverse_cuthill_mckee(pattern, symmetric_mode=False)] = np.arange(n)
+        # How far each entry stands below the diagonal once unknowns are reordered.
+        below = places[rows] - np.repeat(places, np.diff(starts))
+        lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
+        # Banded storage with row pivoting has so many diagonals: from n on a dense matrix is
+        # smaller.
+        if 2 * lower + upper + 1 < n:
+            return lower, upper, places
+    return n - 1, n - 1, None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cotree.lint.findings import Finding
 from cotree.lint.linter import dangling_hint, lint
+from cotree.lint.rules import Finding
 
 __all__ = ["Finding", "dangling_hint", "lint"]

@@ -10,16 +10,20 @@ from typing import TYPE_CHECKING
 from cotree.errors import Error
 from cotree.files import read_text
 from cotree.formulation.early import check_numbers, within_range
-from cotree.lint import names, topology, values
-from cotree.lint.findings import Finding
+from cotree.lint.rules import (
+    Finding,
+    dangling_nodes,
+    name_findings,
+    topology_findings,
+    value_findings,
+)
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.model.start import check_start
 from cotree.pipeline import formulate, generate
-from cotree.scene.allowances import check_allowed, is_allowed
+from cotree.scene.description import check_allowed, is_allowed
 from cotree.scene.jumps import with_jumps
-from cotree.scene.lines import statement_lines
-from cotree.scene.part_origin import origin_of, told_origins
+from cotree.scene.part_adding import origin_of, statement_lines, told_origins
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
 
@@ -56,8 +60,8 @@ def lint(
     # Where ports are open, a scene may float: it is formed where it is a part.
     if is_formed and not scene.ports:
         found += _refused(scene)
-    for rules in (names, topology, values):
-        found += rules.findings(scene)
+    for findings in (name_findings, topology_findings, value_findings):
+        found += findings(scene)
     found = list(_once_in_parts(scene, found))
     kept = [row for row in found if not is_allowed(row.rule, row.name, allowed)]
     for entry in dict.fromkeys(allowed):
@@ -85,7 +89,7 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
 
 def dangling_hint(scene: SceneDescription) -> str:
     """Say which node may be misspelt, as the end of a message; nothing where none looks so."""
-    found = list(topology.dangling_nodes(scene, is_refused=True))
+    found = list(dangling_nodes(scene, is_refused=True))
     # A node that looks like another one is the culprit before all that do not.
     found.sort(key=lambda row: "did you mean" not in row.message)
     return f"; {found[0].message}" if found else ""

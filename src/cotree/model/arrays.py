@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import PARAMETER
+from cotree.dag.nodes import PARAMETER
 from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 

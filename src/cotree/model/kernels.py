@@ -15,8 +15,7 @@ import numpy as np
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
-from cotree.dag.symbols import ARGUMENT_OF, PIECE
-from cotree.dag.traverse import reachable, symbols_in
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.arrays import Array
 from cotree.model.newton import load_newton

@@ -23,8 +23,7 @@ import numpy as np
 
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import PIECE
-from cotree.dag.traverse import dependent, reachable
+from cotree.dag.nodes import PIECE, dependent, reachable
 from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.linear import Linear, solve_entries
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
-from cotree.dag.traverse import reachable, symbols_in
+from cotree.dag.nodes import reachable, symbols_in
 from cotree.equations import spread
 from cotree.errors import Error, SingularSystemError
 from cotree.model.algebraic import eliminated

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.symbols import TIME, kinds_in
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import SingularSystemError
 from cotree.model.arrays import as_array
 from cotree.model.columns import in_columns, is_many
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csc_matrix
 
-    from cotree.dag.corners import Corners
+    from cotree.dag.time_events import Corners
     from cotree.model.kernels import Kernels
     from cotree.program import Program
     from cotree.program.counts import OperationCount

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.dag.symbols import TIME, kinds_in
+from cotree.dag.nodes import TIME, kinds_in
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.codegen.newton import is_unrolled
-from cotree.linear.band import narrow_band
+from cotree.linear.plan import narrow_band
 
 if TYPE_CHECKING:
     from cotree.program import Program

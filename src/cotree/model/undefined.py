@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
 from cotree.dag.operations import OPERATIONS
-from cotree.dag.symbols import ARGUMENT_OF, PIECE
-from cotree.dag.traverse import reachable, symbols_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

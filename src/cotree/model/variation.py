@@ -14,8 +14,15 @@ import numpy as np
 
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
-from cotree.dag.symbols import INPUT, INPUT_CHANGE, PARAMETER, STATE, STATE_CHANGE, TUNED_CHANGE
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import (
+    INPUT,
+    INPUT_CHANGE,
+    PARAMETER,
+    STATE,
+    STATE_CHANGE,
+    TUNED_CHANGE,
+    symbols_in,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

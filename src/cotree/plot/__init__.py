@@ -1,15 +1,14 @@
 """Pictures: linear graphs with their tree in bold, results over time, files of both.
 
 Every function makes a matplotlib `Figure`, which belongs to no window unless its caller says how it
-is made (:mod:`cotree.plot.known`); nothing is computed here but positions on paper.
+is made (:mod:`cotree.plot.figures`); nothing is computed here but positions on paper.
 """
 
 from __future__ import annotations
 
-from cotree.plot.curves import Curves, Name, choose_curves
-from cotree.plot.files import check_picture, save_figure, svg_text
+from cotree.plot.figures import check_picture, save_figure, svg_text
 from cotree.plot.graph import draw_graph, draw_graphs
-from cotree.plot.result import draw_curves, plot_result
+from cotree.plot.result import Curves, Name, choose_curves, draw_curves, plot_result
 
 __all__ = [
     "Curves",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cotree.plot.known import figure_for_people
+from cotree.plot.figures import figure_for_people
 from cotree.plot.result import curve_colors, draw_grid
 
 if TYPE_CHECKING:

@@ -1,5 +1,10 @@
 """Derivatives along many directions as maps of many columns.
 
+In a sensitivity graph the derivative of a terminal equation by a parameter that stands in it is a
+source: ``F' = m a' + m' a``. What follows from sources and from the states' sensitivities, along
+f-circuits and f-cutsets, is the same for all parameters. Here both are parted as far out as they
+can be: sources are the largest values that depend on no sensitivity of a state.
+
 Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where the matrix b_x
 is the same for all and b_j is the explicit derivative by the parameter. Statements written out for
 each parameter exploit its zeros; those of a map are written once, and C takes several columns at a
@@ -9,25 +14,238 @@ parameters, it is formed first and multiplied with each s_j. The costs of all wa
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import chain, product
+from operator import or_
 from typing import TYPE_CHECKING
 
-from cotree.dag.linear_map import apply_map, form_map
-from cotree.dag.symbols import ENTRY, SENSITIVITY, STATE_CHANGE
-from cotree.dag.traverse import dependent, reachable, substitute, symbols_in
-from cotree.equations import spread
-from cotree.program.column_grouping import cost_of_map, gather_columns
+from cotree.dag.multi_output import BLOCK, LinearMap, apply_map, form_map
+from cotree.dag.nodes import (
+    ENTRY,
+    PARAMETER_CHANGE,
+    SENSITIVITY,
+    SOURCE,
+    STATE_CHANGE,
+    Dag,
+    Node,
+    dependent,
+    reachable,
+    substitute,
+    symbols_in,
+)
+from cotree.equations import Derivative, Equations, spread
 from cotree.program.counts import count_operations
-from cotree.program.parameter_sources import CommonDirection, part_sources
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from cotree.dag.linear_map import LinearMap
-    from cotree.dag.nodes import Dag, Node
-    from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
+
+
+#: Operations that moving one value into a vector, zeros alone left out, or out of it costs.
+_MOVE = 2
+#: Number of times that exchanges of two columns are tried for all pairs; none for many columns.
+_SWEEPS, _MOST_COLUMNS = 4, 400
+
+
+def cost_of_map(linear: LinearMap) -> int:
+    """Estimate the cost of a map, in scalar operations."""
+    blocks = [linear.given[at : at + BLOCK] for at in range(0, linear.n_columns, BLOCK)]
+    n_given = sum(reduce(or_, block).bit_count() for block in blocks)
+    # A statement of one block is one vector operation, and so counts like a scalar one.
+    return linear.n_times + _MOVE * (n_given + len(blocks) * len(linear.results))
+
+
+def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
+    """Put columns with similar zeros into one block, and leave out those that give nothing.
+
+    Two columns of different blocks change places as long as fewer values are then computed.
+
+    Returns
+    -------
+    (LinearMap, list of int)
+        The map of the columns in their new order, and for each its place in the earlier one.
+    """
+    # The supports, turned over: for each column the statements that are not zero there, as bits.
+    nonzero = [0] * linear.n_columns
+    for k, node in enumerate(linear.statements):
+        support = linear.supports[node]
+        while support:
+            lowest = support & -support
+            nonzero[lowest.bit_length() - 1] |= 1 << k
+            support ^= lowest
+    # A column in which all results vanish gives nothing, whatever is computed in it.
+    found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
+    places = [j for j in range(linear.n_columns) if found >> j & 1]
+    blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
+    for _ in range(_SWEEPS if len(places) <= _MOST_COLUMNS else 0):
+        pairs = ((a, b) for a in range(len(blocks)) for b in range(a))
+        # Every pair is tried, whether or not the one before it was exchanged.
+        if not any([_exchange(blocks[a], blocks[b], nonzero) for a, b in pairs]):
+            break
+    order = list(chain.from_iterable(blocks))
+    return replace(linear, given=tuple(linear.given[j] for j in order)), order
+
+
+def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
+    """Let columns of two blocks change places where both blocks together then compute less."""
+    least = _n_together(first, nonzero) + _n_together(second, nonzero)
+    has_changed = False
+    for i, k in product(range(len(first)), range(len(second))):
+        first[i], second[k] = second[k], first[i]
+        found = _n_together(first, nonzero) + _n_together(second, nonzero)
+        if found < least:
+            least, has_changed = found, True
+        else:
+            first[i], second[k] = second[k], first[i]
+    return has_changed
+
+
+def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
+    """Count the values that are other than zero in some column of a block."""
+    union = 0
+    for column in block:
+        union |= nonzero[column]
+    return union.bit_count()
+
+
+#: Operations that apply to both parts of their arguments separately.
+_SUMS = frozenset({"add", "sub", "neg"})
+
+
+@dataclass(frozen=True)
+class CommonDirection:
+    """Derivatives along any direction, from sensitivities of states and from sources.
+
+    Attributes
+    ----------
+    direction : Derivative
+        The forcing and the rates, in terms of both.
+    sources : tuple of Node
+        Symbols of the sources.
+    given : list of dict of int to Node
+        The sources of each parameter, by place, those that vanish left out.
+    """
+
+    direction: Derivative
+    sources: tuple[Node, ...]
+    given: list[dict[int, Node]]
+
+
+def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
+    """Separate the common part of all directions from the sources; None if there is none.
+
+    Parameters
+    ----------
+    equations : Equations
+        The equations.
+    unknowns : mapping of Node to Node
+        The unknowns' symbols and values.
+    """
+    common, dag = equations.direction, equations.dag
+    if common is None:
+        return None
+    states = [dag.symbol(STATE_CHANGE, i) for i in range(len(equations.states))]
+    changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
+    roots = substitute([*common.forcing, *common.rates.values()], unknowns)
+    parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
+    # All that follows from sensitivities and sources is formed once for all parameters; only the
+    # values of the sources differ.
+    parted, n = [parting.parted(root) for root in roots], len(common.forcing)
+    rates = dict(zip(common.rates, parted[n:], strict=True))
+    direction = replace(common, forcing=tuple(parted[:n]), rates=rates, outputs={})
+    return CommonDirection(direction, tuple(parting.sources.values()), parting.given())
+
+
+class _Parting:
+    """Splits values that are linear in changes of states and of parameters.
+
+    The sources of nested sums are summed up first: one value of each column is then added.
+    """
+
+    def __init__(
+        self, dag: Dag, roots: Sequence[Node], states: Sequence[Node], changes: Sequence[Node]
+    ) -> None:
+        order = reachable(roots)
+        self.sources: dict[Node, Node] = {}
+        self._dag, self._changes = dag, changes
+        self._changed = dependent(order, changes)
+        self._moved = dependent(order, states)
+        # Uses by results count, too: what is read twice must be formed as a whole.
+        self._n_readers = Counter(roots)
+        for node in order:
+            self._n_readers.update(node.args)
+        self._parts: dict[Node, tuple[Node, Node]] = {}
+        for node in order:
+            if node in self._moved and node in self._changed:
+                self._parts[node] = self._parts_of(node)
+
+    def parted(self, node: Node) -> Node:
+        """Give a value with the symbols of sources in it."""
+        if node not in self._changed:
+            return node
+        if node not in self._moved:
+            return self._source(node)
+        moved, alone = self._parts[node]
+        if alone.is_zero:
+            return moved
+        source = self._source(alone)
+        return source - moved.args[0] if moved.op == "neg" else moved + source
+
+    def given(self) -> list[dict[int, Node]]:
+        """Give the sources of each change by itself, by place, those that vanish left out."""
+        nodes = list(self.sources)
+        supports = _supports(reachable(nodes), self._changes)
+        still = dict.fromkeys(self._changes, self._dag.zero)
+        found = []
+        for j, change in enumerate(self._changes):
+            # Sources are linear in the changes: with one change equal to one and all others zero, a
+            # source is its value for that parameter.
+            places = [i for i, node in enumerate(nodes) if supports[node] >> j & 1]
+            along = substitute([nodes[i] for i in places], {**still, change: self._dag.one})
+            pairs = zip(places, along, strict=True)
+            found.append({i: value for i, value in pairs if not value.is_zero})
+        return found
+
+    def _source(self, node: Node) -> Node:
+        return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
+
+    def _parts_of(self, node: Node) -> tuple[Node, Node]:
+        """Write a value as the sum of a part that states change and one of parameters alone."""
+        dag = self._dag
+        if node.op not in _SUMS:
+            # Products and quotients have one factor that changes. Its parts are joined before,
+            # since to multiply both would cost twice.
+            return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
+        terms = [self._term(arg) for arg in node.args]
+        moved, alone = zip(*terms, strict=True)
+        return dag.rebuild(node, moved), dag.rebuild(node, alone)
+
+    def _term(self, node: Node) -> tuple[Node, Node]:
+        """Give both parts of a term of a sum, if nothing else reads it."""
+        if node not in self._changed:
+            return node, self._dag.zero
+        if node not in self._moved:
+            return self._dag.zero, node
+        if self._n_readers[node] == 1:
+            return self._parts[node]
+        # Something else reads the sum itself, so that parting it here would form it twice.
+        return self.parted(node), self._dag.zero
+
+
+def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
+    """Give the changes that each value depends on, as bits; values without any are left out."""
+    found = {node: 1 << j for j, node in enumerate(changes)}
+    for node in order:
+        bits = 0
+        for arg in node.args:
+            bits |= found.get(arg, 0)
+        if bits:
+            found[node] = bits
+    return found
+
 
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600

@@ -6,9 +6,9 @@ from dataclasses import replace
 from itertools import accumulate, chain
 from typing import TYPE_CHECKING, TypeVar
 
-from cotree.dag.corners import stops_along
-from cotree.dag.stops import acts_in_part, find_longest_steps, find_stops
-from cotree.dag.traverse import dependent, reachable, symbols_in
+from cotree.dag.nodes import dependent, reachable, symbols_in
+from cotree.dag.switching_times import Stop, acts_in_part, find_longest_steps, find_stops
+from cotree.dag.time_events import stops_along
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.program.columns import map_rates
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.dag.stops import Stop
     from cotree.equations import Equations
 
 _Found = TypeVar("_Found")

@@ -8,19 +8,17 @@ from functools import cached_property
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.corners import Corners, find_corners
-from cotree.dag.stops import longest_step
-from cotree.dag.traverse import reachable, symbols_in
+from cotree.dag.nodes import reachable, symbols_in
+from cotree.dag.switching_times import Stop, longest_step
+from cotree.dag.time_events import Corners, find_corners
 from cotree.errors import SolveError
 from cotree.linear.plan import plan_elimination
-from cotree.program.cost_model import by_need
-from cotree.program.counts import OperationCount, count_operations
+from cotree.program.counts import OperationCount, by_need, count_operations
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.dag.stops import Stop
     from cotree.equations import (
         DerivedParameter,
         EventRow,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import substitute
 from cotree.equations import Quantity
 
 if TYPE_CHECKING:

@@ -21,8 +21,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.symbols import PACKED_SENSITIVITY, SENSITIVITY, STATE_RATE, STEP
-from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.dag.nodes import (
+    PACKED_SENSITIVITY,
+    SENSITIVITY,
+    STATE_RATE,
+    STEP,
+    dependent,
+    reachable,
+    substitute,
+)
 from cotree.equations import spread
 from cotree.linear.factors import factorise_unsymmetric
 from cotree.program.counts import count_operations

@@ -13,10 +13,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from cotree.dag.corners import stops_along
-from cotree.dag.stops import find_stops, stops_within
-from cotree.dag.symbols import ENTRY, PACKED_SENSITIVITY, SENSITIVITY, STATE_RATE
-from cotree.dag.traverse import dependent, reachable, substitute
+from cotree.dag.nodes import (
+    ENTRY,
+    PACKED_SENSITIVITY,
+    SENSITIVITY,
+    STATE_RATE,
+    dependent,
+    reachable,
+    substitute,
+)
+from cotree.dag.switching_times import find_stops, stops_within
+from cotree.dag.time_events import stops_along
 from cotree.equations import substituted
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import substitute
 from cotree.linear.tree import factorise_bordered
 
 if TYPE_CHECKING:

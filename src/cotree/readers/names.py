@@ -1,4 +1,4 @@
-"""Translation of names from other tools: safe, unique, with a record of changes."""
+"""Names and lines in files of other tools."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import keyword
 import re
 from dataclasses import dataclass, field
 
+from cotree.errors import SceneError
 from cotree.naming import RESERVED
-from cotree.scene.grammar import FUNCTIONS
+from cotree.scene.expressions import FUNCTIONS
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_]")
 _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a scene allows
@@ -57,3 +58,30 @@ class Namer:
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)
         return found
+
+
+#: Bytes that a file may have: it may come from a stranger.
+LARGEST_FILE = 20_000_000
+
+
+@dataclass(frozen=True)
+class SourceLine:
+    """A line of a file; as text ``file:line``.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    line : int
+        Number of the line, from 1.
+    """
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+    def error(self, message: str) -> SceneError:
+        """Make the error that something is wrong on this line."""
+        return SceneError(f"{self}: {message}")

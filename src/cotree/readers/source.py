@@ -70,15 +70,15 @@ def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """
     # The ending decides; shipped scenes have none and are found by the last branch.
     if is_urdf(source):
-        from cotree.readers.urdf import UrdfOptions, read_urdf_scene
+        from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene
 
         return read_urdf_scene(source, scene_type, UrdfOptions())
     if is_spice(source):
-        from cotree.readers.spice import read_spice_scene
+        from cotree.readers.spice.scene import read_spice_scene
 
         return read_spice_scene(source, scene_type)
     if is_sbml(source):
-        from cotree.readers.sbml import read_sbml_scene
+        from cotree.readers.sbml.scene import read_sbml_scene
 
         return read_sbml_scene(source, scene_type)
     return load_scene(source, scene_type)

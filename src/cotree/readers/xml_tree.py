@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from cotree.readers.source_line import SourceLine
+from cotree.readers.names import SourceLine
 
 _MOST_ELEMENTS = 200_000
 _DEEPEST = 60

@@ -8,26 +8,96 @@ of a ``Piecewise`` become events, too, so that each smooth side is integrated as
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import OWN, Law
+from cotree.components import OWN, Law, Terminal
 from cotree.components.component import Field
 from cotree.components.terminal import integral_of
-from cotree.dag.continuity import may_jump
-from cotree.dag.nodes import Dag, Node
+from cotree.dag.continuity import may_jump, meets
+from cotree.dag.nodes import PARAMETER, STATE, Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
-from cotree.scene.corners import has_only_corner, jumps_in
-from cotree.scene.expressions import Expression
-from cotree.scene.grammar import FUNCTIONS, number_tree
+from cotree.scene.expressions import COMPARISONS, FUNCTIONS, Expression, names_in, number_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping
-
-    from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
+
+
+def jumps_in(tree: ast.expr) -> list[ast.expr]:
+    """List the signs and the comparisons of two values in a tree."""
+    return [
+        node
+        for node in ast.walk(tree)
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id == "sign"
+        )
+        or (isinstance(node, ast.Compare) and len(node.ops) == 1)
+    ]
+
+
+def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
+    """Return what is zero where a sign or a comparison jumps, and whether it holds above zero."""
+    if isinstance(part, ast.Compare):
+        is_larger, _ = COMPARISONS[type(part.ops[0])]
+        return ast.BinOp(part.left, ast.Sub(), part.comparators[0]), is_larger
+    assert isinstance(part, ast.Call)
+    return part.args[0], True
+
+
+def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
+    """Return whether an expression is continuous wherever a part of it jumps.
+
+    The part jumps where its argument is zero. There both values of the whole are compared, for all
+    values of the parameters; see :func:`cotree.dag.continuity.meets`.
+    """
+    dag = Dag()
+    # In one arena equal values are one node: the difference of both sides folds where they agree.
+    symbols = {
+        name: dag.symbol(PARAMETER if name in parameters else STATE, i)
+        for i, name in enumerate(sorted(names_in(whole)))
+    }
+
+    def lowered(tree: ast.expr) -> Node:
+        return Expression.of_tree(tree).lower(dag, symbols.__getitem__)
+
+    looked_at, is_larger = boundary_of(part)
+    if isinstance(part, ast.Compare):
+        # Comparing equal numbers folds to the value on either side: >= holds, > does not.
+        same = ast.Constant(0.5)
+        kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
+        sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
+    else:
+        # A sign jumps from -1 to 1; its value 0 in between is met at the event only.
+        sides = [number_tree(1.0), number_tree(-1.0)]
+    try:
+        above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
+        return meets(above, below, lowered(looked_at))
+    except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
+        return False
+
+
+class _Replaced(ast.NodeTransformer):
+    """Copies a tree with one part replaced; the part is told by identity, not by its text."""
+
+    def __init__(self, part: ast.expr, by: ast.expr) -> None:
+        self._part, self._by = part, by
+
+    def visit(self, node: ast.AST) -> Any:
+        """Give the replacement for the part, and a copy of any other node."""
+        return self._by if node is self._part else super().visit(copy.copy(node))
+
+    def generic_visit(self, node: ast.AST) -> ast.AST:
+        """Copy the lists of a node before what is in them changes."""
+        for name, value in ast.iter_fields(node):
+            if isinstance(value, list):
+                setattr(node, name, list(value))
+        return super().generic_visit(node)
+
 
 #: Takes the tree of a jump and a description of what it belongs to; gives the name of the mode that
 #: takes its place, or the tree as it was.

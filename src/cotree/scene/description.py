@@ -8,29 +8,69 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
-from cotree.scene.allowances import check_allowed
-from cotree.scene.calls import may_call_tables
 from cotree.scene.display import EdgeListing, ParameterListing, scene_html, scene_summary
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
-from cotree.scene.expressions import Expression, parse
-from cotree.scene.fields import check_vector
-from cotree.scene.inputs import Input, make_input
+from cotree.scene.expressions import Expression, may_call_tables, parse
+from cotree.scene.fields import Input, check_vector, is_list, make_input, plain
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
-from cotree.scene.part import TABLES
-from cotree.scene.part_adding import check_nodes, set_in_part
-from cotree.scene.part_statement import LARGEST_SCENE
+from cotree.scene.part import TABLES, Part
+from cotree.scene.part_adding import LARGEST_SCENE, check_nodes, set_in_part
 from cotree.scene.simulation import Simulation, with_settings
-from cotree.scene.statements import is_list, plain
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from cotree.scene.lookup import LookupTable
     from cotree.scene.origin import Origin
-    from cotree.scene.part import Part
+    from cotree.scene.tables import LookupTable
 
-__all__ = ["Edge", "Input", "SceneDescription"]
+__all__ = [
+    "Edge",
+    "Input",
+    "SceneDescription",
+]
+
+
+#: The rules by name, with what each finds. One that is refused cannot be meant on purpose.
+RULES: dict[str, str] = {
+    "refused": "the scene cannot be formed, or has no consistent start",
+    "unused-parameter": "no expression of the scene uses a parameter",
+    "unused-input": "no expression of the scene uses an input",
+    "similar-names": "two names differ in the case of their letters only",
+    "dangling-node": "one edge alone touches a node, and no expression looks at it",
+    "shorted": "both ends of an edge are at one node",
+    "inertia": "a body has no inertia, or one that no body can have",
+    "magnitude": "a value is far from what is usual in its unit",
+    "dimension": "units in an expression contradict each other, or that of the field",
+    "constant": "an expression does not depend on the names in it",
+    "no-effect": "a source gives nothing, or a mode is never set",
+    "unused-allow": "an entry of allow matches no finding",
+}
+
+
+def check_allowed(entries: object) -> tuple[str, ...]:
+    """Check a list of findings that are meant: ``rule`` or ``rule:name``.
+
+    Raises
+    ------
+    SceneError
+        If it is no list of texts, or one does not begin with the name of a rule.
+    """
+    if not isinstance(entries, (list, tuple)) or not all(isinstance(e, str) for e in entries):
+        raise SceneError("allow must be a list of texts: ['unused-parameter:L']")
+    for entry in entries:
+        rule, colon, name = entry.partition(":")
+        if rule not in RULES or (colon and not name):
+            hint = nearest(rule, RULES)
+            raise SceneError(f"allow holds '{brief(entry)}': give 'rule' or 'rule:name'{hint}")
+        if rule == "refused":
+            raise SceneError("allow holds 'refused': what cannot be formed is no purpose")
+    return tuple(entries)
+
+
+def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
+    """Whether a finding is meant."""
+    return any(entry in (rule, f"{rule}:{name}") for entry in entries)
 
 
 @dataclass(repr=False)

@@ -1,5 +1,12 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
+Words such as ``in`` and ``not`` may name what stands before a dot: a letter follows it there, which
+nothing else of the grammar has. The parser reads such a name with a mark, which is taken off again.
+
+Expressions are parsed deep inside the fields of edges, events and parts. The tables that they may
+call are therefore known to all that is parsed during a method of their scene. A call is bound to
+its table once: the name of the function carries it, through every rewriting of the tree.
+
 An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also of
 parts as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions of :data:`FUNCTIONS`, and
 ``where(condition, value, otherwise)`` with comparisons joined by ``and``, ``or`` and ``not``. It is
@@ -9,30 +16,279 @@ checked when a scene is made and turned into nodes later.
 from __future__ import annotations
 
 import ast
+import keyword
 import math
 import numbers
 import re
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache, wraps
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, ParameterError, brief
-from cotree.scene.calls import bound, calls_table, has_table, known_tables, table_of
-from cotree.scene.grammar import (
-    COMPARISONS,
-    check_tree,
-    dotted,
-    finite,
-    names_in,
-    shown,
-)
-from cotree.scene.words import read_tree
+from cotree.dag.nodes import Dag, Node
+from cotree.errors import ExpressionError, ParameterError, brief, nearest
+from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Mapping
 
-    from cotree.dag.nodes import Node
+
+_WORDS = re.compile(rf"(?<!\w)({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
+_MARK = "_ö"
+
+
+def read_tree(text: str) -> ast.expr:
+    """Parse a text; what the grammar of expressions refuses may still be in it.
+
+    Raises
+    ------
+    ExpressionError
+        If it is no expression of Python.
+    """
+    marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
+    try:
+        # Leading spaces would be an indentation to Python's parser.
+        with without_warnings(category=SyntaxWarning):  # what it warns of is refused later
+            tree = ast.parse(marked, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError("is not an expression") from None
+    if _MARK in marked:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Name):
+                node.id = node.id.removesuffix(_MARK)
+            elif isinstance(node, ast.Attribute):
+                node.attr = node.attr.removesuffix(_MARK)
+    return tree
+
+
+_Method = TypeVar("_Method", bound="Callable[..., Any]")
+
+
+class Callee(Protocol):
+    """A function that an expression may call beside those of its grammar."""
+
+    @property
+    def n_arguments(self) -> int:
+        """Number of arguments."""
+        ...
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Parameters that its values depend on."""
+        ...
+
+    def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
+        """Form the node of its value."""
+        ...
+
+
+_KNOWN: ContextVar[Mapping[str, Callee]] = ContextVar("known tables")
+_NONE: Mapping[str, Callee] = {}
+
+
+def known_tables() -> Mapping[str, Callee]:
+    """Give the tables that expressions may call now."""
+    return _KNOWN.get(_NONE)
+
+
+@contextmanager
+def knowing(tables: Mapping[str, Callee]) -> Iterator[None]:
+    """Let what is parsed inside the ``with`` block call some tables, and no others."""
+    token = _KNOWN.set(tables)
+    try:
+        yield
+    finally:
+        _KNOWN.reset(token)
+
+
+def may_call_tables(method: _Method) -> _Method:
+    """Let the expressions that a method of a scene takes call the tables of the scene."""
+
+    @wraps(method)
+    def knowing_tables(self: Any, *args: Any, **more: Any) -> Any:
+        with knowing(self.tables):
+            return method(self, *args, **more)
+
+    return cast("_Method", knowing_tables)
+
+
+def calls_table(text: str, tables: Mapping[str, Callee]) -> bool:
+    """Tell whether a text may call one of some tables."""
+    return "(" in text and any(name in text for name in tables)
+
+
+def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
+    """Bind the calls of tables in a tree that has just been parsed."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and (table := tables.get(ast.unparse(node.func))):
+            node.func = name_of(ast.unparse(node.func), table)
+    return tree
+
+
+def name_of(name: str, table: Callee) -> ast.Name:
+    """Make the name by which a tree calls a table."""
+    made = ast.Name(name)
+    made.table = table  # type: ignore[attr-defined]
+    return made
+
+
+def table_of(called: ast.expr) -> Callee | None:
+    """Give the table that a tree calls, or None for a function of the grammar."""
+    return getattr(called, "table", None)
+
+
+def has_table(tree: ast.expr) -> bool:
+    """Tell whether a tree calls a table anywhere."""
+    return any(isinstance(node, ast.Name) and table_of(node) for node in ast.walk(tree))
+
+
+_DEEPEST = 100  # nesting levels
+
+#: Functions by name, with their number of arguments.
+FUNCTIONS: dict[str, int] = {
+    **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"), 1),
+    **dict.fromkeys(("exp", "log", "sqrt", "abs", "sign", "floor", "erf"), 1),
+    **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
+}
+
+#: The conditional: what it gives where its first argument holds, and elsewhere.
+WHERE = "where"
+
+#: Comparisons: whether the left side is to be the larger, and whether equality will do.
+COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
+    ast.Lt: (False, False),
+    ast.LtE: (False, True),
+    ast.Gt: (True, False),
+    ast.GtE: (True, True),
+}
+
+#: Operators of two values.
+OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
+
+
+def shown(value: object) -> str:
+    """Show a value in a message, shortened."""
+    try:
+        return brief(repr(value))
+    except ValueError:  # Python itself refuses to write integers of thousands of digits
+        return "an integer of thousands of digits"
+
+
+def finite(value: object) -> float | None:
+    """Give a finite float, or None."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
+    """Accept the grammar and collect its names; everything else is refused."""
+    if depth > _DEEPEST:
+        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
+    # Only the shapes listed here pass: whatever else Python's grammar has is refused, not
+    # evaluated.
+    match tree:
+        case ast.Constant(value=value):
+            if finite(value) is None:
+                raise ExpressionError(f"holds {shown(value)}, which is no finite number")
+        case ast.Name(id=name):
+            names.add(name)
+        case ast.Attribute() if name := dotted(tree):
+            names.add(name)
+        case ast.BinOp(left=left, op=op, right=right):
+            if not isinstance(op, OPERATORS):
+                raise ExpressionError("holds an operator that is not one of + - * / **")
+            check_tree(left, names, depth + 1)
+            check_tree(right, names, depth + 1)
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            check_tree(operand, names, depth + 1)
+        case ast.Call(func=ast.Name(id="where"), args=[condition, held, other], keywords=[]):
+            _check_condition(condition, names, depth + 1)
+            check_tree(held, names, depth + 1)
+            check_tree(other, names, depth + 1)
+        case ast.Call(func=ast.Name(id="where"), args=args, keywords=[]):
+            raise ExpressionError(
+                f"gives where {len(args)} arguments: it takes a condition and two values"
+            )
+        case ast.Call(func=ast.Name(id=function) as called, args=args, keywords=[]):
+            table = table_of(called)
+            if function not in FUNCTIONS and table is None:
+                hint = nearest(function, [*FUNCTIONS, WHERE, *known_tables()])
+                raise ExpressionError(f"calls '{function}', which is not a known function{hint}")
+            wanted = FUNCTIONS[function] if table is None else table.n_arguments
+            if len(args) != wanted:
+                more = "" if table is None else f": the table takes {wanted}"
+                raise ExpressionError(f"gives {function} {len(args)} arguments{more}")
+            if table is not None:
+                names |= table.names
+            for arg in args:
+                check_tree(arg, names, depth + 1)
+        case _:
+            raise ExpressionError(
+                "holds something other than numbers, names, + - * / ** and functions"
+            )
+
+
+def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
+    """Accept comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
+    if depth > _DEEPEST:
+        raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
+    match tree:
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            if any(type(op) not in COMPARISONS for op in ops):
+                raise ExpressionError("compares by something other than < <= > >=")
+            for side in (left, *others):
+                check_tree(side, names, depth + 1)
+        case ast.BoolOp(values=parts):
+            for part in parts:
+                _check_condition(part, names, depth + 1)
+        case ast.UnaryOp(op=ast.Not(), operand=part):
+            _check_condition(part, names, depth + 1)
+        case _:
+            raise ExpressionError(
+                "gives where a condition that is none: compare two values by < <= > >=, joined by "
+                "and, or, not"
+            )
+
+
+def names_in(tree: ast.expr) -> frozenset[str]:
+    """List the names in a checked tree: parameters, inputs, ``t`` and dotted ones."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Attribute):
+            found.add(dotted(node))
+        elif isinstance(node, ast.Name):
+            found.add(node.id)
+        elif isinstance(node, ast.Call):
+            # The name of the function is no name of the scene; values of a table may have some.
+            waiting += node.args
+            if table := table_of(node.func):
+                found |= table.names
+        else:
+            waiting += ast.iter_child_nodes(node)
+    return frozenset(found)
+
+
+def number_tree(value: float) -> ast.expr:
+    """Make the tree of a number; the grammar has no negative constants."""
+    return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
+
+
+def dotted(tree: ast.expr) -> str:
+    """Give the name that a chain of attributes is, as ``edge.variable``; else nothing."""
+    steps: list[str] = []
+    while isinstance(tree, ast.Attribute):
+        steps.append(tree.attr)
+        tree = tree.value
+    return ".".join([tree.id, *reversed(steps)]) if isinstance(tree, ast.Name) and steps else ""
+
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
 _WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")

@@ -1,31 +1,91 @@
 """Fields and initial values of an edge, checked against the rows of the component.
 
+Components are adapted to the fields of a scene, heat goes to further nodes, and transistors have
+inner nodes: the original statement cannot be recovered from the resulting edge.
+
 In: values as given. Out: parsed expressions, alone, in threes, or in three rows of three.
 """
 
 from __future__ import annotations
 
+import numbers
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeGuard
 
-from cotree.components import FreeRotation, Role, Shape, content_of, integral_of
-from cotree.components.spaces import body_space
-from cotree.dag.rotation import quaternion_of_matrix
+from cotree.components import Component, Field, FreeRotation, Role, Shape, content_of, integral_of
+from cotree.components.multibody import body_space
+from cotree.dag.vector import quaternion_of_matrix
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, check_known
 from cotree.naming import check_text
-from cotree.scene.expressions import parse
-from cotree.scene.statements import is_list
-from cotree.scene.tables import converted, parse_lookup
-from cotree.units import check_fits, check_unit
+from cotree.scene.expressions import Expression, FieldValue, parse
+from cotree.scene.tables import converted, parse_lookup, parse_signal
+from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from cotree.dag.multi_output import Table
 
-    from cotree.components import Component, Field
-    from cotree.scene.expressions import Expression, FieldValue
-    from cotree.units import Unit
+
+# Larger integers are not all exact as doubles.
+_LARGEST_INTEGER = 2**53
+_DEEPEST = 4  # more levels than any field has; a list may hold itself
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Copy a value with its lists and tables, numbers becoming Python's own.
+
+    Values of other types stay as they are, for others to refuse.
+    """
+    if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
+        return value
+    # Numbers of numpy become Python's own, which TOML can write and comparisons treat alike.
+    if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
+        return int(value)
+    if isinstance(value, numbers.Real):
+        try:
+            return float(value)
+        except (OverflowError, ValueError):
+            return value
+    if hasattr(value, "tolist"):  # arrays
+        return plain(value.tolist(), depth + 1)
+    if isinstance(value, Mapping):
+        return {key: plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, Iterable):
+        return [plain(item, depth + 1) for item in value]
+    return value
+
+
+def edge_statement(
+    type: str, nodes: Sequence[object], fields: Mapping[str, Any], initial: Any
+) -> dict[str, Any]:
+    """Make the table of an edge in a scene file, of values that are plain.
+
+    Fields that are None are left out, as are nodes and initial values where there are none.
+
+    Parameters
+    ----------
+    type : str
+        Name of the component type.
+    nodes : sequence of str
+        Its nodes.
+    fields : mapping of str to object
+        Its fields.
+    initial : mapping or None
+        Its initial values.
+    """
+    rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
+    return {
+        key: value
+        for key, value in rows.items()
+        if value is not None and not (key in ("nodes", "initial") and not value)
+    }
+
+
+def is_list(value: object) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list, as of nodes or of numbers; a text is none."""
+    return isinstance(value, Sequence) and not isinstance(value, str)
 
 
 def check_fields(
@@ -246,3 +306,41 @@ def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...
     if len(value) != 3 or not all(map(is_list, value)):
         return None
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal from outside: an expression of t and parameters, or a table over t.
+
+    Attributes
+    ----------
+    name : str
+        Its name in expressions.
+    value : Expression or Table
+        What it is where a run gives nothing else.
+    unit, doc : str
+        Its unit and meaning, for people.
+    """
+
+    name: str
+    value: Expression | Table
+    unit: str = ""
+    doc: str = ""
+    given: tuple[Any, str] | None = None  # where it was given in a unit that is not of SI
+
+
+def make_input(name: str, value: Any, unit: str, doc: str) -> Input:
+    """Check an input's value, unit and meaning.
+
+    Raises
+    ------
+    SceneError, ExpressionError, UnitError
+        If one of them is not accepted.
+    """
+    what = f"input '{name}'"
+    text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
+    own = check_unit(text, f"unit of {what}")
+    signal, given = parse_signal(value, what, own), None
+    if own is not None and not own.is_si:
+        text, given = own.si, (plain(value), text)
+    return Input(name, signal, text, doc, given)

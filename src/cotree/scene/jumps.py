@@ -6,9 +6,9 @@ mechanism locates every jump, restarts the integration there and lets sensitivit
 
 Each step then stays on the branch that it began on, however far it reaches. Conditions of time and
 parameters alone that are piecewise linear in time are left as they are: their times are known
-before a run, see :mod:`cotree.dag.stops`. So are expressions with a corner but no jump, such as
-``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous there,
-and :mod:`cotree.program.pieces` locates corners without modes.
+before a run, see :mod:`cotree.dag.switching_times`. So are expressions with a corner but no jump,
+such as ``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous
+there, and :mod:`cotree.program.surfaces` locates corners without modes.
 """
 
 from __future__ import annotations
@@ -20,12 +20,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cotree.dag.nodes import Dag
-from cotree.dag.stops import is_cut
-from cotree.scene.branches import check_contents, check_located, may_branch, with_branches
-from cotree.scene.corners import has_only_corner, jumps_in
+from cotree.dag.switching_times import is_cut
+from cotree.scene.branches import (
+    check_contents,
+    check_located,
+    has_only_corner,
+    jumps_in,
+    may_branch,
+    with_branches,
+)
 from cotree.scene.events import Event, Mode
-from cotree.scene.expressions import Expression
-from cotree.scene.grammar import COMPARISONS, names_in, number_tree
+from cotree.scene.expressions import COMPARISONS, Expression, names_in, number_tree
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

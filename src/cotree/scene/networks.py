@@ -1,21 +1,29 @@
-"""Scalar graphs of a scene: an edge for each port of its components."""
+"""Scalar graphs of a scene: an edge for each port of its components.
+
+The law of a controlled source relates its own variable to a variable elsewhere. Where the rest of
+the network determines the first, as the current in series with an inductor, it determines the
+second: the controlling edge is a branch of the tree of across variables and a chord in that of
+through variables, and the source the opposite, as input and output of an ideal amplifier are.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind, Role
+from cotree.components import Kind, Law, Role, Terminal
+from cotree.dag.derivative import tangents
+from cotree.dag.nodes import Dag
 from cotree.domains import DOMAINS
+from cotree.errors import Error
 from cotree.graph import GraphEdge, LinearGraph
+from cotree.scene.ports import PortEnds
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
-    from cotree.components import Terminal
     from cotree.scene.description import Edge, SceneDescription
-    from cotree.scene.expressions import FieldValue
-    from cotree.scene.ports import PortEnds
+    from cotree.scene.expressions import Expression, FieldValue
 
 
 @dataclass(frozen=True)
@@ -114,3 +122,157 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
             )
             graphs[domain] = LinearGraph(domain, tuple(nodes), tuple(edges))
     return graphs
+
+
+#: What a source gives, by its kind.
+GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
+
+#: Kinds whose through variable may follow from the law of a source that it controls. That of a
+#: storage of through is a state, and that of a source of through is given.
+_MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
+
+
+@dataclass(frozen=True)
+class Swap:
+    """A controlled source that may determine what controls it.
+
+    Attributes
+    ----------
+    source : Port
+        The source.
+    control : Port
+        The edge of the controlling variable. An across variable of nodes, or of an edge with a law
+        of its own, is that of an open edge beside, which is in no other graph.
+    quantity : str
+        The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose
+        ports have laws for either.
+    """
+
+    source: Port
+    control: Port
+    quantity: str
+
+    @property
+    def name(self) -> str:
+        """Its name among those of edges."""
+        return f"{self.source.name}|{self.control.name}"
+
+
+def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
+    """List the swaps that there are: of each source with each variable in its law.
+
+    Beside controlled sources the ports of an ideal coupling may be swapped too: each of its two
+    laws may determine a variable of the same port.
+    """
+    controlled = {
+        name: variables
+        for name, port in ports.items()
+        if _is_single(port, ports) and not port.is_coupling and not port.is_short
+        if (variables := dict.fromkeys(_variables(port, ports)))
+    }
+    found = []
+    for name, variables in controlled.items():
+        for quantity, tail, head, measured in variables:
+            other = ports.get(measured)
+            if quantity == "across":
+                if other is None or other.kind is not Kind.THROUGH_SOURCE or not _is_meter(other):
+                    other = _open(ports[name], tail, head, measured)
+                found.append(Swap(ports[name], other, quantity))
+            # A controlled source cannot determine a variable of its own besides.
+            elif other is not None and other.kind in _MEASURED_THROUGH:
+                found += [] if measured in controlled else [Swap(ports[name], other, quantity)]
+    active = {swap.source.terminal.domain for swap in found}
+    couples: dict[str, list[Port]] = {}
+    for port in ports.values():
+        is_free = not port.is_coupling and not port.is_short
+        if port.kind is Kind.COUPLED and is_free and port.terminal.domain in active:
+            couples.setdefault(port.edge.name, []).append(port)
+    for both in couples.values():
+        if len(both) == 2:
+            first, second = both
+            found += [Swap(first, second, ""), Swap(second, first, "")]
+    return tuple(found)
+
+
+def _is_single(port: Port, ports: Mapping[str, Port]) -> bool:
+    """Return whether a port is a source, and the only one of its component but for meters."""
+    others = [ports[port.sibling(row.port)] for row in port.edge.component.ports]
+    is_source = port.kind in GIVES and not _is_meter(port)
+    return is_source and all(_is_meter(p) for p in others if p is not port)
+
+
+def _variables(port: Port, ports: Mapping[str, Port]) -> Iterator[tuple[str, str, str, str]]:
+    """List the variables in the law of a source: quantity, tail, head, and edge or node."""
+    law = getattr(port.terminal, GIVES[port.kind])
+    fields = port.edge.law_fields
+    for argument in law.arguments if law is not None else ():
+        quantity, _, rest = argument.partition("_")
+        if argument in fields:
+            yield from _in_field(fields[argument], port.terminal.domain, ports)  # type: ignore[arg-type]
+        elif quantity in GIVES.values() and rest and not rest.startswith("rate"):
+            meter = ports[port.sibling(rest)]
+            if _is_meter(meter):
+                yield from _of_port(quantity, meter, port.terminal.domain)
+
+
+def _in_field(
+    field: Expression, domain: str, ports: Mapping[str, Port]
+) -> Iterator[tuple[str, str, str, str]]:
+    """List the variables of edges and nodes in an expression."""
+    row = DOMAINS[domain]
+    alike = [p for p in ports.values() if p.terminal.domain == domain and not p.is_coupling]
+    nodes = {node for port in alike for node in (port.tail, port.head)} - {"ground"}
+    potentials = []
+    for name in field.names:
+        first, _, symbol = name.rpartition(".")
+        own = [p for p in alike if first in (p.name, p.edge.name)]
+        if len(own) == 1 and symbol in (row.across_symbol, row.through_symbol):
+            quantity = "across" if symbol == row.across_symbol else "through"
+            yield from _of_port(quantity, own[0], domain)
+        elif not own and symbol == row.across_symbol and first in nodes:
+            potentials.append(name)
+    # Where only the difference of two potentials counts, that is the variable.
+    for name in potentials:
+        first = name.rpartition(".")[0]
+        others = [o for o in potentials if o != name and _is_of_difference(field, name, o)]
+        for other in others:
+            if other > name:
+                second = other.rpartition(".")[0]
+                yield "across", second, first, f"{first}_{second}"
+        if not others:
+            yield "across", "ground", first, first
+
+
+def _is_of_difference(field: Expression, first: str, second: str) -> bool:
+    """Return whether an expression keeps its value where two names in it grow by the same."""
+    dag = Dag()
+    symbols = {name: dag.symbol("name", i) for i, name in enumerate(field.names)}
+    try:
+        node = field.lower(dag, symbols.__getitem__)
+        (rate,) = tangents([node], {symbols[first]: dag.one, symbols[second]: dag.one})
+    except (Error, ArithmeticError):
+        return False  # what is wrong with it is told where it is formed
+    return rate.is_zero
+
+
+def _of_port(quantity: str, port: Port, domain: str) -> Iterator[tuple[str, str, str, str]]:
+    if not port.is_coupling and not port.is_short and port.terminal.domain == domain:
+        yield quantity, port.tail, port.head, port.name
+
+
+def _is_meter(port: Port) -> bool:
+    """Whether a port measures a variable and does nothing else: its other variable is zero."""
+    law = getattr(port.terminal, GIVES[port.kind]) if port.kind in GIVES else None
+    return law is not None and law.expression == 0
+
+
+def _open(source: Port, tail: str, head: str, measured: str) -> Port:
+    """Make an open edge between nodes."""
+    terminal = Terminal(
+        source.terminal.domain,
+        Kind.THROUGH_SOURCE,
+        measured,
+        through=Law(lambda: 0),
+        is_passive=False,
+    )
+    return Port(f"{source.name}.{measured}", source.edge, terminal, PortEnds(tail, head))

@@ -1,5 +1,12 @@
 """Parts of a scene: scenes within it, each once or as an array.
 
+In: the scene of a part, its name, and what its nodes, parameters and inputs are. Out: parameters,
+inputs, modes, edges, outputs and events, made by the same functions as those of any scene. Names
+are replaced in texts, which are then parsed again: an expression and its text cannot differ.
+
+Names of nodes hold expressions in braces, ``n{i - 1}``; expressions hold the name itself,
+``R0*(1 + 0.1*i)``. Both are of the grammar of expressions, which nothing evaluates as Python.
+
 A part is a statement: a scene, and what its nodes, parameters and inputs are in the outer scene.
 What it stands for are the declarations of that scene under the part's name, ``leg1.knee``, which
 the outer scene holds beside its own (`part_rows.py`).
@@ -7,18 +14,375 @@ the outer scene holds beside its own (`part_rows.py`).
 
 from __future__ import annotations
 
+import keyword
+import re
+import unicodedata
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from cotree.scene.part_index import in_name
+from cotree.components import Shape
+from cotree.components.ports import HEAT
+from cotree.dag.nodes import Dag, Node
+from cotree.errors import ExpressionError, SceneError, brief
+from cotree.naming import RESERVED
+from cotree.scene.edge import Edge, make_edge
+from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, knowing, parse
+from cotree.scene.fields import Input, make_input
+from cotree.scene.parameters import Parameter, make_parameter
+from cotree.scene.tables import LookupTable, parse_signal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from cotree.scene.description import SceneDescription
+    from cotree.scene.events import Event
     from cotree.scene.origin import Origin
+
+
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
+#: Entries of tables in fields that hold words, and no expressions.
+_WORDS = frozenset({"unit", "interpolation", "beyond"})
+_CALLED = frozenset({*FUNCTIONS, WHERE})
+#: What counts a whole scene, and no part of it.
+_OF_SCENES = ("energy.kinetic", "energy.potential")
+
+
+def replace_names(text: str, new: Callable[[str], str]) -> str:
+    """Replace the names in an expression; functions, words and reserved names stay.
+
+    Parameters
+    ----------
+    text : str
+        The expression.
+    new : callable
+        Gives the text that stands for a name, which may have dots.
+    """
+    # Python's parser reads letters of other forms, as of full width, as those that they are like.
+    text = text if text.isascii() else unicodedata.normalize("NFKC", text)
+
+    def one(match: re.Match[str]) -> str:
+        name = re.sub(r"\s", "", match[0])
+        is_called = name in _CALLED and text[match.end() :].lstrip().startswith("(")
+        if is_called or name in RESERVED or keyword.iskeyword(name):
+            return match[0]
+        return new(name)
+
+    return _NAME.sub(one, text)
+
+
+@dataclass(frozen=True)
+class Renaming:
+    """From names within a part to those of the outer scene.
+
+    Attributes
+    ----------
+    prefix : str
+        What names get, with its dot: ``leg1.``.
+    nodes : mapping of str to str
+        Nodes of the part that are nodes of the outer scene.
+    scene : SceneDescription
+        The scene of the part.
+    """
+
+    prefix: str
+    nodes: Mapping[str, str]
+    scene: SceneDescription
+
+    def node(self, name: str) -> str:
+        """Rename a node."""
+        return name if name == "ground" else self.nodes.get(name, f"{self.prefix}{name}")
+
+    def name(self, name: str) -> str:
+        """Rename a name of expressions."""
+        if name in _OF_SCENES and "energy" not in self.scene.edges:
+            raise SceneError(
+                f"uses '{name}', which counts all of the outer scene and not the part: declare it "
+                "there"
+            )
+        owner = name.rpartition(".")[0]
+        # A node may be one of a part within this part, and variables may have dots of their own.
+        while owner:
+            if owner == "ground":
+                return name
+            if owner in self.nodes:
+                if owner in self.scene.edges:
+                    raise SceneError(
+                        f"uses '{name}', but '{owner}' is an edge and a node that is connected: "
+                        "rename one of them"
+                    )
+                return f"{self.nodes[owner]}{name[len(owner) :]}"
+            owner = owner.rpartition(".")[0]
+        return f"{self.prefix}{name}"
+
+    def text(self, text: str, where: str) -> str:
+        """Rename what an expression is made of."""
+        try:
+            return replace_names(text, self.name)
+        except SceneError as error:
+            raise SceneError(f"{where} {error}") from None
+
+    def expression(self, value: Expression, where: str) -> Expression:
+        """Rename what an expression is made of, and what it belongs to."""
+        if not value.names:
+            return replace(value, where=where)
+        return parse(self.text(value.text, where), where)
+
+    def field(self, value: Any, where: str) -> Any:
+        """Rename the expressions in the value of a field, as it was stated."""
+        if isinstance(value, str):
+            return self.text(value, where)
+        if isinstance(value, dict):
+            return {k: v if k in _WORDS else self.field(v, where) for k, v in value.items()}
+        return [self.field(item, where) for item in value] if isinstance(value, list) else value
+
+    def table(self, table: LookupTable) -> LookupTable:
+        """Make a table of the outer scene."""
+        own = f"{self.prefix}{table.name}"
+        values = tuple(self.expression(v, v.where) for v in table.values)
+        return replace(table, name=own, values=values)
+
+    def edge(self, edge: Edge) -> Edge:
+        """Make an edge of the outer scene."""
+        own = f"{self.prefix}{edge.name}"
+        given = dict(edge.statement)
+        type, nodes = given.pop("type"), given.pop("nodes", [])
+        initial = given.pop("initial", None)
+        names, joints = _node_fields(edge), _joint_fields(edge)
+        fields: dict[str, Any] = {}
+        for key, value in given.items():
+            if key in joints and isinstance(value, str):
+                fields[key] = f"{self.prefix}{value.strip()}"
+            elif key in names and isinstance(value, str):
+                fields[key] = self.node(value)
+            elif key in names and isinstance(value, list):
+                fields[key] = [self.node(item) if isinstance(item, str) else item for item in value]
+            else:
+                fields[key] = self.field(value, f"{key} of edge '{own}'")
+        first = None if initial is None else self.field(initial, f"initial of edge '{own}'")
+        return make_edge(own, type, [self.node(node) for node in nodes], first, fields)
+
+    def event(self, event: Event) -> Event:
+        """Make an event of the outer scene."""
+        own = f"{self.prefix}{event.name}"
+        whose, restitution = f"event '{own}'", event.restitution
+        return replace(
+            event,
+            name=own,
+            when=self.expression(event.when, f"when of {whose}"),
+            set={
+                self.name(key): self.expression(v, f"'{self.name(key)}' in set of {whose}")
+                for key, v in event.set.items()
+            },
+            restitution=restitution
+            if restitution is None
+            else self.expression(restitution, f"restitution of {whose}"),
+        )
+
+    def parameter(self, row: Parameter) -> Parameter:
+        """Make a parameter of the outer scene."""
+        own = f"{self.prefix}{row.name}"
+        if isinstance(row.value, Expression):
+            value = self.expression(row.value, f"parameter '{own}'")
+            return replace(row, name=own, value=value)
+        return replace(row, name=own)
+
+    def input(self, row: Input) -> Input:
+        """Make an input of the outer scene."""
+        own = f"{self.prefix}{row.name}"
+        if isinstance(row.value, Expression):
+            return replace(row, name=own, value=self.expression(row.value, f"input '{own}'"))
+        return replace(row, name=own)
+
+
+def _node_fields(edge: Edge) -> set[str]:
+    """List the entries of an edge that hold names of nodes."""
+    component = edge.component
+    found = {row.name for row in component.fields if row.shape is Shape.NAMES}
+    ports = [port.port for port in component.ports if port.port]
+    if HEAT in ports or len(ports) > 1:
+        found |= set(ports)
+    # What sits on the line of two nodes lists them; a law may have a number of this name.
+    if any(len(ends.acts_on) == 2 for ends in edge.ports):
+        found.add("line")
+    # A reaction has its nodes in fields that its adapted component no longer has.
+    return found | {"reactants", "products"} if component.name == "reaction" else found
+
+
+def _joint_fields(edge: Edge) -> set[str]:
+    """List the entries of an edge that hold the name of a joint."""
+    row = edge.component.field("joint")
+    is_place = row is not None and row.shape is Shape.EXPRESSION
+    sits = any(len(ends.acts_on) == 1 for ends in edge.ports)
+    return {"joint"} if is_place or sits else set()
+
+
+@dataclass
+class Rows:
+    """Declarations that parts bring to an outer scene, by table and name.
+
+    Attributes
+    ----------
+    tables, parameters, inputs, modes, edges, outputs, events : dict
+        As in a scene.
+    """
+
+    tables: dict[str, LookupTable] = field(default_factory=dict)
+    parameters: dict[str, Parameter] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)
+    modes: dict[str, Any] = field(default_factory=dict)
+    edges: dict[str, Edge] = field(default_factory=dict)
+    outputs: dict[str, Expression] = field(default_factory=dict)
+    events: dict[str, Event] = field(default_factory=dict)
+
+    def add(self, renaming: Renaming) -> None:
+        """Add the declarations of a part, under its name."""
+        scene, prefix = renaming.scene, renaming.prefix
+        for name, table in scene.tables.items():
+            self.tables[f"{prefix}{name}"] = renaming.table(table)
+        with knowing(self.tables):
+            self._add_stated(renaming)
+
+    def _add_stated(self, renaming: Renaming) -> None:
+        """Add all but the tables, which expressions call."""
+        scene, prefix = renaming.scene, renaming.prefix
+        for name, row in scene.parameters.items():
+            self.parameters[f"{prefix}{name}"] = renaming.parameter(row)
+        for name, signal in scene.inputs.items():
+            self.inputs[f"{prefix}{name}"] = renaming.input(signal)
+        for name, mode in scene.modes.items():
+            own = f"{prefix}{name}"
+            initial = renaming.expression(mode.initial, f"mode '{own}'")
+            self.modes[own] = replace(mode, name=own, initial=initial)
+        for name, edge in scene.edges.items():
+            self.edges[f"{prefix}{name}"] = renaming.edge(edge)
+        for name, output in scene.outputs.items():
+            own = f"{prefix}{name}"
+            self.outputs[own] = renaming.expression(output, f"output '{own}'")
+        for name, event in scene.events.items():
+            self.events[f"{prefix}{name}"] = renaming.event(event)
+
+    def bind_parameter(self, name: str, value: Any) -> None:
+        """Give a parameter of a part another value: a number, or an expression.
+
+        Raises
+        ------
+        ParameterError, ExpressionError, SceneError, UnitError
+            If the value is not accepted.
+        """
+        row = self.parameters[name]
+        value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
+        # What follows from other parameters is fixed where they are.
+        tunable = row.tunable or isinstance(value, str)
+        made = make_parameter(name, value, unit, row.doc, tunable)
+        _check_unit(made.unit, row.unit, f"parameter '{name}'")
+        self.parameters[name] = made
+
+    def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
+        """Let an input of a part be a number, a table or an expression of the outer scene.
+
+        What depends on more than parameters and time becomes an output of the same name, which
+        fields may name as they do inputs.
+
+        Raises
+        ------
+        ExpressionError, SceneError, UnitError
+            If the value is not accepted.
+        """
+        row = self.inputs.get(name) or Input(name, parse(0.0, ""))
+        value, unit = _with_unit(value, row.unit, f"input '{name}'")
+        signal = parse_signal(value, f"input '{name}'")
+        known = (scene.parameters, self.parameters, RESERVED)
+        if isinstance(signal, Expression) and not all(
+            any(used in names for names in known) for used in signal.names
+        ):
+            self.inputs.pop(name, None)
+            self.outputs[name] = replace(signal, where=f"output '{name}'")
+            return
+        self.outputs.pop(name, None)
+        self.inputs[name] = make_input(name, value, unit, row.doc)
+        _check_unit(self.inputs[name].unit, row.unit, f"input '{name}'")
+
+
+def _with_unit(value: Any, own: str, what: str) -> tuple[Any, str]:
+    """Take the value and the unit of a table; a plain value is in the unit of the part, of SI."""
+    if not isinstance(value, dict):
+        return value, own
+    if "value" not in value or not set(value) <= {"value", "unit"}:
+        raise SceneError(f"{what} is a table: give it 'value' and 'unit', no more")
+    return value["value"], value.get("unit", own)
+
+
+def _check_unit(unit: str, own: str, what: str) -> None:
+    if own and unit != own:
+        raise SceneError(f"{what} is in '{own}', which its value cannot be converted to")
+
+
+_BRACES = re.compile(r"\{([^{}]*)\}")
+
+
+def in_name(text: str, index: Mapping[str, int], what: str) -> str:
+    """Put numbers in the place of braces.
+
+    Parameters
+    ----------
+    text : str
+        A name with expressions in braces.
+    index : mapping of str to int
+        The values of the index.
+    what : str
+        What the name belongs to, for messages.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If an expression is none, holds other names, or is no whole number from 0 on.
+    """
+    if "{" not in text:
+        return text
+    return _BRACES.sub(lambda match: str(_whole(match[1], index, what)), text)
+
+
+def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
+    """Put the numbers of a part into a value; what is then a number becomes one."""
+    if not index:
+        return value
+    if isinstance(value, dict):
+        return {k: v if k == "unit" else in_value(v, index, what) for k, v in value.items()}
+    if not isinstance(value, str):
+        return value
+    text = in_name(value, index, what)
+    used = parse(text, what).names
+    if not used & index.keys():
+        return text
+    filled = replace_names(text, lambda name: str(index.get(name, name)))
+    # A value that the index alone decides is a number, which runs may change.
+    return _number(filled, {}, what) if used <= {*index, "pi"} else filled
+
+
+def _whole(text: str, index: Mapping[str, int], what: str) -> int:
+    number = _number(text, index, what)
+    if not number.is_integer() or not 0 <= number < 2**53:
+        raise SceneError(
+            f"{what}: '{{{brief(text)}}}' is {number:g}: give a whole number that is not negative"
+        )
+    return int(number)
+
+
+def _number(text: str, index: Mapping[str, int], what: str) -> float:
+    dag = Dag()
+
+    def resolve(name: str) -> Node:
+        if name not in index:
+            known = ", ".join(index) if index else "none, since it is no array"
+            raise ExpressionError(f"uses '{brief(name)}', which is no index; known: {known}")
+        return dag.constant(float(index[name]))
+
+    found = parse(text, what).lower(dag, resolve).value
+    assert found is not None  # constants fold
+    return float(found)
+
 
 #: Tables of a scene whose rows a part brings along.
 TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")

@@ -1,27 +1,370 @@
-"""Parts added to a scene: names checked, declarations made and put into its tables."""
+"""Parts added to a scene: names checked, declarations made and put into its tables.
+
+Messages about the equations name an edge as the outer scene does, ``leg1.knee``; its statement
+stands in another file, under another name.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from itertools import takewhile
+from math import prod
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import ModelError, SceneError, brief, nearest
+from cotree.errors import FormulationError, ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
-from cotree.scene.calls import knowing
+from cotree.scene.expressions import knowing
+from cotree.scene.fields import is_list, plain
 from cotree.scene.parameters import check_cycle
-from cotree.scene.part import TABLES, Part, owner_of
-from cotree.scene.part_index import in_name, in_value
-from cotree.scene.part_origin import told_origins
-from cotree.scene.part_rows import Renaming, Rows
-from cotree.scene.part_statement import make_part
-from cotree.scene.statements import plain
+from cotree.scene.part import TABLES, Part, Renaming, Rows, in_name, in_value, owner_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
     from cotree.scene.description import SceneDescription
     from cotree.scene.edge import Edge
+
+
+#: Kinds of bindings, in the order in which a name is looked for.
+KINDS = ("nodes", "parameters", "inputs")
+#: Entries of a part besides its bindings.
+RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
+_INDEX = ("i", "j", "k")
+#: Edges of a scene, and declarations that come with parts: a bound on what untrusted input may ask
+#: for.
+LARGEST_SCENE = 250_000
+
+
+def make_part(
+    name: str,
+    scene: SceneDescription,
+    given: Mapping[str, Any],
+    outer: SceneDescription,
+    source: str,
+) -> Part:
+    """Make a part of its statement.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    scene : SceneDescription
+        What it is made of.
+    given : mapping of str to object
+        What was said: ``count``, ``index``, ``nodes``, ``parameters``, ``inputs``, ``set``, and
+        bindings by the name of a node, a parameter or an input.
+    outer : SceneDescription
+        The scene that it becomes a part of.
+    source : str
+        What the scene was read from, for messages.
+
+    Raises
+    ------
+    SceneError
+        If an entry is unknown or not of its kind, or a port is left open.
+    """
+    rest: dict[str, Any] = plain(given)
+    counts = _counts(rest.pop("count", None))
+    index = _index(rest.pop("index", None), counts, outer)
+    bound = {kind: _table(rest.pop(kind, {}), kind) for kind in KINDS}
+    own = _table(rest.pop("set", {}), "set")
+    known: dict[str, Sequence[str]] = {
+        "nodes": scene.ports or tuple(n for n in scene.nodes if n != "ground"),
+        "parameters": tuple(scene.parameters),
+        "inputs": tuple(scene.inputs),
+    }
+    for key, value in rest.items():
+        kinds = [kind for kind in KINDS if key in known[kind]]
+        if not kinds:
+            raise SceneError(_unknown(key, scene, known))
+        if len(kinds) > 1:
+            raise SceneError(
+                f"'{brief(key)}' is a name among {' and '.join(kinds)} of {scene.name}: give it in "
+                f"one of these tables, {kinds[0]} = {{ {key} = ... }}"
+            )
+        if key in bound[kinds[0]]:
+            raise SceneError(f"'{brief(key)}' is given twice, alone and among {kinds[0]}")
+        bound[kinds[0]][key] = value
+    for kind in KINDS:
+        for key in bound[kind]:
+            if key not in known[kind]:
+                raise SceneError(_unknown(key, scene, {kind: known[kind]}))
+    for key, value in bound["nodes"].items():
+        if not isinstance(value, str):
+            raise SceneError(f"node '{key}' is {brief(value)}: give the name of a node in quotes")
+    for key, value in own.items():
+        if key.rpartition(".")[2] in known["nodes"] and not isinstance(value, (str, int, float)):
+            raise SceneError(f"'{brief(key)}' in set is {brief(value)}: give a node in quotes")
+    for port in scene.ports:
+        if port not in bound["nodes"]:
+            raise SceneError(
+                f"port '{port}' of {scene.name} is left open: connect it, {port} = \"node\""
+            )
+    _check_size(scene, counts, outer)
+    return Part(name, scene, counts, index, **bound, set=own, source=source)
+
+
+def _unknown(key: object, scene: SceneDescription, known: Mapping[str, Sequence[str]]) -> str:
+    singular = {"nodes": "port" if scene.ports else "node"}
+    words = [singular.get(kind, kind[:-1]) for kind in known]
+    listed = f"{', '.join(words[:-1])} or {words[-1]}" if len(words) > 1 else words[0]
+    names = [name for group in known.values() for name in group]
+    if key == "ground":
+        return "'ground' is the reference of all scenes and cannot be connected: use another node"
+    if scene.ports and isinstance(key, str) and key in scene.nodes and "nodes" in known:
+        ports = ", ".join(scene.ports)
+        return f"'{brief(key)}' is a node of {scene.name}, but none of its ports: {ports}"
+    return f"{scene.name} has no {listed} '{brief(key)}'{nearest(key, names)}"
+
+
+def _table(value: object, what: str) -> dict[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise SceneError(f"{what} must be a table of names and values")
+    return dict(value)
+
+
+def _counts(given: object) -> tuple[int, ...]:
+    if given is None:
+        return ()
+    rows: list[Any] = list(given) if is_list(given) else [given]
+    if not 1 <= len(rows) <= len(_INDEX):
+        raise SceneError(f"count has {len(rows)} numbers: give one, two or three")
+    for row in rows:
+        # Python's booleans are numbers; as a count they are a mistake.
+        if isinstance(row, bool) or not isinstance(row, int) or row < 1:
+            raise SceneError(f"count is {brief(repr(row))}: give a whole number from 1 on")
+    return tuple(rows)
+
+
+def _index(given: object, counts: Sequence[int], outer: SceneDescription) -> tuple[str, ...]:
+    if given is None:
+        names: list[Any] = list(_INDEX[: len(counts)])
+    else:
+        names = list(given) if is_list(given) else [given]
+        if len(names) != len(counts):
+            raise SceneError(f"index has {len(names)} names for {len(counts)} counts")
+    for name in names:
+        check_name("index", name)
+        taken = {**outer.parameters, **outer.inputs, **outer.outputs, **outer.modes}
+        if name in taken or name in RESERVED:
+            raise SceneError(
+                f"index '{name}' is a name of the scene, too: give it another, index = \"n\""
+            )
+    if len(set(names)) < len(names):
+        raise SceneError("index names one number twice")
+    return tuple(names)
+
+
+def _check_size(scene: SceneDescription, counts: Sequence[int], outer: SceneDescription) -> None:
+    n, rows, others = prod(counts), _size(scene), _size(outer)
+    if n * max(rows, 1) + others > LARGEST_SCENE:
+        raise SceneError(
+            f"{n} parts of {rows} declarations each would make the scene larger than "
+            f"{LARGEST_SCENE}"
+        )
+
+
+def _size(scene: SceneDescription) -> int:
+    return sum(len(getattr(scene, table)) for table in TABLES)
+
+
+def check_entries(given: Mapping[str, Any]) -> None:
+    """Refuse a part without a scene.
+
+    Raises
+    ------
+    SceneError
+        If it has none, or names it by something other than a text.
+    """
+    if "scene" not in given:
+        near = [key for key in given if nearest(key, ["scene"]).endswith("?")]
+        hint = f"; did you mean it by '{brief(near[0])}'?" if near else ""
+        raise SceneError(f"needs the entry 'scene': a file, or the name of a shipped part{hint}")
+    if not isinstance(given["scene"], str):
+        raise SceneError(f"scene is {brief(given['scene'])}: give a file or a name in quotes")
+
+
+def statement_of(part: Part) -> dict[str, Any]:
+    """Write a part as the table of a scene file, without its scene.
+
+    Bindings stand alone where their names are clear, and in tables of their kind where not.
+    """
+    table: dict[str, Any] = {}
+    if part.counts:
+        table["count"] = part.counts[0] if len(part.counts) == 1 else list(part.counts)
+        if part.index != _INDEX[: len(part.counts)]:
+            table["index"] = part.index[0] if len(part.index) == 1 else list(part.index)
+    scene = part.scene
+    names = {"nodes": scene.nodes, "parameters": scene.parameters, "inputs": scene.inputs}
+    for kind in KINDS:
+        for key, value in getattr(part, kind).items():
+            is_clear = sum(key in group for group in names.values()) == 1
+            if is_clear and key not in RESERVED_ENTRIES and "." not in key:
+                table[key] = value
+            else:
+                table.setdefault(kind, {})[key] = value
+    if part.set:
+        table["set"] = dict(part.set)
+    return table
+
+
+_KEY = r'(?:[A-Za-z0-9_-]+|"[^"]*")'
+_HEADING = re.compile(rf"\s*\[\[?\s*({_KEY}(?:\s*\.\s*{_KEY})*)\s*\]")
+_ENTRY = re.compile(r"\s*\"?([A-Za-z_][A-Za-z0-9_-]*)\"?\s*[=.]")
+_STEP = re.compile(_KEY)
+_KINDS = {
+    "edges": "edge",
+    "parameters": "parameter",
+    "inputs": "input",
+    "outputs": "output",
+    "modes": "mode",
+    "events": "event",
+    "parts": "part",
+    "tables": "table",
+}
+
+
+def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
+    """Find where the declarations of a scene file are stated; the first line is 1.
+
+    Parameters
+    ----------
+    text : str
+        The file.
+    section : str
+        The table of the file that holds the scene, as ``scenes.leg``; the whole file where empty.
+
+    Returns
+    -------
+    dict of (str, str) to int
+        Lines by kind and name.
+    """
+    found: dict[tuple[str, str], int] = {}
+    within = section.split(".") if section else []
+    table, is_own = "", False
+    for number, line in enumerate(text.splitlines(), 1):
+        if heading := _HEADING.match(line):
+            steps = [step.strip('"') for step in _STEP.findall(heading[1])]
+            # Another table of the file is none of this scene.
+            steps = steps[len(within) :] if steps[: len(within)] == within else []
+            table = steps[0] if steps else ""
+            # Keys of [edges.k] are fields of k; those of [edges] are edges.
+            is_own = len(steps) > 1
+            if is_own and table in _KINDS:
+                found.setdefault((_KINDS[table], steps[1]), number)
+        elif not is_own and table in _KINDS and (entry := _ENTRY.match(line)):
+            found.setdefault((_KINDS[table], entry[1]), number)
+    return found
+
+
+_NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
+_MOST = 3  # names of which one message says where they stand
+_TABLES = (
+    *(("edge", "edges"), ("parameter", "parameters"), ("input", "inputs")),
+    *(("output", "outputs"), ("mode", "modes"), ("event", "events")),
+)
+
+
+def told_origins(
+    message: str, members: Mapping[str, Part], outer: SceneDescription | None = None
+) -> str:
+    """Say where the declarations of parts that a message names are stated, as its end.
+
+    Parameters
+    ----------
+    message : str
+        The message.
+    members : mapping of str to Part
+        The parts of the scene, by the name of each.
+    outer : SceneDescription, optional
+        The scene, whose file gives values to its parts.
+    """
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(_NAMED.findall(message)):
+        if told := _told(name, members, outer):
+            found.setdefault(told, name)
+    rows = [told.format(name=f"'{name}'") for told, name in list(found.items())[:_MOST]]
+    return f" ({'; '.join(rows)})" if rows else ""
+
+
+@contextmanager
+def origins_told(scene: SceneDescription) -> Iterator[None]:
+    """Let errors about a scene say, too, where the declarations of its parts are stated."""
+    try:
+        yield
+    except (ModelError, FormulationError) as error:
+        told = told_origins(str(error), scene.members, scene) if scene.members else ""
+        if not told or told in str(error):
+            raise
+        raise type(error)(f"{error}{told}") from None
+
+
+def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None:
+    """Find the innermost part that holds a name, and the name there."""
+    member, dot, local = name.partition(".")
+    part = members.get(member) if dot else None
+    if part is None:
+        return None
+    return origin_of(local, part.scene.members) or (part, local)
+
+
+def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
+    """Say where a name of a part is stated, with ``{name}`` for itself."""
+    member, dot, local = name.partition(".")
+    part = members.get(member) if dot else None
+    if part is None:
+        return ""
+    if name in part.set or local in part.parameters or local in part.inputs:
+        if outer is None:
+            return ""
+        return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
+    if local.partition(".")[0] in part.scene.members:
+        return _told(local, part.scene.members, part.scene)
+    # Of a variable the edge is stated; it may have a dot of its own, as those of ports have.
+    while local:
+        for kind, table in _TABLES:
+            if local in getattr(part.scene, table):
+                return f"{{name}} is {kind} '{local}' of {place_of(part.scene, kind, local)}"
+        if local in part.node_names:
+            return f"{{name}} is node '{local}' of {place_of(part.scene, 'node', local)}"
+        local = local.rpartition(".")[0]
+    return _unknown_name(name, part)
+
+
+def _unknown_name(name: str, part: Part) -> str:
+    """Say what a name within a part may be a slip of."""
+    member, _, local = name.partition(".")
+    known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
+    return f"part '{member}' has no '{local}'{nearest(local, known)}"
+
+
+def place_of(scene: SceneDescription, kind: str, name: str) -> str:
+    """Give the file of a scene with the line of a declaration; the scene's name without one."""
+    line = line_of(scene, kind, name)
+    file = os.path.basename(scene.file) or f"scene '{scene.name}'"
+    return f"{file}, line {line}" if line else file
+
+
+def line_of(scene: SceneDescription, kind: str, name: str) -> int | None:
+    """Find the line of a scene's file in which something is declared; the first is 1."""
+    if not scene.file.endswith(".toml"):
+        return None
+    try:
+        status = os.stat(scene.file)
+        lines = _lines(scene.file, status.st_mtime_ns, scene.section)
+    except (OSError, UnicodeDecodeError):  # the file is gone, or has become something else
+        return None
+    return lines.get((kind, name))
+
+
+@lru_cache(maxsize=64)
+def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], int]:
+    with open(file, encoding="utf-8") as stream:
+        return statement_lines(stream.read(), section)
+
 
 #: Names before a dot that mean something else.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})

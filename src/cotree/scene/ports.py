@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import Role
-from cotree.components.counterparts import ON_JOINTS
-from cotree.components.heat import HEAT, loss_of, with_heat
+from cotree.components.mechanical import ON_JOINTS
+from cotree.components.ports import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_path
-from cotree.scene.statements import is_list
+from cotree.scene.fields import is_list
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

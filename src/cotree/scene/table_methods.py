@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 from cotree.errors import SceneError, check_known
 from cotree.files import read_text
 from cotree.naming import RESERVED, check_name, check_text
-from cotree.scene.grammar import FUNCTIONS, WHERE
-from cotree.scene.lookup import make_lookup
-from cotree.scene.lookup_file import LARGEST_POINTS, read_points
+from cotree.scene.expressions import FUNCTIONS, WHERE
+from cotree.scene.tables import LARGEST_POINTS, make_lookup, read_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

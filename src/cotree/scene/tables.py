@@ -1,23 +1,250 @@
-"""Tables: piecewise linear functions of time, or of an expression in a field."""
+"""Tables of a scene: functions given by their points, of time or of expressions.
+
+In: knots, values, and what holds between and beyond them. Out: a function of one or two arguments
+that becomes nodes. Numbers stay data of the generated code; values that are expressions of
+parameters are written out, so that sensitivities follow them.
+"""
 
 from __future__ import annotations
 
 import ast
+import csv
+import io
 import math
 import numbers
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.multi_output import Table
-from cotree.errors import SceneError, UnitError
-from cotree.scene.calls import name_of
-from cotree.scene.expressions import Expression, parse
-from cotree.scene.grammar import names_in
-from cotree.scene.lookup import make_lookup
+from cotree.dag.lookup import CubicTable, PlaneTable, look_up
+from cotree.dag.multi_output import Table, table
+from cotree.errors import SceneError, UnitError, brief, nearest
+from cotree.files import is_number
+from cotree.scene.expressions import Expression, finite, name_of, names_in, parse, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
+    from cotree.dag.nodes import Dag, Node
     from cotree.units import Unit
+
+
+#: Values of a table: of one with numbers, and of one with expressions, which are written out.
+LARGEST_TABLE, _MOST_EXPRESSIONS = 100_000, 100
+
+_INTERPOLATIONS = ("linear", "monotone")
+_BEYOND = ("hold", "extend")
+
+
+@dataclass(frozen=True)
+class LookupTable:
+    """A function given by its points.
+
+    Attributes
+    ----------
+    name : str
+        What expressions call it; "table" where it belongs to one field.
+    x : tuple of float
+        Ascending arguments, at least two.
+    y : tuple of float
+        Arguments along the second axis; empty for a table of one argument.
+    values : tuple of Expression
+        Values at the points, for two arguments row by row, one row for each ``x``.
+    interpolation : str
+        ``linear`` (bilinear), or ``monotone``, cubic without overshoot.
+    beyond : str
+        What it is outside its points: ``hold`` keeps the last value, ``extend`` the last slope.
+    doc : str
+        Its meaning, for people.
+    """
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    values: tuple[Expression, ...]
+    interpolation: str = "linear"
+    beyond: str = "hold"
+    doc: str = field(default="")
+
+    @property
+    def n_arguments(self) -> int:
+        """Number of arguments."""
+        return 2 if self.y else 1
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Parameters that its values depend on."""
+        return frozenset[str]().union(*(value.names for value in self.values))
+
+    def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
+        """Form the node of its value."""
+        numbers = [value.number for value in self.values]
+        if any(number is None for number in numbers):
+            return self._written_out(dag, args[0], [v.lower(dag, resolve) for v in self.values])
+        z = cast("tuple[float, ...]", tuple(numbers))
+        if self.y:
+            # The outermost pieces reach beyond the ends, unless the arguments are held there.
+            if self.beyond == "hold":
+                args = [_held(at, axis) for at, axis in zip(args, (self.x, self.y), strict=True)]
+            return look_up(dag, PlaneTable(self.x, self.y, z), args)
+        at = args[0]
+        if self.interpolation == "linear":
+            inside = table(dag, Table(self.x, z), at)[0]
+            ends = [(b - a) / (v - u) for a, b, u, v in _end_pieces(self.x, z)]
+        else:
+            slopes = _monotone_slopes(self.x, z)
+            inside = look_up(dag, CubicTable(self.x, z, slopes), [_held(at, self.x)])
+            ends = [slopes[0], slopes[-1]]
+        if self.beyond == "hold":
+            return inside
+        below = dag.select(self.x[0] - at, (at - self.x[0]) * ends[0], dag.zero)
+        above = dag.select(at - self.x[-1], (at - self.x[-1]) * ends[1], dag.zero)
+        return inside + below + above
+
+    def _written_out(self, dag: Dag, at: Node, values: Sequence[Node]) -> Node:
+        """Write a linear table out: each piece adds what the value changes by within it."""
+        found, last = values[0], len(self.x) - 2
+        for k, (start, end) in enumerate(pairwise(self.x)):
+            way = at - start
+            if k > 0 or self.beyond == "hold":
+                way = dag.select(way, way, dag.zero)
+            if k < last or self.beyond == "hold":
+                whole = dag.constant(end - start)
+                way = dag.select(way - whole, whole, way)
+            found = found + (values[k + 1] - values[k]) * (way / (end - start))
+        return found
+
+
+def _held(at: Node, axis: Sequence[float]) -> Node:
+    """Keep an argument within an axis."""
+    dag = at.dag
+    low, high = dag.constant(axis[0]), dag.constant(axis[-1])
+    return dag.select(at - low, dag.select(at - high, high, at), low)
+
+
+def _end_pieces(
+    x: Sequence[float], z: Sequence[float]
+) -> tuple[tuple[float, float, float, float], ...]:
+    return ((z[0], z[1], x[0], x[1]), (z[-2], z[-1], x[-2], x[-1]))
+
+
+def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
+    """Choose slopes by which a cubic never leaves the range of neighbouring values.
+
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, as SciPy has it.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    return tuple(PchipInterpolator(x, z)(x, nu=1).tolist())
+
+
+def make_lookup(
+    name: str,
+    x: object,
+    y: object,
+    values: object,
+    interpolation: object = "linear",
+    beyond: object = "hold",
+    *,
+    doc: str = "",
+    where: str = "",
+) -> LookupTable:
+    """Check a table.
+
+    Parameters
+    ----------
+    name : str
+        Its name, accepted before.
+    x, y, values : object
+        Arguments and values: ``x`` and ``y`` of a table of one argument, where ``values`` is None;
+        of two arguments ``values`` has a row of as many values as ``y`` for each ``x``.
+    interpolation, beyond, doc
+        As of :class:`LookupTable`.
+    where : str
+        What it is called in messages; ``table 'name'`` where empty.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If arguments do not ascend, numbers are not finite, rows have the wrong length, or there are
+        too many.
+    """
+    where = where or f"table '{name}'"
+    if beyond == "stop":
+        raise SceneError(
+            f"beyond of {where} is 'stop': tables do not end runs; take 'hold' or 'extend', and "
+            "state an event with stop = true where the argument leaves the points"
+        )
+    for key, value, known in (
+        ("interpolation", interpolation, _INTERPOLATIONS),
+        ("beyond", beyond, _BEYOND),
+    ):
+        if value not in known:
+            hint = nearest(str(value), known)
+            raise SceneError(f"{key} of {where} is {brief(repr(value))}{hint}")
+    # A table of one argument may call its values either way.
+    is_plane = values is not None and y is not None
+    rows = _listed(values if values is not None else y, "values", where)
+    first = _axis(x, "x", where)
+    second = _axis(y, "y", where) if is_plane else ()
+    if len(rows) != len(first):
+        what = "rows of values" if is_plane else "values"
+        raise SceneError(f"{where} has {len(first)} numbers x and {len(rows)} {what}")
+    if is_plane:
+        rows = _flat(rows, len(second), where)
+    if len(rows) > LARGEST_TABLE:
+        raise SceneError(f"{where} has {len(rows)} values: {LARGEST_TABLE} are allowed")
+    made = tuple(parse(item, f"value {i} of {where}") for i, item in enumerate(rows, 1))
+    is_written = any(item.number is None for item in made)
+    if is_written and (is_plane or interpolation == "monotone" or len(made) > _MOST_EXPRESSIONS):
+        raise SceneError(
+            f"{where} has values that are expressions: only linear tables of one argument and at "
+            f"most {_MOST_EXPRESSIONS} values may have some; give numbers"
+        )
+    if is_plane and interpolation == "monotone":
+        raise SceneError(
+            f'{where} has two arguments, for which interpolation = "monotone" does not exist: '
+            'take "linear"'
+        )
+    return LookupTable(name, first, second, made, str(interpolation), str(beyond), doc)
+
+
+def _listed(value: object, what: str, where: str) -> list[Any]:
+    """Accept a list, a tuple or an array."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if not isinstance(value, (list, tuple)):
+        raise SceneError(f"{what} of {where} must be a list")
+    return list(value)
+
+
+def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
+    """Accept ascending finite numbers, at least two."""
+    items = _listed(value, what, where)
+    if len(items) < 2:
+        raise SceneError(f"{what} of {where} needs two numbers or more")
+    for i, item in enumerate(items, 1):
+        if finite(item) is None:
+            raise SceneError(
+                f"number {i} of {what} of {where} is {shown(item)}: give a finite number"
+            )
+    for i, (a, b) in enumerate(pairwise(items), 2):
+        if not b > a:
+            raise SceneError(f"{what} of {where} must ascend: number {i} is {b!r}, after {a!r}")
+    return tuple(map(float, items))
+
+
+def _flat(rows: list[Any], width: int, where: str) -> list[Any]:
+    """Give the values of a table of two arguments, row by row."""
+    found: list[Any] = []
+    for i, row in enumerate(rows, 1):
+        items = _listed(row, f"row {i} of values", where)
+        if len(items) != width:
+            raise SceneError(
+                f"row {i} of values of {where} has {len(items)} numbers, but y has {width}"
+            )
+        found += items
+    return found
 
 
 _OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
@@ -119,3 +346,66 @@ def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
             f"'{unit.text}'"
         )
     return parse(unit.to_si(value.number), where)
+
+
+#: Bytes that a file of points may have.
+LARGEST_POINTS = 20_000_000
+
+
+def read_points(
+    text: str, file: str, where: str
+) -> tuple[list[float], list[float] | None, list[float] | list[list[float]]]:
+    """Read the points of a table: arguments, those of a second axis, and values.
+
+    Two columns are arguments and values, below a line of names or without one. More columns are a
+    table of two arguments: its first line holds the second argument after an empty or named corner,
+    and each further line an argument and its values.
+
+    Parameters
+    ----------
+    text : str
+        The file.
+    file, where : str
+        The file and the table, for messages.
+
+    Raises
+    ------
+    SceneError
+        If a line is not of this form; the message names it.
+    """
+    try:
+        lines = [
+            (reader.line_num, row) for reader in (csv.reader(io.StringIO(text)),) for row in reader
+        ]
+    except csv.Error as error:
+        raise SceneError(
+            f"{where}: {file} is no table of comma-separated values: {error}"
+        ) from None
+    rows = [(n, row) for n, row in lines if any(item.strip() for item in row)]
+    if not rows:
+        raise SceneError(f"{where}: {file} is empty")
+    width = len(rows[0][1])
+    for n, row in rows:
+        if len(row) != width or width < 2:
+            raise SceneError(
+                f"{where}: {file}, line {n} has {len(row)} columns: give two, or as many as in the "
+                "first line"
+            )
+
+    def numbers(n: int, row: list[str]) -> list[float]:
+        return [_number(item, f"{where}: {file}, line {n}") for item in row]
+
+    if width == 2:
+        own = rows if is_number(rows[0][1][0]) else rows[1:]
+        points = [numbers(n, row) for n, row in own]
+        return [point[0] for point in points], None, [point[1] for point in points]
+    number, head = rows[0]
+    y = numbers(number, head[1:])
+    points = [numbers(n, row) for n, row in rows[1:]]
+    return [point[0] for point in points], y, [point[1:] for point in points]
+
+
+def _number(text: str, where: str) -> float:
+    if not is_number(text):
+        raise SceneError(f"{where}: {brief(repr(text.strip()))} is no number")
+    return float(text)

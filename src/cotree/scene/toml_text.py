@@ -17,7 +17,7 @@ from cotree.files import written_whole
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
-from cotree.scene.part_statement import statement_of
+from cotree.scene.part_adding import statement_of
 from cotree.scene.simulation import Simulation
 from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     from cotree.scene.description import Input
     from cotree.scene.events import Event
-    from cotree.scene.lookup import LookupTable
     from cotree.scene.parameters import Parameter
+    from cotree.scene.tables import LookupTable
 
 _Row = TypeVar("_Row")
 

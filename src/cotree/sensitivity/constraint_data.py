@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation
 from cotree.dag.dual import tangent_of
-from cotree.dag.traverse import substitute, symbols_in
+from cotree.dag.nodes import substitute, symbols_in
 from cotree.equations import ConstraintSet, Quantity, RedundantRow
 from cotree.errors import ParameterError
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.dag.nodes import Node
+    from cotree.formulation.across import View
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.networks.states import Redundant
-    from cotree.formulation.views import View
-    from cotree.sensitivity.seed import Seed
+    from cotree.sensitivity.turning import Seed
 
 
 def gather_constraints(first: FirstGraph) -> ConstraintSet:

@@ -7,39 +7,163 @@ initial-value sensitivities differ in their seed only.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import tangent_of
-from cotree.dag.symbols import (
+from cotree.dag.nodes import (
     PARAMETER_CHANGE,
     SENSITIVITY,
     STATE_CHANGE,
     STATE_RATE,
     UNKNOWN_CHANGE,
+    Node,
+    substitute,
+    symbols_of_each,
 )
-from cotree.dag.traverse import substitute
-from cotree.equations import Derivative, Equations, Quantity, substituted
+from cotree.equations import Derivative, DerivedParameter, Equations, Quantity, substituted
+from cotree.errors import ParameterError, nearest
 from cotree.formulation.constraints import stabilised
-from cotree.formulation.output_units import units_of_expressions
-from cotree.formulation.outputs import output_tangents
+from cotree.formulation.outputs import output_tangents, units_of_expressions
 from cotree.formulation.start import given_names
+from cotree.scene.expressions import Expression
 from cotree.sensitivity.constraint_data import gather_constraints, start_tangents
 from cotree.sensitivity.networks import coupling_tangents, network_tangents
-from cotree.sensitivity.reach import Reach, rows_touched
-from cotree.sensitivity.seed import Seed, Support
 from cotree.sensitivity.through import residual_tangents
-from cotree.sensitivity.turning import derivatives_labelled, view_along
-from cotree.sensitivity.wanted import check_wanted, derived_parameters
+from cotree.sensitivity.turning import Seed, Support, derivatives_labelled, view_along
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from cotree.dag.nodes import Node
+    from cotree.formulation.across import View
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import View
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Index of the values that depend on each symbol, so that a direction looks at no others.
+
+    Attributes
+    ----------
+    outputs, initial : mapping of Node to list of int
+        Places of outputs and initial values, by symbol.
+    moving : tuple of int
+        Places of outputs that depend on unknowns, which every direction may change.
+    starts : tuple of Node
+        The initial values.
+    held, pulled : mapping of Node to list of int
+        Places of constraints, and of through variables along measures, by symbol: each of them
+        involves only two of many bodies.
+    """
+
+    outputs: Mapping[Node, list[int]]
+    initial: Mapping[Node, list[int]]
+    moving: tuple[int, ...]
+    starts: tuple[Node, ...]
+    held: Mapping[Node, list[int]]
+    pulled: Mapping[Node, list[int]]
+
+    @classmethod
+    def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
+        """Look at everything that the equations are made of, for symbols that may change."""
+        # Only symbols that some direction changes are worth an index.
+        among = {*changing, *first.unknowns, *first.measured}
+        outputs = _by_symbol(first.outputs.values, among)
+        # Reactions in fields of friction hold accelerations.
+        unknowns = (*first.unknowns, *first.reactions)
+        moving = {i for symbol in unknowns for i in outputs.get(symbol, ())}
+        starts = tuple(state.initial for state in first.states)
+        rows = first.constraints
+        held = [
+            # All levels of a constraint: any of them may depend on a symbol that the others do not
+            # have.
+            [*gradient, rate, bias, *([] if value is None else [value])]
+            for gradient, rate, bias, value in zip(
+                rows.gradient, rows.rates, rows.biases, rows.values, strict=True
+            )
+        ]
+        pulled = [[row.magnitude, *row.pull.entries] for row in first.applied]
+        return cls(
+            outputs,
+            _by_symbol(starts, among),
+            tuple(moving),
+            starts,
+            _rows_by_symbol(held, among),
+            _rows_by_symbol(pulled, among),
+        )
+
+
+def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]:
+    return _rows_by_symbol([[node] for node in nodes], among)
+
+
+def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
+    found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
+    # One pass over all nodes of all rows; `places` tells the row of each.
+    places = [i for i, row in enumerate(rows) for _ in row]
+    for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
+        for symbol in symbols:
+            found[symbol][i] = None
+    return {symbol: list(own) for symbol, own in found.items()}
+
+
+def rows_touched(rows: Mapping[Node, list[int]], symbols: Iterable[Node]) -> list[int]:
+    """List the places of rows that depend on some symbols, in order."""
+    return sorted({i for symbol in symbols for i in rows.get(symbol, ())})
+
+
+def derived_parameters(
+    first: FirstGraph, units: Mapping[str, str] | None = None
+) -> tuple[DerivedParameter, ...]:
+    """List the parameters of a scene that are derived from others, with units that are found."""
+    units = units or {}
+    nodes, names = first.system.parameters, tuple(first.system.tunable)
+    return tuple(
+        DerivedParameter(
+            row.name,
+            units.get(row.name, row.unit),
+            row.doc,
+            row.value.text,
+            nodes[row.name],
+            names,
+        )
+        for row in first.scene.parameters.values()
+        if isinstance(row.value, Expression)
+    )
+
+
+def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
+    """Refuse names that nothing can have a sensitivity to.
+
+    Raises
+    ------
+    ParameterError
+        If one is neither a parameter nor a state, is not tunable, is derived, or occurs twice.
+    """
+    tunable = list(first.system.tunable)
+    states = [state.name for state in first.states]
+    derived = {row.name: row for row in derived_parameters(first)}
+    for name, times in Counter(wanted).items():
+        if times > 1:
+            raise ParameterError(f"the sensitivity to '{name}' is asked for twice")
+        if name in tunable or name in states:
+            continue
+        if name in derived:
+            raise ParameterError(
+                f"{derived[name].told}: take sensitivities to those, which pass through it"
+            )
+        if name in first.scene.parameters:
+            raise ParameterError(
+                f"parameter '{name}' is not tunable, so nothing has a sensitivity to it: "
+                "declare it tunable"
+            )
+        raise ParameterError(
+            f"'{name}' is neither a parameter nor a state{nearest(name, [*tunable, *states])}"
+        )
 
 
 def differentiate(
@@ -236,7 +360,7 @@ def form_derivatives(
     -------
     tuple of Derivative
         In the order of ``wanted``. The sensitivity of state i to number j is
-        the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.symbols`.
+        the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.nodes`.
 
     Raises
     ------
@@ -354,7 +478,7 @@ def form_equations(
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
     """Give the tangents along the motion: every state moves at its rate, and time at one.
 
-    Symbols stand for the rates of the states; see :mod:`cotree.dag.symbols`. The scene's
+    Symbols stand for the rates of the states; see :mod:`cotree.dag.nodes`. The scene's
     own inputs change with time as they do.
     """
     system = first.system

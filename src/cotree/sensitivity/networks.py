@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 from cotree.dag.derivative import tangents
 from cotree.dag.dual import tangent_of
 from cotree.formulation.networks.solved import differentiate_plan
-from cotree.sensitivity.seed import Seed
-from cotree.sensitivity.turning import derivatives_labelled, view_along
+from cotree.sensitivity.turning import Seed, Support, derivatives_labelled, view_along
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.networks.network import Network
     from cotree.formulation.networks.rules import Tangent
-    from cotree.sensitivity.seed import Support
 
 _Key = TypeVar("_Key")
 

@@ -12,12 +12,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.across import Motion
+    from cotree.formulation.across import Motion, View
     from cotree.formulation.elements import Action
     from cotree.formulation.endpoints import Pull
     from cotree.formulation.laws import Applied
     from cotree.formulation.through import Balance, Loads
-    from cotree.formulation.views import View
 
 
 class Changes(Sums):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag.stops import SAME
+from cotree.dag.switching_times import SAME
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.algebraic import UnsolvedError
 from cotree.solvers.augmented import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.corners import Corners
+from cotree.dag.time_events import Corners
 from cotree.errors import SolveError
 from cotree.solvers.budgets import most_rows
 from cotree.tolerances import rtol_fault

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.dag.stops import SAME
+from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError
 from cotree.scene.expressions import check_number
 from cotree.solvers.budgets import MOST_STEPS

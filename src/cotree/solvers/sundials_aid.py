@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cotree.linear.band import narrow_band
+from cotree.linear.plan import narrow_band
 
 if TYPE_CHECKING:
     from cotree.solvers.engine import Engine

@@ -6,25 +6,31 @@ tolerance against a reference of the scene's own, and the method to take for an 
 
 from __future__ import annotations
 
+import math
+import os
+import platform
+import statistics
 import time
 import warnings
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from cotree.api import Model, Scene, load
+from cotree.api import Model, Scene
+from cotree.api import load as load_scene
+from cotree.build import find_toolchain
+from cotree.build.compile import processor_name
+from cotree.codegen.integrators import SUNDIALS_VERSION
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import check_number
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.native import is_available
-from cotree.studies.accuracy import find_reference, starts_implicit
+from cotree.studies.accuracy import BenchRow, Reference, find_reference, starts_implicit, worse
 from cotree.studies.bench_report import BenchReport
-from cotree.studies.bench_trial import Trial
-from cotree.studies.machine import load as load_of_machine
-from cotree.studies.machine import machine
-from cotree.studies.rounds import time_in_rounds
 from cotree.tolerances import loose_rtol, rtol_fault
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -34,8 +40,154 @@ if TYPE_CHECKING:
 
     from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
-    from cotree.studies.accuracy import Reference
+    from cotree.solvers.base import Statistics
 
+
+@dataclass
+class Trial:
+    """A method at a tolerance, with what is known of it so far; see :class:`BenchRow`."""
+
+    method: str
+    rtol: float
+    atol: float
+    seconds: list[float] = field(default_factory=list)
+    tried: float = math.nan  # how long the first run took, [s]
+    errors: tuple[float, float] = (math.nan, math.nan)
+    own_errors: tuple[float, float] = (math.nan, math.nan)
+    statistics: Statistics | None = None
+    status: int = -1
+    message: str = ""
+
+    @property
+    def stood_in(self) -> bool:
+        """Tell whether another method computed it."""
+        return self.statistics is not None and self.statistics.method != self.method
+
+    @property
+    def error(self) -> float:
+        """Give the largest of all errors, infinity where none is known."""
+        known = worse(*self.errors, *self.own_errors)
+        return math.inf if math.isnan(known) else known
+
+    def row(self) -> BenchRow:
+        """Give the row."""
+        return BenchRow(
+            method=self.method,
+            rtol=self.rtol,
+            atol=self.atol,
+            # The median passes over single runs that the machine has delayed.
+            seconds=statistics.median(self.seconds) if self.seconds else math.nan,
+            least=min(self.seconds, default=math.nan),
+            noise=_noise(self.seconds),
+            n_runs=len(self.seconds),
+            error_states=self.errors[0],
+            error_sensitivities=self.errors[1],
+            own_error_states=self.own_errors[0],
+            own_error_sensitivities=self.own_errors[1],
+            statistics=self.statistics,
+            status=self.status,
+            message=self.message,
+        )
+
+
+def _noise(seconds: Sequence[float]) -> float:
+    """Give how far the lower quartile lies above the least."""
+    if not seconds:
+        return math.nan
+    times = sorted(seconds)
+    # What disturbs a run only makes it longer: quick ones say how well the least is known.
+    return times[max(1, len(times) // 4) if len(times) > 1 else 0] / times[0] - 1.0
+
+
+class Task(Protocol):
+    """A task that is timed.
+
+    Attributes
+    ----------
+    seconds : list of float
+        The times taken so far, [s].
+    """
+
+    seconds: list[float]
+
+    def run(self) -> bool:
+        """Do it once; a time counts where it succeeds."""
+
+
+def time_in_rounds(
+    tasks: Sequence[Task],
+    repeats: int,
+    *,
+    longest: float,
+    until: float,
+    clock: Callable[[], float] = time.perf_counter,
+    spent: Callable[[], float] = time.process_time,
+    tell: Callable[[int], None] = lambda _: None,
+) -> None:
+    """Run each task once in each round.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        They begin in turn: each round begins with another one.
+    repeats : int
+        Number of rounds.
+    longest : float
+        A task whose times sum to more is left out of further rounds, [s].
+    until : float
+        When the last run may begin, by ``spent``, [s].
+    clock : callable
+        Gives the time, [s].
+    spent : callable
+        Gives the processor time, [s]: beside other processes as many rounds are made.
+    tell : callable
+        Is told the number of each round.
+    """
+    for k in range(repeats):
+        tell(k)
+        first = k % max(1, len(tasks))
+        for task in (*tasks[first:], *tasks[:first]):
+            if sum(task.seconds) > longest:
+                continue
+            if spent() > until:
+                return
+            start = clock()
+            if task.run():
+                task.seconds.append(clock() - start)
+
+
+def machine(backend: str) -> dict[str, str]:
+    """Name processor, compiler and versions.
+
+    Parameters
+    ----------
+    backend : str
+        How the model's kernels are evaluated.
+    """
+    import scipy
+
+    toolchain = find_toolchain()
+    return {
+        "cotree": VERSION,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        # Engines open no other version.
+        "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": processor_name(),
+        "processors": str(os.cpu_count()),
+        "kernels": backend,
+        "compiler": "none" if toolchain is None else toolchain.version,
+    }
+
+
+def machine_load() -> str:
+    """Give how many processes have run or waited in the last minute; "unknown" on Windows."""
+    return f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
+
+
+if TYPE_CHECKING:
     Progress = Callable[[str, float], None]
 
 #: Relative tolerances of a bench that names none.
@@ -152,7 +304,7 @@ def bench(
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
     limit = check_number(time_limit, "time_limit")
     tell = progress or (lambda text, share: None)
-    load_before = load_of_machine()
+    load_before = machine_load()
     model = _model(source, sensitivities, tree)
     with without_warnings(category=RuntimeWarning):  # what a run warns of stands in its row
         runner = _Runner(model, t_end, dict(values or {}), limit)
@@ -175,7 +327,7 @@ def bench(
         machine={
             **machine(model.backend),
             "load_at_start": load_before,
-            "load_at_end": load_of_machine(),
+            "load_at_end": machine_load(),
         },
     )
 
@@ -369,7 +521,7 @@ def _model(
                 f"{list(source.sensitivities)}: give the scene, or no others"
             )
         return source
-    scene = source if isinstance(source, Scene) else load(source)
+    scene = source if isinstance(source, Scene) else load_scene(source)
     return scene.compile(sensitivities, tree)
 
 

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from cotree.studies.accuracy import Reference
-    from cotree.studies.bench_row import BenchRow
+    from cotree.studies.accuracy import BenchRow, Reference
 
 _MARKERS = "osD^v<>Ph*X"
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
-from cotree.studies.accuracy import ERROR, OWN_ERROR
-from cotree.studies.bench_row import fastest
+from cotree.studies.accuracy import ERROR, OWN_ERROR, BenchRow, fastest
 from cotree.studies.display import bench_html
 
 if TYPE_CHECKING:
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.studies.accuracy import Reference
-    from cotree.studies.bench_row import BenchRow
 
 #: Errors that methods are recommended for.
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -162,7 +160,7 @@ class BenchReport:
 
     def plot(self) -> Any:
         """Draw time over error, for ``plt.show()``, too; see ``cotree.studies.bench_picture``."""
-        from cotree.plot.known import figure_for_people
+        from cotree.plot.figures import figure_for_people
         from cotree.studies.bench_picture import plot_bench
 
         parts = self.scene, self.sensitivities, self.rows, self.reference

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from cotree.markup import block, paragraph, preformatted, table
 
 if TYPE_CHECKING:
+    from cotree.studies.accuracy import BenchRow
     from cotree.studies.bench_report import BenchReport
-    from cotree.studies.bench_row import BenchRow
     from cotree.studies.check import CheckReport
 
 _HEAD = ("parameter", "value", "closest", "deviation", "allowed", "verdict")

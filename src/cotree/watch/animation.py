@@ -17,11 +17,10 @@ from cotree.scene.part import origins_of
 from cotree.sharing import forming
 from cotree.watch.catalogue import draft_scene
 from cotree.watch.frames import choose_frames, coordinates_at
+from cotree.watch.meshes import visual_meshes
 from cotree.watch.page import page
 from cotree.watch.picture import Painter, gif
-from cotree.watch.poses import MotionValues
-from cotree.watch.stage import set_stage
-from cotree.watch.visuals import visual_meshes
+from cotree.watch.stage import MotionValues, set_stage
 
 if TYPE_CHECKING:
     import os

@@ -9,40 +9,366 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cotree.components import Acts, Role
-from cotree.watch import bodies, elements, joints, shapes, touching
-from cotree.watch.colors import DAMPER
+from cotree.watch import shapes
 from cotree.watch.draft import Drafter
+from cotree.watch.shapes import DAMPER, FORCE, JOINT, RAIL, SPRING, Array, Mesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from cotree.formulation.fields import BoundEdge
     from cotree.formulation.first_graph import FirstGraph
-    from cotree.watch.poses import MotionValues
-    from cotree.watch.shapes import Mesh
-    from cotree.watch.stage import Stage
+    from cotree.watch.stage import MotionValues, Stage
+
+
+def arm(draft: Drafter, edge: BoundEdge) -> None:
+    """Show an arm as a bar, thin where it only leads to a centre of mass."""
+    one, two = draft.places[edge.first], draft.places[edge.second]
+    if one.cluster != two.cluster:  # held by multipliers
+        draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.7 * draft.w), RAIL)
+        return
+    gap = two.local - one.local
+    length = float(np.linalg.norm(gap))
+    # Meshes of a robot's file show the body already; an arm without length is a turn only.
+    if one.cluster in draft.clothed or length < 1e-9 * draft.stage.size:
+        return
+    is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
+    width = 0.35 * draft.w if is_thin else 0.8 * draft.w
+    middle = 0.5 * (one.local + two.local) + draft.raised(one.cluster)
+    if draft.stage.is_flat:
+        bar = shapes.plate(1.15 * width, length, 0.75 * draft.w * (0.6 if is_thin else 1.0))
+        axes = shapes.axes_along(gap, draft.towards(one.cluster))
+    else:
+        bar, axes = shapes.capsule(width, length), shapes.axes_along(gap)
+    draft.solid(edge.name, one.cluster, bar.placed(middle, axes), label=one.cluster != 0)
+
+
+def body(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a mass as a dot on its bars, or as a box with its inertia."""
+    place = draft.places[edge.second]
+    cluster, w = place.cluster, draft.w
+    if cluster in draft.clothed or cluster == 0 or cluster in draft.stage.shown:
+        return
+    at = place.local + draft.raised(cluster)
+    has_bars = cluster in draft.stage.reach
+    tensor = _inertia(draft, edge)
+    mass = float(draft.values.numbers([edge.scalars["mass"]])[0])
+    # In a plane bars show the body, and a dot suffices for its centre of mass.
+    if draft.stage.is_flat and has_bars:
+        dot = shapes.cylinder(0.42 * w, 0.9 * w)
+        draft.solid(
+            edge.name, cluster, dot.placed(at, shapes.axes_along(draft.towards(cluster))), JOINT
+        )
+        return
+    found = None if tensor is None else body_box(mass, tensor)
+    if found is None or (has_bars and edge.inertia is None):
+        draft.solid(edge.name, cluster, shapes.sphere((1.3 if has_bars else 2.4) * w).placed(at))
+        return
+    lengths, axes = found
+    if has_bars:
+        # A box that is larger than the arms of its body would hide the mechanism.
+        lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
+    lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
+    if draft.stage.is_flat:
+        # Towards the viewer the box is as thin as a plate, so that layers stay apart.
+        towards = np.abs(place.turn.T @ draft.towards(cluster))
+        side = float(np.median(lengths))
+        lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
+    mesh = shapes.box(*lengths).placed(at, place.turn @ axes)
+    draft.solid(edge.name, cluster, mesh, label=not has_bars)
+
+
+def _inertia(draft: Drafter, edge: BoundEdge) -> Array | None:
+    """Give the inertia tensor in the node's axes."""
+    if edge.inertia is not None:
+        return draft.values.matrix(edge.inertia)
+    if "inertia" in edge.scalars:
+        return float(draft.values.numbers([edge.scalars["inertia"]])[0]) * np.eye(3)
+    return None
+
+
+def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
+    """Find the homogeneous box with a mass and an inertia about its centre.
+
+    Its lengths follow from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m.
+
+    Parameters
+    ----------
+    mass : float
+        Not negative, [kg].
+    tensor : ndarray, shape (3, 3)
+        [kg m^2].
+
+    Returns
+    -------
+    lengths : ndarray, shape (3,), [m]
+        Zero along a principal axis for which no homogeneous box exists.
+    axes : ndarray, shape (3, 3)
+        The principal axes, right-handed, as columns.
+    None
+        If the inertia is zero or invalid.
+    """
+    if not np.all(np.isfinite(tensor)) or mass < 0.0:
+        return None
+    # Axes of a diagonal tensor are kept as they are: eigenvectors come in the order of the moments.
+    is_diagonal = np.count_nonzero(tensor - np.diag(np.diag(tensor))) == 0
+    moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
+    # Eigenvectors have any sign; a mirrored box would be inside out.
+    if np.linalg.det(axes) < 0.0:
+        axes = axes * np.array([1.0, 1.0, -1.0])
+    # A body with inertia but no mass is drawn at the least size.
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / (mass or np.inf)
+    if moments.max() <= 0.0:
+        return None
+    return np.sqrt(np.maximum(squares, 0.0)), axes
+
+
+#: Radius of the ball that marks a point that touches, in widths of bars.
+_MARKER = 0.75
+
+
+def contact(draft: Drafter, edge: BoundEdge) -> None:
+    """Show the surfaces of a contact."""
+    place = draft.places[edge.second]
+    own = _body(draft, edge)
+    if own is not None and place.cluster not in draft.clothed:
+        mesh, size = own
+        draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
+    else:
+        size = 3.0 * draft.w
+        if own is None:  # a point: a small ball marks it, also on a body that is shown
+            marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
+            draft.solid(edge.name, place.cluster, marker, label=True)
+    if "normal" in edge.vectors:
+        road(draft, edge, 0.0, size)
+        return
+    first = draft.places[edge.first]
+    if first.cluster not in draft.clothed:
+        ball = shapes.sphere(_number(draft, edge, "ball"))
+        draft.solid(edge.name, first.cluster, ball.placed(first.local))
+
+
+def _number(draft: Drafter, edge: BoundEdge, field: str) -> float:
+    return float(draft.values.numbers([edge.scalars[field]])[0])
+
+
+def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
+    """Give the second body's shape in its node's axes, and its size; None of a point."""
+    if "size" in edge.vectors:
+        lengths = draft.values.numbers(edge.vectors["size"])
+        mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
+        return mesh, float(np.max(lengths))
+    if "semiaxes" in edge.vectors:
+        semiaxes = draft.values.numbers(edge.vectors["semiaxes"])
+        return shapes.sphere(1.0).scaled(semiaxes), float(np.max(semiaxes))
+    if "radius" not in edge.scalars:
+        return None
+    radius = _number(draft, edge, "radius")
+    if "axis" not in edge.vectors:
+        # Spokes make rolling visible in a plane, where a ball is a circle.
+        flat = draft.stage.is_flat
+        mesh = shapes.wheel(radius, 0.75 * draft.w) if flat else shapes.sphere(radius)
+        turn = draft.places[edge.second].turn
+        towards = turn.T @ draft.towards(draft.places[edge.second].cluster)
+        return (mesh.placed(np.zeros(3), shapes.axes_along(towards)) if flat else mesh), radius
+    axes = shapes.axes_along(draft.values.numbers(edge.vectors["axis"]))
+    if "length" in edge.scalars:
+        mesh = shapes.cylinder(radius, _number(draft, edge, "length"))
+    else:
+        mesh = shapes.wheel(radius, 0.12 * radius)
+    return mesh.placed(np.zeros(3), axes), radius
+
+
+def road(draft: Drafter, edge: BoundEdge, level: float, size: float) -> None:
+    """Draw a plane through the first node, over the range of the second node's motion.
+
+    Parameters
+    ----------
+    draft : Drafter
+        The drawing.
+    edge : BoundEdge
+        The edge whose field ``normal`` is that of the plane.
+    level : float
+        Height of the plane above the first node, [m].
+    size : float
+        How far the second node's body extends, [m].
+    """
+    one = draft.places[edge.first]
+    normal = draft.values.numbers(edge.vectors["normal"])
+    if draft.stage.is_flat:
+        # In the plane bodies move along what is normal to the view and to the road.
+        along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
+    else:
+        along = shapes.axes_along(normal)[:, 0]
+    aside = np.cross(normal, along)
+    reach = draft.reach(edge)
+    depth = 0.1 * size
+    lengths, middle = [], (level - 0.5 * depth) * normal
+    for axis in (aside, along):
+        way = reach @ axis
+        low, high = float(way.min()) - 1.5 * size, float(way.max()) + 1.5 * size
+        if draft.stage.is_flat and axis is aside:
+            low, high = -depth, depth
+        lengths.append(high - low)
+        middle = middle + 0.5 * (low + high) * axis
+    bar = shapes.box(depth, lengths[0], lengths[1])
+    axes = one.turn @ shapes.axes_along(along, aside)
+    draft.solid(edge.name, one.cluster, bar.placed(one.local + one.turn @ middle, axes), RAIL)
+
+
+def spring(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a coil."""
+    length = draft.length(edge.first, edge.second)
+    if length > 0.0:
+        # A coil is slim even where bars are thick against its length.
+        radius = min(1.5 * draft.w, 0.15 * length)
+        mesh = shapes.coil(radius, min(0.28 * draft.w, 0.2 * radius), length)
+        draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)
+
+
+def damper(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a piston in a barrel."""
+    draft.strut(edge.name, edge.first, edge.second, shapes.piston(1.1 * draft.w), DAMPER)
+
+
+def distance(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a rod."""
+    draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.5 * draft.w), JOINT)
+
+
+def line_force(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a thin red line."""
+    draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.3 * draft.w), FORCE)
+
+
+def bushing(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a ball where both nodes meet."""
+    place = draft.places[edge.first]
+    ball = shapes.sphere(1.5 * draft.w).placed(place.local + draft.raised(place.cluster))
+    draft.solid(edge.name, place.cluster, ball, SPRING, label=True)
+
+
+def revolute(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a pin on the axis."""
+    if draft.is_hidden(edge):
+        return
+    radius = (1.1 if draft.stage.is_flat else 1.4) * draft.w
+    draft.pin(edge, edge.first, draft.axis(edge, "axis", edge.first), radius, 3.2 * draft.w)
+    draft.mark(edge)
+
+
+def universal(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a cross of two pins."""
+    if draft.is_hidden(edge):
+        return
+    # The second axis is carried by the second body, whose own turn it is.
+    for name, end in (("axis", edge.first), ("axis2", edge.second)):
+        draft.pin(edge, end, draft.axis(edge, name, end), 0.75 * draft.w, 4.2 * draft.w)
+    draft.mark(edge)
+
+
+def spherical(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a ball."""
+    if draft.is_hidden(edge):
+        return
+    place = draft.places[edge.first]
+    ball = shapes.sphere(1.6 * draft.w).placed(place.local)
+    draft.solid(edge.name, place.cluster, ball, JOINT)
+    draft.mark(edge)
+
+
+def sliding(draft: Drafter, edge: BoundEdge) -> None:
+    """Draw a rail on the first body and a block or a sleeve on the second."""
+    if draft.is_hidden(edge):
+        return
+    w, two = draft.w, draft.places[edge.second]
+    # A sliding joint does not turn its axis, so that both bodies see the same one.
+    axis = draft.axis(edge, "axis", edge.second)
+    if edge.component.name == "prismatic":
+        block = shapes.box(3.4 * w, (0.75 if draft.stage.is_flat else 3.4) * w, 5.4 * w)
+    else:
+        # A body that also turns about the axis slides in a sleeve, not in a block.
+        block = shapes.ring(1.8 * w, 0.9 * w, 5.0 * w)
+    y = draft.towards(two.cluster) if draft.stage.is_flat else None
+    at = two.local + draft.raised(two.cluster)
+    draft.solid(edge.name, two.cluster, block.placed(at, shapes.axes_along(axis, y)), label=True)
+    _rail(draft, edge, draft.values.numbers(edge.vectors["axis"]))
+    stiffness = edge.scalars.get("stiffness")
+    if stiffness is not None and not stiffness.is_zero:
+        spring(draft, edge)
+
+
+def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
+    """Draw a rail over the range of the second node along an axis, in the first's axes."""
+    w, one = draft.w, draft.places[edge.first]
+    along = along / np.linalg.norm(along)
+    way = draft.reach(edge) @ along
+    # The rail covers the whole run and the length of the block.
+    low, high = float(way.min()) - 4.0 * w, float(way.max()) + 4.0 * w
+    axis = one.turn @ along
+    at = one.local + 0.5 * (low + high) * axis
+    if draft.stage.is_flat:
+        at = at - 0.9 * draft.pitch * draft.towards(one.cluster)
+    bar = shapes.cylinder(0.5 * w, high - low).placed(at, shapes.axes_along(axis))
+    draft.solid(edge.name, one.cluster, bar, RAIL if one.cluster == 0 else None)
+
+
+def slot(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a pin, and a rail where the line is fixed in the first body."""
+    two = draft.places[edge.second]
+    at = two.local + draft.raised(two.cluster)
+    draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
+    # A line that turns with time has no one rail to draw.
+    moving = draft.values.over_time(edge.vectors["axis"])
+    if np.ptp(moving, axis=0).max() == 0.0:
+        _rail(draft, edge, moving[0])
+
+
+def disc(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a wheel of the disc's radius."""
+    place = draft.places[edge.second]
+    if place.cluster in draft.clothed:
+        return
+    radius = float(draft.values.numbers([edge.scalars["radius"]])[0])
+    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second))
+    wheel = shapes.wheel(radius, 0.12 * radius)
+    draft.solid(edge.name, place.cluster, wheel.placed(place.local, axes), label=True)
+    if draft.stage.is_flat:
+        normal = draft.values.numbers(edge.vectors["normal"])
+        road(draft, edge, float(draft.reach(edge)[0] @ normal) - radius, radius)
+
+
+def blade(draft: Drafter, edge: BoundEdge) -> None:
+    """Show a thin blade across which nothing slides."""
+    place = draft.places[edge.second]
+    axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright()[:, 1])
+    blade = shapes.box(5.0 * draft.w, 1.8 * draft.w, 0.5 * draft.w)
+    draft.solid(edge.name, place.cluster, blade.placed(place.local, axes), JOINT)
+
 
 #: The function that shows an edge, by its component. Gears, free joints and loads are not shown.
 SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
-    "arm": bodies.arm,
-    "rigid_body": bodies.body,
-    "revolute": joints.revolute,
-    "universal": joints.universal,
-    "spherical": joints.spherical,
-    "prismatic": joints.sliding,
-    "cylindrical": joints.sliding,
-    "screw": joints.sliding,
-    "slot": joints.slot,
-    "rolling_disc": joints.disc,
-    "rolling_ellipsoid": touching.contact,
-    "knife_edge": joints.blade,
-    "spring": elements.spring,
-    "damper": elements.damper,
-    "distance": elements.distance,
-    "line_force": elements.line_force,
-    "bushing": elements.bushing,
-    "contact_geometry": touching.contact,
+    "arm": arm,
+    "rigid_body": body,
+    "revolute": revolute,
+    "universal": universal,
+    "spherical": spherical,
+    "prismatic": sliding,
+    "cylindrical": sliding,
+    "screw": sliding,
+    "slot": slot,
+    "rolling_disc": disc,
+    "rolling_ellipsoid": contact,
+    "knife_edge": blade,
+    "spring": spring,
+    "damper": damper,
+    "distance": distance,
+    "line_force": line_force,
+    "bushing": bushing,
+    "contact_geometry": contact,
 }
 
 
@@ -74,7 +400,7 @@ def draft_scene(
         show = SHOWN.get(edge.component.name)
         # Registered types have names that the table cannot know.
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = elements.line_force  # a law of a user's own
+            show = line_force  # a law of a user's own
         if show is not None:
             show(draft, edge)
     for networked in first.scene.edges.values():

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.watch.shapes import axes_along
+from cotree.watch.shapes import Color, axes_along
 
 if TYPE_CHECKING:
-    from cotree.watch.colors import Color
     from cotree.watch.frames import Moments
-    from cotree.watch.poses import Poses
     from cotree.watch.shapes import Array, Mesh
+    from cotree.watch.stage import Poses
 
 #: The camera follows a mechanism that travels more than this many times its own size.
 FAR = 15.0

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cotree.components import FreeRotation
-from cotree.dag.rotation import quaternion_rates
+from cotree.dag.vector import quaternion_rates
 from cotree.errors import Error, SceneError
 from cotree.scene.expressions import check_number
 

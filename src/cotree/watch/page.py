@@ -18,8 +18,7 @@ import numpy.typing as npt
 
 from cotree.codegen.render import environment, template_folder
 from cotree.version import VERSION
-from cotree.watch.camera import MARGIN, place_camera
-from cotree.watch.picture import decimals
+from cotree.watch.picture import MARGIN, decimals, place_camera
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

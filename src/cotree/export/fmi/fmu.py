@@ -23,7 +23,7 @@ from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import written_whole
 from cotree.markup import names
 from cotree.naming import c_identifier
-from cotree.program.pieces import without_corners
+from cotree.program.surfaces import without_corners
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, find_toolchain
 from cotree.build.cache import write_files
-from cotree.build.options import compiler_flags
-from cotree.build.process import run_limited
-from cotree.build.toolchain import Toolchain
+from cotree.build.compile import compiler_flags
+from cotree.build.toolchain import Toolchain, run_limited
 from cotree.errors import BuildError, CodegenError, nearest
 
 if TYPE_CHECKING:

@@ -27,8 +27,7 @@ from cotree.codegen.runtime import source_texts, with_runtime
 from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.derivative import tangents_along
-from cotree.dag.symbols import INPUT, PARAMETER, STATE, TIME
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, substitute
 from cotree.naming import c_identifier, c_string
 from cotree.program.kernels import KernelSpec
 from cotree.program.program import Kernel

@@ -12,20 +12,18 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, nearest
+from cotree.formulation.contact import touching
 from cotree.formulation.endpoints import Ends
-from cotree.formulation.joint_places import Sitter, joint_measure
-from cotree.formulation.laws import Applied
+from cotree.formulation.laws import Applied, Sitter, joint_measure
 from cotree.formulation.measures import Distance
-from cotree.formulation.touching import touching
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.dag.nodes import Node
-    from cotree.formulation.across import Motion
+    from cotree.formulation.across import Motion, View
     from cotree.formulation.endpoints import Pull
     from cotree.formulation.measures import Measure
-    from cotree.formulation.views import View
     from cotree.scene.networks import Port
 
 

@@ -5,15 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.components import Kind
-from cotree.dag.symbols import STATE
-from cotree.equations import Guard
+from cotree.components import Kind, Role
+from cotree.dag.derivative import tangents
+from cotree.dag.nodes import STATE, Node, symbols_in
+from cotree.equations import Guard, PositionRow, State
+from cotree.formulation.constraints import along_speeds
 from cotree.formulation.fields import is_varying
+from cotree.formulation.networks.couplings import (
+    Coupling,
+    coupling_loads,
+    form_couplings,
+    through_name,
+)
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.rubbing import check_friction, used_by_friction
-from cotree.formulation.networks.solved import solve_plan
+from cotree.formulation.networks.solved import Solved, solve_plan
 from cotree.formulation.networks.states import (
+    Redundant,
     algebraic_state,
     held_variables,
     position_trees,
@@ -24,23 +33,19 @@ from cotree.formulation.networks.states import (
 from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
-from cotree.scene.networks import scalar_graphs, scalar_ports
-from cotree.scene.normal_trees import normal_trees
+from cotree.scene.events import event_expressions
+from cotree.scene.networks import Port, scalar_graphs, scalar_ports
+from cotree.scene.normal_trees import NormalTree, normal_trees
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cotree.dag.nodes import Node
-    from cotree.equations import PositionRow, State
-    from cotree.formulation.networks.couplings import Coupling
+    from cotree.formulation.across import Motion, View
+    from cotree.formulation.laws import Applied
     from cotree.formulation.networks.rules import Variable
-    from cotree.formulation.networks.solved import Solved
-    from cotree.formulation.networks.states import Redundant
     from cotree.formulation.system import System
     from cotree.graph import LinearGraph
     from cotree.scene.description import SceneDescription
-    from cotree.scene.networks import Port
-    from cotree.scene.normal_trees import NormalTree
 
 
 @dataclass(frozen=True)
@@ -323,3 +328,105 @@ def _negative(node: Node, what: str) -> Guard:
     """Make the condition on a resistance that is negative at the scene's values."""
     breach = "must not be zero" if node.value is not None else "must be negative, as in the scene"
     return Guard(-node, what, True, breach)
+
+
+@dataclass(frozen=True)
+class Attached:
+    """Networks beside a multibody system.
+
+    Attributes
+    ----------
+    network : Network or None
+        The networks; None where the scene has none.
+    observed : mapping of str to Node
+        What names of the networks in outputs and fields stand for.
+    couplings : mapping of str to Coupling
+        The ports that act on the multibody system.
+    throughs : mapping of str to Node
+        The symbols that stand for their through variables.
+    slopes : mapping of str to mapping of int to Node
+        How through variables change with accelerations, by their number: inertia of storages
+        that are tied to joints.
+    reacting : frozenset of str
+        Names that only fields of dry friction on the mechanism use: they may be reactions.
+    """
+
+    network: Network | None
+    observed: Mapping[str, Node]
+    couplings: Mapping[str, Coupling]
+    throughs: Mapping[str, Node]
+    slopes: Mapping[str, Mapping[int, Node]]
+    reacting: frozenset[str] = frozenset()
+
+    @property
+    def loads(self) -> list[Applied]:
+        """Put the through variables of the couplings on the multibody system."""
+        return coupling_loads(self.couplings, self.throughs)
+
+    def with_inertia(
+        self, mass: Sequence[Sequence[Node]], motion: Motion
+    ) -> tuple[tuple[Node, ...], ...]:
+        """Add to a mass matrix the storages that are tied to joints."""
+        rows = [list(row) for row in mass]
+        for name, slopes in self.slopes.items():
+            pull = along_speeds(motion, self.couplings[name].pull)
+            for i, gradient in enumerate(pull):
+                for j, slope in slopes.items():
+                    # A through variable tau = s_j v_j' + ... acts along its pull p: the balance
+                    # gains p_i s_j.
+                    rows[i][j] = rows[i][j] + gradient * slope
+        return tuple(tuple(row) for row in rows)
+
+
+def attach_network(scene: SceneDescription, view: View) -> Attached:
+    """Form the scalar networks of a scene, where it has any.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene.
+    view : View
+        Its multibody system, at the symbols of its accelerations.
+    """
+    # Purely multibody scenes form no network at all.
+    if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
+        return Attached(None, {}, {}, {}, {})
+    system = view.motion.system
+    couplings = form_couplings(scalar_ports(scene), view)
+    throughs = {
+        name: system.signals.node(through_name(coupling.port))
+        for name, coupling in couplings.items()
+    }
+    observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
+    # Networks are formed as far as outputs, events and fields of the mechanism ask for them.
+    names = {name for expression in observing for name in expression.names}
+    before = system.signals.measured
+    wanted = sorted(names.union(before))
+    network, observed = form_network(scene, system, couplings, wanted)
+    reacting = frozenset(
+        name
+        for name in system.signals.measured
+        if name not in before and system.signals.node(name) in network.of_friction
+    )
+    slopes = {}
+    for name, coupling in couplings.items():
+        own = _slopes(observed[through_name(coupling.port)], system)
+        if own:
+            slopes[name] = own
+    return Attached(network, observed, couplings, throughs, slopes, reacting)
+
+
+def _slopes(through: Node, system: System) -> dict[int, Node]:
+    """Differentiate a through variable by the accelerations."""
+    found = {}
+    occurring = set(symbols_in([through]))
+    for speed in system.speeds:
+        # Only storages that are tied to joints react to accelerations: as inertia.
+        if speed.acceleration not in occurring:
+            continue
+        # Through variables are affine in accelerations, so that the slope goes into the mass matrix
+        # and the rest is a load.
+        (slope,) = tangents([through], {speed.acceleration: through.dag.one})
+        if not slope.is_zero:
+            found[speed.index] = slope
+    return found

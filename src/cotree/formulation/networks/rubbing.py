@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
-from cotree.dag.symbols import MEASURED
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import MEASURED, symbols_in
 from cotree.errors import FormulationError
 
 if TYPE_CHECKING:

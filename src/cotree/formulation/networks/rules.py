@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import substitute
+from cotree.dag.nodes import substitute
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Hashable, Iterable, Mapping
@@ -208,7 +208,7 @@ class FieldRule(Rule):
 class Unknown(Rule):
     """An unknown that an equation determines: the variable ``residual`` must be zero.
 
-    Its value comes from a block of equations; see :mod:`cotree.formulation.networks.blocks`.
+    Its value comes from a block of equations; see :mod:`cotree.formulation.networks.solved`.
     """
 
     residual: Variable

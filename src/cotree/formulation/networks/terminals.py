@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind, integral_of
 from cotree.dag.continuity import corner_symbols
 from cotree.dag.derivative import tangents
-from cotree.dag.traverse import symbols_in
+from cotree.dag.nodes import symbols_in
 from cotree.domains import DOMAINS
 from cotree.errors import FormulationError
-from cotree.formulation.continuous import guards_of, is_timed
+from cotree.formulation.fields import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
@@ -32,7 +32,7 @@ from cotree.formulation.networks.names import argument_of
 from cotree.formulation.networks.rubbing import limit_law
 from cotree.formulation.networks.rules import FieldRule, Lawful, Sum, Unknown
 from cotree.formulation.networks.stores import is_of_content
-from cotree.scene.controls import GIVES
+from cotree.scene.networks import GIVES, Swap
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from cotree.formulation.networks.rules import Rule, Variable
     from cotree.formulation.networks.stores import Store
     from cotree.formulation.networks.topology import Topology
-    from cotree.scene.controls import Swap
     from cotree.scene.networks import Port
 
 

@@ -1,0 +1,459 @@
+"""Multibody components: rigid bodies, arms, joints, constraints and force elements.
+
+Through variables act on the second node; the first gets the reaction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from cotree.components.component import (
+    Component,
+    Field,
+    Freedom,
+    FreeRotation,
+    MotionStep,
+    Plane,
+    Role,
+    Shape,
+    optional,
+    value,
+)
+from cotree.components.law import Law
+
+#: The axes that follow each normal cyclically.
+PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
+
+
+def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
+    """Give the motion space of a body in the tree: along a line, in a plane, or free.
+
+    Parameters
+    ----------
+    plane : {'', 'x', 'y', 'z'}
+        Normal of the plane that it moves in; empty where it moves in space.
+    is_particle : bool
+        Whether it has no inertia to rotation, so that its orientation does not matter.
+    line : {'', 'x', 'y', 'z'}
+        Direction of the line that it moves along; empty where there is none.
+
+    Returns
+    -------
+    tuple of MotionStep
+        Translations first, then the rotation.
+    """
+    # The order of translations and rotation is the order of the coordinates among the states.
+    if line:
+        return (Freedom(line, "m", rotates=False, axis=line),)
+    if plane:
+        # Coordinates are called x and y in every plane; only their axes depend on the normal.
+        sliding = tuple(
+            Freedom(name, "m", rotates=False, axis=axis)
+            for name, axis in zip("xy", PLANE_AXES[plane], strict=True)
+        )
+        return sliding if is_particle else (*sliding, Freedom("theta", "rad", True, plane))
+    sliding = tuple(Freedom(name, "m", False, name, rate=f"v{name}") for name in "xyz")
+    return sliding if is_particle else (*sliding, FreeRotation())
+
+
+# The inertia edge runs from the ground to the centre of mass, where Newton's and Euler's equations
+# separate into translation and rotation.
+RIGID_BODY = Component(
+    "rigid_body",
+    Role.BODY,
+    "inertia of a body whose centre of mass is the second node; the first node is ground",
+    fields=(
+        Field("mass", "kg", "mass", required=True, sign="nonnegative"),
+        Field(
+            "inertia",
+            "kg m^2",
+            "about the centre of mass, in the second node's axes; not modelled where absent",
+            Shape.INERTIA,
+            sign="nonnegative",
+        ),
+    ),
+    keeps_plane=Plane(),
+)
+
+_ROTATION = Field(
+    "rotation",
+    "rad",
+    "of the second node: roll, pitch and yaw about the first node's axes, or a matrix",
+    Shape.ROTATION,
+)
+
+# The empty motion space of an arm adds no coordinate; an edge in the plane needs the vector there.
+ARM = Component(
+    "arm",
+    Role.ARM,
+    "a vector fixed in a body, from the first node to the second",
+    fields=(
+        Field("vector", "m", "in the first node's axes", Shape.VECTOR, required=True),
+        _ROTATION,
+    ),
+    keeps_plane=Plane(within=("vector",)),
+)
+
+WELD = Component(
+    "weld",
+    Role.ARM,
+    "holds the second node to the first",
+    fields=(_ROTATION,),
+    keeps_plane=Plane(),
+)
+
+
+def _along(coordinate: Any, rate: Any, stiffness: Any, free: Any, damping: Any, drive: Any) -> Any:
+    """Add the efforts along a coordinate; positive ones drive the second node along it."""
+    return -stiffness * (coordinate - free) - damping * rate + drive
+
+
+# One law serves angles and lengths; only the names of its arguments differ.
+_TURNING = ("theta", "theta_dot", "stiffness", "free_angle", "damping", "torque")
+_SLIDING = ("s", "s_dot", "stiffness", "free_length", "damping", "force")
+
+
+def _effort(name: str, unit: str, doc: str) -> Field:
+    return optional(name, unit, doc, 0.0)
+
+
+def _direction(name: str, doc: str) -> Field:
+    return Field(name, "1", doc, Shape.VECTOR, required=True)
+
+
+_AXIS = _direction("axis", "direction in the first node's axes")
+_AXIS2 = _direction("axis2", "second direction, in the axes that the first turn has moved")
+_NORMAL = _direction("normal", "normal of the plane, in the first node's axes")
+_MOTION = Field("motion", "rad or m", "prescribes the coordinate as a function of time", timed=True)
+_TURN_EFFORTS = (
+    _effort("stiffness", "N m/rad", "of a torsional spring in the joint"),
+    _effort("free_angle", "rad", "angle at which that spring is at rest"),
+    _effort("damping", "N m s/rad", "of a torsional damper in the joint"),
+    _effort("torque", "N m", "drives the second node about the axis"),
+)
+_ABOUT_AXIS = Plane(along=("axis",))
+
+REVOLUTE = Component(
+    "revolute",
+    Role.JOINT,
+    "rotation of the second node about an axis through both",
+    fields=(_AXIS, *_TURN_EFFORTS, _MOTION),
+    motion_space=(Freedom("theta", "rad", rotates=True, axis="axis"),),
+    law=Law.taking(_TURNING, _along),
+    keeps_plane=_ABOUT_AXIS,
+)
+
+PRISMATIC = Component(
+    "prismatic",
+    Role.JOINT,
+    "translation of the second node along an axis through the first",
+    fields=(
+        _AXIS,
+        _effort("stiffness", "N/m", "of a spring in the joint"),
+        _effort("free_length", "m", "coordinate at which that spring is at rest"),
+        _effort("damping", "N s/m", "of a damper in the joint"),
+        _effort("force", "N", "drives the second node along the axis"),
+        _MOTION,
+    ),
+    motion_space=(Freedom("s", "m", rotates=False, axis="axis"),),
+    law=Law.taking(_SLIDING, _along),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+CYLINDRICAL = Component(
+    "cylindrical",
+    Role.JOINT,
+    "translation along an axis and rotation about it",
+    fields=(_AXIS,),
+    motion_space=(
+        Freedom("s", "m", rotates=False, axis="axis"),
+        Freedom("theta", "rad", rotates=True, axis="axis"),
+    ),
+)
+
+# The order of the freedoms matters: each axis is fixed in the frame that the earlier ones moved.
+# Two turns about different axes leave every plane, so that no plane is declared.
+UNIVERSAL = Component(
+    "universal",
+    Role.JOINT,
+    "rotation about an axis of the first node, then about one that it has turned",
+    fields=(_AXIS, _AXIS2),
+    motion_space=(
+        Freedom("theta1", "rad", rotates=True, axis="axis"),
+        Freedom("theta2", "rad", rotates=True, axis="axis2"),
+    ),
+)
+
+SPHERICAL = Component(
+    "spherical",
+    Role.JOINT,
+    "every rotation of the second node about a point that both share",
+    motion_space=(FreeRotation(),),
+)
+
+PLANAR = Component(
+    "planar",
+    Role.JOINT,
+    "translation in a plane and rotation about its normal",
+    fields=(_NORMAL,),
+    motion_space=(
+        Freedom("x", "m", rotates=False, axis="normal_x"),
+        Freedom("y", "m", rotates=False, axis="normal_y"),
+        Freedom("theta", "rad", rotates=True, axis="normal"),
+    ),
+    keeps_plane=Plane(along=("normal",)),
+)
+
+# A free joint between two bodies has an empty reaction space: it only chooses coordinates.
+FREE = Component(
+    "free",
+    Role.JOINT,
+    "every motion of the second node: no reaction",
+    motion_space=body_space("", is_particle=False),
+)
+
+# A screw has one freedom: its translation follows from the angle by the pitch, so that its reaction
+# is the wrench that does no work on both together.
+SCREW = Component(
+    "screw",
+    Role.JOINT,
+    "rotation about an axis with a translation along it in proportion",
+    fields=(
+        _AXIS,
+        Field("pitch", "m/rad", "translation for each radian", required=True),
+        *_TURN_EFFORTS,
+        _MOTION,
+    ),
+    motion_space=(Freedom("theta", "rad", rotates=True, axis="axis", pitch="pitch"),),
+    law=Law.taking(_TURNING, _along),
+)
+
+
+# An empty Plane sets no condition: a distance between points of a plane stays within it.
+DISTANCE = Component(
+    "distance",
+    Role.CONSTRAINT,
+    "a massless rod: holds the distance between two nodes",
+    fields=(Field("length", "m", "the distance", required=True, timed=True, sign="positive"),),
+    domains=("translation",),
+    keeps_plane=Plane(),
+)
+
+SLOT = Component(
+    "slot",
+    Role.CONSTRAINT,
+    "holds the second node on a line through the first",
+    fields=(
+        Field(
+            "axis",
+            "1",
+            "direction of the line in the first node's axes; may depend on time",
+            Shape.VECTOR,
+            required=True,
+            timed=True,
+        ),
+    ),
+    domains=("translation",),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+# Nonholonomic: it holds a velocity and no position, since a blade reaches every place by turning.
+KNIFE_EDGE = Component(
+    "knife_edge",
+    Role.CONSTRAINT,
+    "holds the velocity of the second node, against the first, across a blade at zero",
+    fields=(
+        Field(
+            "axis",
+            "1",
+            "direction across the blade, in the second node's axes",
+            Shape.VECTOR,
+            required=True,
+        ),
+    ),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+# One equation holds a position, the height of the disc's centre; two hold velocities, the slip
+# along the plane.
+ROLLING_DISC = Component(
+    "rolling_disc",
+    Role.CONSTRAINT,
+    "a thin disc about the second node rolls without slip on a plane through the first",
+    fields=(
+        Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
+        Field("axis", "1", "of the disc, in the second node's axes", Shape.VECTOR, required=True),
+        Field("radius", "m", "of the disc", required=True, sign="positive"),
+    ),
+    keeps_plane=Plane(along=("axis",), within=("normal",)),
+)
+
+ROLLING_ELLIPSOID = Component(
+    "rolling_ellipsoid",
+    Role.CONSTRAINT,
+    "an ellipsoid about the second node rolls without slip on a plane through the first",
+    fields=(
+        Field("normal", "1", "of the plane, in the first node's axes", Shape.VECTOR, required=True),
+        Field(
+            "semiaxes",
+            "m",
+            "along the second node's axes, positive",
+            Shape.VECTOR,
+            required=True,
+            sign="positive",
+        ),
+    ),
+    keeps_plane=Plane(within=("normal",)),
+)
+
+# Gears and expressions couple coordinates themselves, so they have no edge in a graph and their
+# domains are empty.
+GEAR = Component(
+    "gear",
+    Role.CONSTRAINT,
+    "couples two coordinates: coordinate1 = ratio * coordinate2 + phase",
+    fields=(
+        Field("coordinate1", "rad or m", "such as j1.theta", Shape.EXPRESSION, required=True),
+        Field("coordinate2", "rad or m", "such as j2.theta", Shape.EXPRESSION, required=True),
+        Field("ratio", "1, m or 1/m", "negative for wheels that mesh outside", required=True),
+        Field("phase", "rad or m", "coordinate1 where coordinate2 is zero", default=0.0),
+    ),
+    domains=(),
+    keeps_plane=Plane(),
+)
+
+CONSTRAINT = Component(
+    "constraint",
+    Role.CONSTRAINT,
+    "holds an expression of coordinates, node positions, parameters and t at zero",
+    fields=(Field("expression", "", "what stays zero", Shape.EXPRESSION, required=True),),
+    domains=(),
+    keeps_plane=Plane(),
+)
+
+
+def _three(name: str, unit: str, doc: str) -> Field:
+    return Field(name, unit, doc, Shape.VECTOR, constant=False)
+
+
+AXIS = Field(
+    "axis", "1", "acts along it, fixed in the first node's axes; else along the line", Shape.VECTOR
+)
+
+
+# Forces on the second node: tension pulls it towards the first, hence the minus signs.
+def _spring(length: Any, rate: Any, stiffness: Any, free_length: Any, damping: Any) -> Any:
+    return -stiffness * (length - free_length) - damping * rate
+
+
+def _damper(rate: Any, damping: Any) -> Any:
+    return -damping * rate
+
+
+# Without an axis the force acts along the line of the nodes, which keeps every plane.
+SPRING = Component(
+    "spring",
+    Role.LINE,
+    "linear spring, with a damper beside it where damping is given",
+    fields=(
+        AXIS,
+        value("stiffness", "N/m", "force per length", ""),
+        optional("free_length", "m", "length at rest", 0.0),
+        optional("damping", "N s/m", "force per rate of length", 0.0),
+    ),
+    domains=("translation",),
+    law=Law(_spring),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+DAMPER = Component(
+    "damper",
+    Role.LINE,
+    "linear damper",
+    fields=(AXIS, value("damping", "N s/m", "force per rate of length", "")),
+    domains=("translation",),
+    law=Law(_damper),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+FORCE = Component(
+    "force",
+    Role.FORCE,
+    "given force on the second node",
+    fields=(replace(_three("force", "N", "components in the first node's axes"), required=True),),
+    domains=("translation",),
+    keeps_plane=Plane(within=("force",)),
+)
+
+TORQUE = Component(
+    "torque",
+    Role.TORQUE,
+    "given torque on the second node",
+    fields=(
+        replace(_three("torque", "N m", "components in the first node's axes"), required=True),
+    ),
+    domains=("rotation",),
+    keeps_plane=Plane(along=("torque",)),
+)
+
+# The law is an expression of the scene, so that the type has none of its own.
+LINE_FORCE = Component(
+    "line_force",
+    Role.LAW,
+    "force along the line of its nodes, or an axis, by an expression of length and rate",
+    fields=(
+        AXIS,
+        Field(
+            "force",
+            "N",
+            "on the second node: an expression of length, rate, t, inputs and coordinates",
+            Shape.EXPRESSION,
+            required=True,
+        ),
+    ),
+    domains=("translation",),
+    keeps_plane=Plane(within=("axis",)),
+)
+
+
+# A bushing has a law for each of its six directions, which the formulation forms; hence it has no
+# scalar law of its own.
+BUSHING = Component(
+    "bushing",
+    Role.BUSHING,
+    "springs and dampers along and about the three axes of the first node",
+    fields=(
+        _three("stiffness", "N/m", "along each axis"),
+        _three("damping", "N s/m", "along each axis"),
+        _three("rotation_stiffness", "N m/rad", "about each axis"),
+        _three("rotation_damping", "N m s/rad", "about each axis"),
+    ),
+)
+
+COMPONENTS = (
+    RIGID_BODY,
+    ARM,
+    WELD,
+    REVOLUTE,
+    PRISMATIC,
+    CYLINDRICAL,
+    UNIVERSAL,
+    SPHERICAL,
+    PLANAR,
+    FREE,
+    SCREW,
+    DISTANCE,
+    SLOT,
+    KNIFE_EDGE,
+    ROLLING_DISC,
+    ROLLING_ELLIPSOID,
+    GEAR,
+    CONSTRAINT,
+    SPRING,
+    DAMPER,
+    FORCE,
+    TORQUE,
+    LINE_FORCE,
+    BUSHING,
+)

@@ -1,0 +1,465 @@
+"""Transistors: bipolar ones by the Gummel-Poon model, and field-effect ones.
+
+With no more than gains they are those of Ebers and Moll. Currents of the junctions, with
+f = I (exp(vbe / (nf V)) - 1) and r the same of vbc, and the base charge qb = q1/2 (1 + sqrt(1 + 4
+q2)), q1 = 1 / (1 - vbc/Vf - vbe/Vr), q2 = f/If + r/Ir:
+
+    collector to emitter (f - r) / qb, base to emitter f / bf, base to collector r / br,
+
+and recombination, leakage, charges and resistances. See H. K. Gummel and H. C. Poon, An integral
+charge control model of bipolar transistors, Bell System Technical Journal 49 (1970).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from cotree.components.component import Adapt, Adapted, Component, Given, Nodes, optional, value
+from cotree.components.diodes import (
+    DIODE,
+    FORWARD_SHARE,
+    depletion_capacity,
+    depletion_fields,
+    is_absent,
+    junction_current,
+    split_extras,
+    symbol,
+)
+from cotree.components.law import Law
+from cotree.components.ports import resistive, scalar
+from cotree.components.terminal import Kind, PortMeasure, Terminal
+from cotree.errors import SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+
+_DOMAIN = "electrical"
+
+_FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
+_SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
+
+#: Fields that add a term to the laws, or a port, where a scene gives them.
+_EXTRAS = (
+    optional("forward_ideality", "1", "factor of V forwards", 1.0, "positive"),
+    optional("reverse_ideality", "1", "factor of V backwards", 1.0, "positive"),
+    optional("forward_early_voltage", "V", "infinite where left out", None, "positive"),
+    optional("reverse_early_voltage", "V", "infinite where left out", None, "positive"),
+    optional("forward_knee_current", "A", "infinite where left out", None, "positive"),
+    optional("reverse_knee_current", "A", "infinite where left out", None, "positive"),
+    optional("be_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
+    optional("bc_recombination", "A", "saturation current of it", 0.0, "nonnegative"),
+    optional("leakage", "S", "beside each junction", 0.0, "nonnegative"),
+    optional("base_resistance", "ohm", "between terminal and junctions", 0.0, "nonnegative"),
+    optional("collector_resistance", "ohm", "the same of the collector", 0.0, "nonnegative"),
+    optional("emitter_resistance", "ohm", "the same of the emitter", 0.0, "nonnegative"),
+    _FORWARD[0],
+    _REVERSE[0],
+    optional("forward_transit_time", "s", "charge per current forwards", 0.0, "nonnegative"),
+    optional("reverse_transit_time", "s", "charge per current backwards", 0.0, "nonnegative"),
+    _SUBSTRATE[0],
+)
+
+FIELDS = (
+    value("saturation_current", "A", "of both junctions"),
+    value("forward_gain", "1", "collector current per base current"),
+    optional("reverse_gain", "1", "the same with collector and emitter exchanged", 1.0),
+    optional("thermal_voltage", "V", "k T / e, times an ideality factor", 0.02585, "positive"),
+    *_EXTRAS,
+    optional("be_recombination_ideality", "1", "factor of V for it", 1.5, "positive"),
+    optional("bc_recombination_ideality", "1", "factor of V for it", 2.0, "positive"),
+    *_FORWARD[1:],
+    *_REVERSE[1:],
+    *_SUBSTRATE[1:],
+    FORWARD_SHARE,
+)
+
+_CHARGES = {
+    "be": {"be_capacitance", "forward_transit_time"},
+    "bc": {"bc_capacitance", "reverse_transit_time"},
+}
+#: Fields by which the charge of the base depends on both voltages.
+BASE_CHARGE = {
+    "forward_early_voltage",
+    "reverse_early_voltage",
+    "forward_knee_current",
+    "reverse_knee_current",
+}
+#: Names of the nodes, a substrate apart.
+TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
+_RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
+
+
+# SymPy forms these laws slowly, and a circuit has many transistors with the same terms.
+@lru_cache(maxsize=256)
+def _transistor(
+    name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
+) -> Component:
+    """Make a transistor with the terms of some fields, of three nodes or four."""
+    # A resistance at a terminal needs an inner node, behind which the junctions lie.
+    inner = {
+        row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
+        for row in _RESISTANCES
+        if row in has
+    }
+    base, collector, emitter = (inner.get(end, end) for end in ("base", "collector", "emitter"))
+    laws = _Laws(sign, has)
+    ports = [
+        laws.port("be", "bc", (base, emitter)),
+        laws.port("bc", "be", (base, collector)),
+        *(resistive(_DOMAIN, f"{end}_resistance", end, (end, at)) for end, at in inner.items()),
+    ]
+    terminals = TERMINALS
+    if has_substrate:
+        terminals = (*terminals, "substrate")
+        ports.append(laws.substrate(("substrate", collector if sign > 0 else base)))
+    found = measures(inner, sign if has_substrate else 0)
+    return scalar(name, doc, FIELDS, *ports, terminals=terminals, measures=found)
+
+
+def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
+    """Give currents into the terminals, and voltages between them.
+
+    Parameters
+    ----------
+    inner : mapping of str to str
+        The inner node behind each terminal that has a resistance.
+    substrate : {-1, 0, 1}
+        Sign of the transistor where it has a port to the substrate, else zero.
+    """
+
+    def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
+        return ((sign, "across", end),) if end in inner else ()
+
+    # What flows from a terminal to its inner node; the emitter's drop is taken backwards.
+    be, bc = (1, "across", "be"), (1, "across", "bc")
+    # From the substrate it flows to the collector of npn transistors, to the base of pnp ones.
+    own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
+    own[0] = ()
+    return (
+        PortMeasure("ib", "A", ((1, "through", "be"), (1, "through", "bc"), *own.get(-1, ()))),
+        PortMeasure("ic", "A", ((-1, "through", "bc"), *own.get(1, ()))),
+        PortMeasure("ie", "A", ((-1, "through", "be"),)),
+        PortMeasure("vbe", "V", (*drop(1, "base"), be, *drop(-1, "emitter"))),
+        PortMeasure("vbc", "V", (*drop(1, "base"), bc, *drop(-1, "collector"))),
+        PortMeasure(
+            "vce",
+            "V",
+            (be, (-1, "across", "bc"), *drop(1, "collector"), *drop(-1, "emitter")),
+        ),
+    )
+
+
+class _Laws:
+    """Terminal equations of the junctions, as expressions of ``vbe`` and ``vbc``."""
+
+    def __init__(self, sign: int, has: frozenset[str]) -> None:
+        self.sign, self.has = sign, has
+        self.voltage = {"be": symbol("vbe"), "bc": symbol("vbc")}
+        self.thermal = symbol("thermal_voltage")
+        saturation = symbol("saturation_current")
+        self.forward, self.reverse = (
+            junction_current(v, saturation, symbol(f"{way}_ideality") * self.thermal)
+            for v, way in ((self.voltage["be"], "forward"), (self.voltage["bc"], "reverse"))
+        )
+
+    def _base_charge(self) -> Any:
+        import sympy
+
+        def share(of: Any, name: str) -> Any:
+            return of / symbol(name) if name in self.has else 0
+
+        # Base-width modulation (Early effect), linear in both voltages.
+        q1 = 1 / (
+            1
+            - share(self.voltage["bc"], "forward_early_voltage")
+            - share(self.voltage["be"], "reverse_early_voltage")
+        )
+        # High-level injection: gains fall beyond the knee currents.
+        q2 = share(self.forward, "forward_knee_current")
+        q2 += share(self.reverse, "reverse_knee_current")
+        # Without knee currents the root is one and qb is q1.
+        if q2 == 0:
+            return q1
+        # Junctions block before the sum is negative; a search for a root may pass there.
+        return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
+
+    def _current(self, own: str) -> Any:
+        import sympy
+
+        # From collector to emitter through the base; recombination in it comes on top.
+        transport = (self.forward - self.reverse) / self._base_charge()
+        # The transport current runs along the be port and against the bc port; the shares of both
+        # junctions remain of their sum, which is the current into the base.
+        if own == "be":
+            total = transport + self.forward / symbol("forward_gain")
+        else:
+            total = self.reverse / symbol("reverse_gain") - transport
+        v = self.voltage[own]
+        if f"{own}_recombination" in self.has:
+            ideality = symbol(f"{own}_recombination_ideality")
+            factor = sympy.exp(v / (ideality * self.thermal)) - 1
+            total += symbol(f"{own}_recombination") * factor
+        return total + symbol("leakage") * v if "leakage" in self.has else total
+
+    def _capacities(self, own: str, other: str) -> tuple[Any, Any]:
+        """Differentiate the charge of a junction by its voltage, and by the other's."""
+        import sympy
+
+        v, capacity = self.voltage[own], sympy.Integer(0)
+        if f"{own}_capacitance" in self.has:
+            capacity += depletion_capacity(v, own)
+        charge = sympy.Integer(0)
+        if own == "be" and "forward_transit_time" in self.has:
+            charge = symbol("forward_transit_time") * self.forward / self._base_charge()
+        if own == "bc" and "reverse_transit_time" in self.has:
+            charge = symbol("reverse_transit_time") * self.reverse
+        return capacity + sympy.diff(charge, v), sympy.diff(charge, self.voltage[other])
+
+    def port(self, own: str, other: str, between: tuple[str, str]) -> Terminal:
+        """Make the port of a junction.
+
+        Parameters
+        ----------
+        own, other : {'be', 'bc'}
+            The junction, and the one that it shares the base with.
+        between : pair of str
+            The terminals or inner nodes at head and tail.
+        """
+        through, storage, kind = self.sign * self._current(own), None, Kind.DISSIPATOR
+        if self.has & _CHARGES[own]:
+            capacity, cross = self._capacities(own, other)
+            kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
+            # Rates of both voltages change sign where currents do.
+            through += cross * symbol(f"across_rate_{other}")
+        return Terminal(
+            _DOMAIN,
+            kind,
+            own,
+            through=Law.of(self._of_port(through, own, other)),
+            storage=storage,
+            is_passive=False,
+            between=between,
+        )
+
+    def substrate(self, between: tuple[str, str]) -> Terminal:
+        """Make the port of the junction from the substrate, which never conducts forwards."""
+        # The substrate is p and meets n material, the collector of npn or the base of pnp
+        # transistors: the port has the same polarity for both, so that no sign enters.
+        v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
+        if "substrate_capacitance" in self.has:
+            kind = Kind.ACROSS_STORAGE
+            # Reverse biased always: the linear continuation begins at no voltage.
+            storage = Law.of(depletion_capacity(v, "substrate", share=0))
+        leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
+        return Terminal(
+            _DOMAIN,
+            kind,
+            "substrate",
+            through=Law.of(leakage),
+            storage=storage,
+            is_passive=False,
+            between=between,
+        )
+
+    def _of_port(self, expression: Any, own: str, other: str) -> Any:
+        # Laws are written for npn transistors; voltages and currents of pnp ones are reversed.
+        names = {own: "across", other: f"across_{other}"}
+        return expression.subs({self.voltage[at]: self.sign * symbol(names[at]) for at in names})
+
+
+def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
+    """Add to a transistor the terms whose fields a scene gives.
+
+    Parameters
+    ----------
+    name, doc : str
+        Of the component.
+    sign : int
+        -1 where junctions conduct the other way.
+    plain : Component
+        The transistor with none of these terms.
+    """
+
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        has, rest = split_extras(_EXTRAS, given)
+        # A fourth node names the substrate.
+        has_substrate = len(nodes) == len(TERMINALS) + 1
+        if "substrate_capacitance" in has and not has_substrate:
+            raise SceneError(
+                f"edge '{edge}' has a substrate_capacitance: name its substrate as the fourth node"
+            )
+        if not has and not has_substrate:
+            return plain, nodes, rest
+        # The charge of the be junction then depends on vbc, too, and its current on the rate of
+        # vbc, which exists only where the bc port is a storage.
+        is_coupled = "forward_transit_time" in has and has & BASE_CHARGE
+        if is_coupled and not has & _CHARGES["bc"]:
+            raise SceneError(
+                f"edge '{edge}' has a forward_transit_time and a charge of the base that the "
+                "collector's voltage changes: give a bc_capacitance, too"
+            )
+        return _transistor(name, doc, sign, has, has_substrate), nodes, rest
+
+    return adapt
+
+
+def _bipolar(name: str, doc: str, sign: int) -> Component:
+    """Make a bipolar transistor; ``sign`` is -1 for one whose junctions conduct the other way.
+
+    Transport form: Ic = It - Ibc', with It = I (exp(vbe / V) - exp(vbc / V)).
+    """
+
+    def law(across: Any, other: Any, current: Any, gain: Any, thermal_voltage: Any) -> Any:
+        # Own current with its base share 1/gain, less that of the other junction: through the base
+        # the transport current flows from one to the other.
+        own = junction_current(sign * across, current, thermal_voltage)
+        return sign * (
+            own * (1 + 1 / gain) - junction_current(sign * other, current, thermal_voltage)
+        )
+
+    def port(own: str, other: str, gain: str, between: tuple[str, str]) -> Terminal:
+        names = ("across", f"across_{other}", "saturation_current", gain, "thermal_voltage")
+        return Terminal(
+            _DOMAIN,
+            Kind.DISSIPATOR,
+            own,
+            through=Law.taking(names, law),
+            is_passive=False,
+            between=between,
+        )
+
+    plain = scalar(
+        name,
+        doc,
+        FIELDS,
+        port("be", "bc", "forward_gain", ("base", "emitter")),
+        port("bc", "be", "reverse_gain", ("base", "collector")),
+        terminals=TERMINALS,
+        optional_terminals=("substrate",),
+        measures=measures({}),
+    )
+    return replace(plain, adapt=bipolar(name, doc, sign, plain))
+
+
+BJT_NPN = _bipolar("bjt_npn", "bipolar transistor after Ebers and Moll, npn", 1)
+BJT_PNP = _bipolar("bjt_pnp", "bipolar transistor after Ebers and Moll, pnp", -1)
+
+
+#: Arguments of the law of a channel.
+_CHANNEL = ("across", "across_gs", "factor", "threshold", "modulation", "leakage")
+
+
+def _mosfet(name: str, doc: str, sign: int) -> Component:
+    """Make a field-effect transistor; ``sign`` is -1 for one with a channel of holes.
+
+    Drain and source may change places: i = k/2 (a^2 - b^2) (1 + l |vds|), where a and b are what
+    the gate is above the threshold, against source and drain.
+    """
+
+    def law(
+        across: Any, gate: Any, factor: Any, threshold: Any, modulation: Any, leakage: Any
+    ) -> Any:
+        import sympy
+
+        vds, vgs = sign * across, sign * gate
+        # Square law with channel-length modulation, level 1 of H. Shichman and D. A. Hodges, IEEE
+        # Journal of Solid-State Circuits 3 (1968) 285: ohmic and saturated regions follow from a
+        # and b together.
+        at_source = vgs - sign * threshold
+        a, b = (sympy.Max(0, above) for above in (at_source, at_source - vds))
+        # Where both ends conduct a - b is vds, which their difference has no digits of if it is
+        # small: that of two volts would leave a current of 1e-18 A or so at no voltage.
+        is_open = sympy.Min(at_source, at_source - vds) > 0
+        across_channel = sympy.Piecewise((vds, is_open), (a - b, True))
+        channel = factor / 2 * (a + b) * across_channel * (1 + modulation * sympy.Abs(vds))
+        return sign * channel + leakage * across
+
+    plain = scalar(
+        name,
+        doc,
+        (
+            value("factor", "A/V^2", "of the square law: mobility, oxide, width by length"),
+            value("threshold", "V", "of the gate against the source", ""),
+            optional("modulation", "1/V", "of the channel's length", 0.0, "nonnegative"),
+            optional("leakage", "S", "between drain and source", 1e-12, "nonnegative"),
+            optional("body_effect", "V^0.5", "of the bulk's voltage", 0.0, "nonnegative"),
+            optional("surface_potential", "V", "of the channel at threshold", 0.6, "positive"),
+        ),
+        Terminal(
+            _DOMAIN,
+            Kind.DISSIPATOR,
+            "ds",
+            through=Law.taking(_CHANNEL, law),
+            is_passive=False,
+            between=("drain", "source"),
+        ),
+        Terminal(
+            _DOMAIN,
+            Kind.THROUGH_SOURCE,
+            "gs",
+            # The gate takes no static current: its port only measures the voltage.
+            through=Law(lambda: 0),
+            is_passive=False,
+            between=("gate", "source"),
+        ),
+        terminals=("drain", "gate", "source"),
+        optional_terminals=("bulk",),
+        measures=(
+            PortMeasure("id", "A", ((1, "through", "ds"),)),
+            PortMeasure("vds", "V", ((1, "across", "ds"),)),
+            PortMeasure("vgs", "V", ((1, "across", "gs"),)),
+        ),
+    )
+    return replace(plain, adapt=_with_bulk(plain, law, sign))
+
+
+def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
+    """Give a field-effect transistor its fourth node, where a scene names it.
+
+    The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is what the bulk is above the
+    lower of source and drain; forwards the root goes on straight, as in SPICE.
+    """
+
+    def shifted() -> Any:
+        import sympy
+
+        vds, vbs = sign * symbol("across"), sign * symbol("across_bs")
+        effect, potential = symbol("body_effect"), symbol("surface_potential")
+        v = vbs - sympy.Min(vds, 0)
+        # The root is never taken of what is not positive, whichever branch is evaluated.
+        straight = sympy.Max(v, 0) / (2 * sympy.sqrt(potential))
+        root = sympy.Max(0, sympy.sqrt(potential - sympy.Min(v, 0)) - straight)
+        raised = sign * effect * (root - sympy.sqrt(potential))
+        arguments = {name: symbol(name) for name in _CHANNEL}
+        arguments["threshold"] += raised
+        return law(*arguments.values())
+
+    @lru_cache(maxsize=1)
+    def made() -> Component:
+        drain = replace(plain.ports[0], through=Law.of(shifted()))
+        # Like the gate, the bulk is a port without current.
+        bulk = replace(plain.ports[1], port="bs", between=("bulk", "source"))
+        return replace(
+            plain,
+            ports=(drain, plain.ports[1], bulk),
+            terminals=(*plain.terminals, "bulk"),
+            measures=(*plain.measures, PortMeasure("vbs", "V", ((1, "across", "bs"),))),
+        )
+
+    def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
+        if len(nodes) == len(plain.terminals) + 1:
+            return made(), nodes, given
+        if not is_absent(given.get("body_effect")):
+            raise SceneError(f"edge '{edge}' has a body_effect: name its bulk as the fourth node")
+        return plain, nodes, given
+
+    return adapt
+
+
+MOSFET_N = _mosfet("mosfet_n", "field-effect transistor by the square law, n channel", 1)
+MOSFET_P = _mosfet("mosfet_p", "field-effect transistor by the square law, p channel", -1)
+
+COMPONENTS = (DIODE, BJT_NPN, BJT_PNP, MOSFET_N, MOSFET_P)

@@ -1,0 +1,286 @@
+"""Times at which values jump or have a kink, found from the nodes that form them.
+
+A condition of time and parameters alone (what a selection, a sign, an absolute value, a floor or a
+table looks at) changes at times that are known before a run, if it is linear in time, or linear in
+time since the last whole period. Integration stops there, so that no pulse is stepped over and no
+step has a kink within. Corners at other conditions are located, see :mod:`cotree.program.surfaces`.
+
+That test is blind where something acts during a part of each period only, such as a diode driven
+by a sine: a long step may skip all of that part. Steps are then limited to a share of the period.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import chain, product
+from typing import TYPE_CHECKING
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import dependent, reachable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from cotree.dag.nodes import Dag, Node
+
+#: Stops closer than this share of their size are one: a few roundings of what they are made of.
+SAME = 8 * 2.0**-52
+
+#: Operations that jump or have a kink, depending on their first argument.
+_LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
+
+#: Operations that may be nearly zero during most of a period. Where they depend on states, sines of
+#: time limit the steps.
+_PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
+
+#: Steps in a period of such a sine. A rectifier conducts for a twentieth of it, or more.
+_SHARES = 32.0
+
+#: Values with more pieces than this are left to the error test.
+_MOST_PIECES = 16
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Times ``first + k * period`` with whole k.
+
+    Attributes
+    ----------
+    first : Node
+        Of parameters.
+    period : Node or None
+        Of parameters; None for one time only.
+    starts : bool
+        Whether there are none before ``first``, k from zero on.
+    along : tuple of (Node, Node)
+        Derivatives of ``first`` and of the period along each of some directions.
+    """
+
+    first: Node
+    period: Node | None = None
+    starts: bool = False
+    along: tuple[tuple[Node, Node], ...] = ()
+
+
+@dataclass(frozen=True)
+class _Count:
+    """``floor(offset + rate * t)``, from zero on where it ``starts``."""
+
+    offset: Node
+    rate: Node
+    starts: bool
+
+
+@dataclass(frozen=True)
+class _Line:
+    """``offset + rate * t + step * count``; zero before its root where it ``starts``.
+
+    A selection between lines is each of them at some time: it stops where any of them would,
+    which is once too often at times, but never too seldom.
+    """
+
+    offset: Node
+    rate: Node
+    step: Node
+    count: _Count | None = None
+    starts: bool = False
+
+
+def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
+    """List the times at which conditions of values change, as decided by time and parameters.
+
+    Parameters
+    ----------
+    dag : Dag
+        Their arena.
+    roots : iterable of Node
+        The values.
+    """
+    return tuple(dict.fromkeys(chain.from_iterable(stops_within(dag, roots).values())))
+
+
+def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]]:
+    """List the stops of each node that compares or looks up a value."""
+    order = reachable(roots)
+    if not any(node.op in _LOOKING for node in order):
+        return {}
+    pieces = _all_pieces(dag, order)
+    found: dict[Node, tuple[Stop, ...]] = {}
+    for node in order:
+        if node.op in _LOOKING:
+            # A node without pieces is no function of time that is known before a run.
+            own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
+            found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
+    return found
+
+
+def is_cut(node: Node) -> bool:
+    """Tell whether every time-dependent part of a value is piecewise linear in time.
+
+    Integration then stops where something that looks at it changes.
+    """
+    order = reachable([node])
+    pieces = _all_pieces(node.dag, order)
+    time = [item for item in order if item.op == "symbol" and item.data[0] == "t"]
+    return all(item in pieces for item in dependent(order, time))
+
+
+def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
+    """List the longest step for each sine of time, as nodes of parameters of either sign.
+
+    Parameters
+    ----------
+    dag : Dag
+        Their arena.
+    roots : iterable of Node
+        The values that the sines are part of.
+    """
+    order = reachable(roots)
+    waves = [node for node in order if node.op in ("sin", "cos")]
+    pieces = _all_pieces(dag, order) if waves else {}
+    lines = (line for node in waves for line in pieces.get(node.args[0], ()))
+    # The argument of the sine grows by 2 pi in one period.
+    rates = dict.fromkeys(line.rate for line in lines if not line.rate.is_zero)
+    return tuple(2.0 * math.pi / _SHARES / rate for rate in rates)
+
+
+def acts_in_part(roots: Iterable[Node]) -> bool:
+    """Tell whether a law that may be nearly zero most of the time depends on states."""
+    moving: set[Node] = set()
+    for node in reachable(roots):
+        is_state = node.op == "symbol" and node.data[0] == "x"
+        if is_state or any(arg in moving for arg in node.args):
+            moving.add(node)
+            if node.op in _PARTIAL:
+                return True
+    return False
+
+
+def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]]:
+    """Write all nodes that are piecewise linear in time, with few pieces, as lines."""
+    pieces: dict[Node, tuple[_Line, ...]] = {}
+    # States, inputs and unknowns are known during a run only.
+    others = [n for n in order if n.op == "symbol" and n.data[0] not in ("p", "t")]
+    moving = dependent(order, others)
+    for node in order:
+        own = _pieces(dag, node, pieces, node in moving)
+        if 0 < len(own) <= _MOST_PIECES:
+            pieces[node] = own
+    return pieces
+
+
+def _pieces(
+    dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
+) -> tuple[_Line, ...]:
+    """Write a node as the lines that it follows piece by piece; nothing if it is none of these.
+
+    One that depends on states may still be a line in one branch of a selection.
+    """
+    zero = dag.zero
+    if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
+        return (_Line(node, zero, zero),)
+    if node.op == "symbol":
+        return (_Line(zero, dag.one, zero),) if node.data[0] == "t" else ()
+    if node.op == "select":
+        return _branches(dag, node, pieces)
+    if not node.args or not all(arg in pieces for arg in node.args):
+        return ()
+    rows = [pieces[arg] for arg in node.args]
+    # A function of parameters alone is a constant line, whatever the function.
+    is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
+    if is_fixed and node.op != "result":
+        return (_Line(node, zero, zero),)
+    # |x| follows x or -x.
+    if node.op == "abs":
+        return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
+    if node.op == "sign":
+        return tuple(_Line(dag.constant(value), zero, zero) for value in (-1.0, 0.0, 1.0))
+    # Each combination of pieces of the arguments may occur at some time.
+    made = [_line(dag, node, choice) for choice in product(*rows)]
+    return tuple(dict.fromkeys(line for line in made if line is not None))
+
+
+def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
+    """Write a selection as the lines of its branches."""
+    condition, accepted, refused = node.args
+    # max(x, 0), as sources with a delay have it: the line begins at its root.
+    if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
+        (clipped,) = pieces[accepted]
+        if clipped.count is None and not clipped.starts:
+            return (_Line(clipped.offset, clipped.rate, dag.zero, starts=True),)
+    own = (*pieces.get(accepted, ()), *pieces.get(refused, ()))
+    return tuple(dict.fromkeys(own))
+
+
+def _line(dag: Dag, node: Node, rows: Sequence[_Line]) -> _Line | None:
+    """Write an operation on lines as a line, if it is one."""
+    if node.op in ("add", "sub"):
+        return _added(rows[0], rows[1], 1.0 if node.op == "add" else -1.0)
+    if node.op == "neg":
+        return _scaled(rows[0], -dag.one)
+    if node.op == "mul" and _is_fixed(rows[0]):
+        return _scaled(rows[1], rows[0].offset)
+    if node.op == "mul" and _is_fixed(rows[1]):
+        return _scaled(rows[0], rows[1].offset)
+    if node.op == "div" and _is_fixed(rows[1]) and not rows[1].offset.is_zero:
+        return _scaled(rows[0], 1.0 / rows[1].offset)
+    if node.op == "floor" and rows[0].count is None:
+        count = _Count(rows[0].offset, rows[0].rate, rows[0].starts)
+        return _Line(dag.zero, dag.zero, dag.one, count)
+    return None
+
+
+def _is_fixed(line: _Line) -> bool:
+    return line.rate.is_zero and line.count is None
+
+
+def _added(a: _Line, b: _Line, sign: float) -> _Line | None:
+    counts = {line.count for line in (a, b) if line.count is not None}
+    # Two periods have no common one, and a clipped line plus another has a kink at its start.
+    if len(counts) > 1 or a.starts or b.starts:
+        return None
+    return _Line(
+        a.offset + b.offset * sign,
+        a.rate + b.rate * sign,
+        a.step + b.step * sign,
+        next(iter(counts), None),
+    )
+
+
+def _scaled(line: _Line, factor: Node) -> _Line:
+    scaled = (line.offset * factor, line.rate * factor, line.step * factor)
+    return _Line(*scaled, line.count, line.starts)
+
+
+def _stops(node: Node, line: _Line) -> list[Stop]:
+    """Give the times at which the argument of a node is zero, whole, or a point of its table."""
+    if line.rate.is_zero:
+        return []  # a count alone: its floor has been seen to already
+    if node.op == "floor" and line.count is None:
+        # The argument is whole at its root and each time that it has grown by one since.
+        return [Stop(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
+    places = node.data.x if node.op == "table" else (0.0,)
+    firsts = [(place - line.offset) / line.rate for place in places]
+    if line.count is None:
+        return [Stop(first) for first in firsts]
+    # The count raises the line by a step when the period ends: zeros return with that period.
+    period = -line.step / line.rate
+    return [Stop(first, period, line.count.starts) for first in firsts]
+
+
+def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
+    """Return the least of some limits, which are nodes of parameters; infinity for none."""
+    # A rate of zero gives an infinite limit, an infinite rate gives zero, which would stop a run:
+    # neither limits anything, and nor does nan.
+    sizes = [abs(value_of(limit, values)) for limit in limits]
+    return min((size for size in sizes if size > 0.0), default=math.inf)
+
+
+def value_of(node: Node | None, values: Mapping[Node, float]) -> float:
+    """Evaluate a node of parameters; nan where it has no value."""
+    if node is None:
+        return math.nan
+    if node.value is not None:
+        return node.value
+    return float(evaluate([node], values)[0])

@@ -1,0 +1,190 @@
+"""Time events: times at which integration restarts, and their dependence on parameters.
+
+In: times as nodes (:mod:`cotree.dag.switching_times`), and values of parameters. Out: those within
+a span, indistinguishable ones merged, with their derivatives. Where rates jump by ``f+ - f-`` at
+a time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cotree.dag.derivative import tangents
+from cotree.dag.switching_times import SAME, Stop, value_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from cotree.dag.nodes import Node
+
+    FloatArray = npt.NDArray[np.float64]
+
+#: A run is not cut more often than this: a period far below the span is a mistake in units.
+_MOST = 10_000_000
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Times at which integration stops, ascending, with their derivatives along m directions.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+        The times, [s].
+    slopes : ndarray, shape (n, m)
+        Their derivatives along each direction.
+    spreads : ndarray, shape (n, m)
+        Largest difference of these derivatives among all stops that meet at a time.
+    scale : float
+        Largest size of the first time of a stop that repeats, whose rounding corners have, [s].
+    """
+
+    times: FloatArray
+    slopes: FloatArray
+    spreads: FloatArray
+    scale: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @classmethod
+    def none(cls) -> Corners:
+        """Return a list without corners."""
+        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+
+    @property
+    def moved(self) -> Corners:
+        """The corners that move along some direction, or at which something moves."""
+        moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
+        return Corners(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
+
+    def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return which of some times are corners, with their slopes and spreads, zero elsewhere."""
+        shape = (len(times), self.slopes.shape[1])
+        slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
+        if len(self):
+            near = np.minimum(np.searchsorted(self.times, times), len(self) - 1)
+            places = self.times[near] == times
+            slopes[places], spreads[places] = self.slopes[near][places], self.spreads[near][places]
+        return places, slopes, spreads
+
+
+def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
+    """Differentiate the times of stops along some directions; see :attr:`Stop.along`.
+
+    Parameters
+    ----------
+    stops : sequence of Stop
+        The stops.
+    seeds : sequence of mapping of Node to Node
+        Tangents of symbols, for each direction.
+    """
+    # Stops without a period fill their place with the first time, whose tangent is not used.
+    periods = [stop.first if stop.period is None else stop.period for stop in stops]
+    found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
+    n = len(stops)
+    return tuple(
+        replace(stop, along=tuple((row[i], row[n + i]) for row in found))
+        for i, stop in enumerate(stops)
+    )
+
+
+def find_corners(
+    stops: Sequence[Stop],
+    values: Mapping[Node, float],
+    low: float,
+    high: float,
+    others: Sequence[float] = (),
+) -> Corners:
+    """List the times of some stops within a span, both ends included.
+
+    Times that differ by rounding are one corner, with the slopes of the first of them. At an end of
+    the span, whose time is given, slopes are zero; the spreads tell how the stops there move.
+
+    Parameters
+    ----------
+    stops : sequence of Stop
+        The stops.
+    values : mapping of Node to float
+        Values of the parameters' symbols.
+    low, high : float
+        The span.
+    others : sequence of float
+        Further times, which do not change along any direction.
+
+    Raises
+    ------
+    ValueError
+        If a period is so short that there are too many.
+    """
+    # A corner within rounding of an end is at the end.
+    margin = SAME * max(abs(low), abs(high))
+    m = max((len(stop.along) for stop in stops), default=0)
+    found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
+    found += [_times_of(stop, values, low - margin, high + margin, m) for stop in stops]
+    t = np.concatenate([row.t for row in found])
+    slopes = np.concatenate([row.slopes for row in found])
+    scales = np.repeat([row.scale for row in found], [len(row.t) for row in found])
+    ends = [_is_same(t, end) for end in (low, high)]
+    is_kept = ends[0] | ends[1] | ((low < t) & (t < high))
+    order = np.flatnonzero(is_kept)
+    order = order[np.argsort(t[order], kind="stable")]
+    t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
+    scale = float(np.max(scales[order], initial=0.0))
+    # An end stays where it is, whatever the parameters are. Met by a stop that moves, its spread is
+    # the slope of that stop.
+    at_end = (at_low | at_high)[:, None]
+    spreads = np.where(at_end, np.abs(slopes), 0.0)
+    slopes = np.where(at_end, 0.0, slopes)
+    t = np.where(at_low, low, np.where(at_high, high, t))
+    if not len(t):
+        return Corners(t, slopes, spreads)
+    starts = np.flatnonzero(np.concatenate([[True], ~_is_same(t[1:], t[:-1])]))
+    first = np.repeat(slopes[starts], np.diff(np.append(starts, len(t))), axis=0)
+    differ = np.where(_is_same(first, slopes), 0.0, np.abs(first - slopes))
+    spreads = np.maximum.reduceat(np.maximum(spreads, differ), starts, axis=0)
+    return Corners(t[starts], slopes[starts], spreads, scale)
+
+
+def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
+    """Return where two times, or slopes, differ by rounding only."""
+    same: npt.NDArray[np.bool_] = np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))
+    return same
+
+
+class _Times(NamedTuple):
+    """Times of one stop, with their derivatives and the size of the first one."""
+
+    t: FloatArray
+    slopes: FloatArray
+    scale: float
+
+
+def _times_of(stop: Stop, values: Mapping[Node, float], low: float, high: float, m: int) -> _Times:
+    """List the times of one stop within a span."""
+    first, period = value_of(stop.first, values), value_of(stop.period, values)
+    if not math.isfinite(first):
+        return _Times(np.zeros(0), np.zeros((0, m)), 0.0)
+    along = np.zeros((2, m))
+    for j, row in enumerate(stop.along):
+        along[:, j] = [value_of(node, values) for node in row]
+    if stop.period is None or not math.isfinite(period) or period == 0.0:
+        return _Times(np.array([first]), along[:1], 0.0)
+    # The times are first + k period. The period may be negative, so the ends are sorted.
+    ends = sorted((at - first) / period for at in (low, high))
+    start, end = math.ceil(ends[0]), math.floor(ends[1])
+    # A source that starts at its first time does not repeat before it.
+    start = max(start, 0) if stop.starts else start
+    if end - start > _MOST:
+        raise ValueError(
+            f"a period of {period:.6g} s passes {end - start} times in the span: it is too "
+            "short for this run; check its unit"
+        )
+    k = np.arange(start, end + 1, dtype=float)
+    return _Times(first + k * period, along[0] + k[:, None] * along[1], abs(first))

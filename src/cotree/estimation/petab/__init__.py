@@ -1,0 +1,1 @@
+"""Estimation problems in the PEtab format, version 1."""

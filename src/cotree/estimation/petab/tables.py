@@ -1,0 +1,483 @@
+"""The tables of a PEtab problem, version 1, read and checked row by row.
+
+In: the files of the tables. Out: ``Tables``, in which every row has its file and line. Formulas
+remain texts.
+
+Source: PEtab data format specification, version 1.0.0, petab.readthedocs.io.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cotree.errors import Error, SceneError, brief, nearest
+from cotree.files import read_text
+from cotree.readers.names import LARGEST_FILE, SourceLine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+
+_Named = TypeVar("_Named", "ParameterRow", "ObservableRow", "ConditionRow")
+
+#: A cell of the condition table: a number, a name, or None to keep the model's value.
+Cell = float | str | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table.
+
+    Attributes
+    ----------
+    line : SourceLine
+        File and line, for messages.
+    cells : mapping of str to str
+        Texts by column.
+    """
+
+    line: SourceLine
+    cells: Mapping[str, str]
+
+    def error(self, message: str) -> SceneError:
+        """Make an error whose message begins with the file and line of this row."""
+        return self.line.error(message)
+
+    def text(self, column: str, default: str = "") -> str:
+        """Return a cell, or the default if it is empty or the table has no such column."""
+        value = (self.cells.get(column) or "").strip()
+        return default if value in ("", "NaN", "nan", "NA") else value
+
+    def number(self, column: str, default: float | None = None) -> float:
+        """Return a number; refuse an empty cell if there is no default."""
+        text = self.text(column)
+        if not text:
+            if default is None:
+                raise self.error(f"'{column}' is empty: give a number")
+            return default
+        value = as_number(text)
+        if value is None:
+            raise self.error(f"'{column}' is '{brief(text)}', which is not a number")
+        return value
+
+    def choice(self, column: str, known: Sequence[str]) -> str:
+        """Return one of the known words, the first if the cell is empty."""
+        text = self.text(column, known[0])
+        if text not in known:
+            raise self.error(f"'{column}' is '{brief(text)}'{nearest(text, known)}")
+        return text
+
+    def identifier(self, column: str) -> str:
+        """Return an identifier."""
+        text = self.text(column)
+        if not _IDENTIFIER.match(text):
+            raise self.error(
+                f"'{column}' is '{brief(text)}': use letters, digits and underscores, and no digit "
+                "at the beginning"
+            )
+        return text
+
+    def listed(self, column: str) -> tuple[str | float, ...]:
+        """Return the numbers or names in a cell, separated by semicolons."""
+        text = self.text(column)
+        parts = [part.strip() for part in text.split(";")] if text else []
+        found: list[str | float] = []
+        for part in parts:
+            value = as_number(part)
+            if value is None and not _IDENTIFIER.match(part):
+                raise self.error(f"'{brief(part)}' in '{column}' is neither a number nor a name")
+            found.append(part if value is None else value)
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class PriorRow:
+    """A prior: its type and its two parameters."""
+
+    kind: str
+    first: float
+    second: float
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A row of the parameter table; bounds and nominal value are not scaled."""
+
+    name: str
+    row: Row
+    scale: str
+    lower: float
+    upper: float
+    nominal: float | None
+    is_estimated: bool
+    objective_prior: PriorRow | None
+    initialization_prior: PriorRow | None
+
+
+@dataclass(frozen=True)
+class ObservableRow:
+    """A row of the observable table."""
+
+    name: str
+    row: Row
+    formula: str
+    noise: str
+    transformation: str
+    distribution: str
+
+
+@dataclass(frozen=True)
+class MeasurementRow:
+    """A row of the measurement table; ``before`` is the preequilibration, empty without one."""
+
+    row: Row
+    observable: str
+    condition: str
+    before: str
+    t: float
+    value: float
+    observable_parameters: tuple[str | float, ...]
+    noise_parameters: tuple[str | float, ...]
+
+
+@dataclass(frozen=True)
+class ConditionRow:
+    """A row of the condition table: the values that it sets, by name."""
+
+    name: str
+    row: Row
+    cells: Mapping[str, Cell]
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All tables of a problem.
+
+    Attributes
+    ----------
+    file : str
+        The YAML file.
+    model : Path
+        The SBML file.
+    measurement_files : tuple of Path
+        The measurement tables, in order.
+    parameters, observables, conditions, measurements
+        Rows of the tables, the first three by name.
+    """
+
+    file: str
+    model: Path
+    measurement_files: tuple[Path, ...]
+    parameters: dict[str, ParameterRow] = field(default_factory=dict)
+    observables: dict[str, ObservableRow] = field(default_factory=dict)
+    conditions: dict[str, ConditionRow] = field(default_factory=dict)
+    measurements: list[MeasurementRow] = field(default_factory=list)
+
+
+_SCALES = ("lin", "log", "log10")
+_PRIORS = (
+    *("parameterScaleUniform", "parameterScaleNormal", "parameterScaleLaplace"),
+    *("uniform", "normal", "laplace", "logNormal", "logLaplace"),
+)
+
+
+def as_number(text: str) -> float | None:
+    """Return the number of a text, or None if it is not a number or ``nan``."""
+    # Python would accept underscores between digits.
+    try:
+        value = math.nan if "_" in text else float(text)
+    except ValueError:
+        return None
+    return None if math.isnan(value) else value
+
+
+def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
+    """Read all tables.
+
+    Parameters
+    ----------
+    tables : Tables
+        Receives the rows.
+    files : mapping of str to paths
+        Files by kind: parameter, observable, condition, measurement.
+
+    Raises
+    ------
+    SceneError
+        If a file cannot be read or a row is invalid; the message begins with file and line.
+    """
+    for row in _rows(files["parameter"], "parameterId", "parameterScale", "nominalValue"):
+        _put(tables.parameters, _parameter(row), "parameter")
+    for row in _rows(files["observable"], "observableId", "observableFormula", "noiseFormula"):
+        _put(tables.observables, _observable(row), "observable")
+    for row in _rows(files["condition"], "conditionId"):
+        _put(tables.conditions, _condition(row), "condition")
+    wanted = ("observableId", "simulationConditionId", "measurement", "time")
+    for row in _rows(files["measurement"], *wanted):
+        tables.measurements.append(_measurement(row, tables))
+    if not tables.measurements:
+        raise SceneError(f"{tables.file}: the measurement table has no rows: add measured values")
+
+
+def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
+    """Store a row by its name, which must be unique."""
+    if found.name in known:
+        line = known[found.name].row.line
+        raise found.row.error(f"{what} '{brief(found.name)}' is defined twice, first in {line}")
+    known[found.name] = found
+
+
+def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
+    """Read the rows of tables that have the required columns."""
+    for path in paths:
+        # With `newline=""` the csv module receives the line ends of the file unchanged.
+        text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
+        reader = csv.DictReader(text, delimiter="\t")
+        try:
+            yield from _checked_rows(path, reader, wanted)
+        except csv.Error as error:
+            line = SourceLine(str(path), max(1, reader.line_num))
+            raise line.error(f"not a table with tab-separated columns: {error}") from None
+
+
+def _checked_rows(path: Path, reader: csv.DictReader[str], wanted: Sequence[str]) -> Iterable[Row]:
+    """Read the rows of one table that are not empty."""
+    columns = reader.fieldnames or []
+    for name in wanted:
+        if name not in columns:
+            hint = nearest(name, columns) if columns else ""
+            raise SceneError(f"{path}:1: no column '{name}'{hint}")
+    for name in columns:
+        if columns.count(name) > 1:
+            raise SceneError(f"{path}:1: two columns are named '{brief(name)}': remove one of them")
+    for cells in reader:
+        row = Row(SourceLine(str(path), reader.line_num), cells)
+        # The csv module puts cells beyond the header under the key None.
+        if None in cells:
+            raise row.error(f"the row has more cells than the {len(columns)} columns of the header")
+        if any(row.text(name) for name in columns):
+            yield row
+
+
+def _parameter(row: Row) -> ParameterRow:
+    name, scale = row.identifier("parameterId"), row.choice("parameterScale", _SCALES)
+    estimate = row.text("estimate")
+    if estimate not in ("0", "1", "0.0", "1.0"):
+        raise row.error(f"'estimate' is '{brief(estimate)}': give 0 or 1")
+    is_estimated = estimate.startswith("1")
+    lower, upper = -math.inf, math.inf
+    if is_estimated:
+        lower, upper = row.number("lowerBound"), row.number("upperBound")
+        if not lower < upper:
+            raise row.error(
+                f"the lower bound {lower:g} of '{brief(name)}' is not below the upper bound "
+                f"{upper:g}"
+            )
+        if scale != "lin" and lower < 0.0:
+            raise row.error(
+                f"'{brief(name)}' is on scale {scale}: its lower bound must not be negative"
+            )
+    nominal = row.number("nominalValue", math.nan)
+    if not is_estimated and math.isnan(nominal):
+        raise row.error(f"'{brief(name)}' is not estimated: give its nominalValue")
+    return ParameterRow(
+        name,
+        row,
+        scale,
+        lower,
+        upper,
+        None if math.isnan(nominal) else nominal,
+        is_estimated,
+        _prior(row, "objectivePrior") if is_estimated else None,
+        _prior(row, "initializationPrior") if is_estimated else None,
+    )
+
+
+def _prior(row: Row, column: str) -> PriorRow | None:
+    kind, given = row.text(f"{column}Type"), row.listed(f"{column}Parameters")
+    if not kind and not given:
+        return None
+    kind = row.choice(f"{column}Type", _PRIORS)
+    numbers = [value for value in given if not isinstance(value, str)]
+    if kind == "parameterScaleUniform" and not given:
+        return None  # uniform within the bounds, as without a prior
+    if len(numbers) != 2 or len(given) != 2:
+        raise row.error(f"'{column}Parameters' of a {kind} prior must be two numbers, as in 0;1")
+    first, second = numbers
+    if kind.lower().endswith("uniform") and not first < second:
+        raise row.error(
+            f"the lower end {first:g} of a {kind} prior is not below the end {second:g}"
+        )
+    if not kind.lower().endswith("uniform") and not second > 0.0:
+        raise row.error(f"the scale {second:g} of a {kind} prior is not positive")
+    return PriorRow(kind, first, second)
+
+
+def _observable(row: Row) -> ObservableRow:
+    formula, noise = row.text("observableFormula"), row.text("noiseFormula")
+    name = row.identifier("observableId")
+    for column, text in (("observableFormula", formula), ("noiseFormula", noise)):
+        if not text:
+            raise row.error(f"'{column}' of observable '{brief(name)}' is empty")
+    return ObservableRow(
+        name,
+        row,
+        formula,
+        noise,
+        row.choice("observableTransformation", _SCALES),
+        row.choice("noiseDistribution", ("normal", "laplace")),
+    )
+
+
+def _condition(row: Row) -> ConditionRow:
+    cells: dict[str, Cell] = {}
+    for column in row.cells:
+        if column in ("conditionId", "conditionName"):
+            continue
+        text = row.text(column)
+        number = as_number(text) if text else None
+        cells[column] = row.identifier(column) if text and number is None else number
+    return ConditionRow(row.identifier("conditionId"), row, cells)
+
+
+def _measurement(row: Row, tables: Tables) -> MeasurementRow:
+    observable, before = row.text("observableId"), row.text("preequilibrationConditionId")
+    condition = row.text("simulationConditionId")
+    for column, name, known in (
+        ("observableId", observable, tables.observables),
+        ("simulationConditionId", condition, tables.conditions),
+    ):
+        if name not in known:
+            raise row.error(f"unknown {column} '{brief(name)}'{nearest(name, known)}")
+    if before and before not in tables.conditions:
+        hint = nearest(before, tables.conditions)
+        raise row.error(f"unknown preequilibrationConditionId '{brief(before)}'{hint}")
+    value, t = row.number("measurement"), row.number("time")
+    if not math.isfinite(value):
+        raise row.error(f"the measurement is {value}: remove the row")
+    if tables.observables[observable].transformation != "lin" and not value > 0.0:
+        raise row.error(f"the measurement {value:g} of '{brief(observable)}' has no logarithm")
+    if not t >= 0.0:
+        raise row.error(f"the time is {t:g}: times must not be negative")
+    return MeasurementRow(
+        row,
+        observable,
+        condition,
+        before,
+        t,
+        value,
+        row.listed("observableParameters"),
+        row.listed("noiseParameters"),
+    )
+
+
+_MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]'`"
+
+
+def read_tables(path: str | Path) -> Tables:
+    """Read the tables that a YAML file names.
+
+    Parameters
+    ----------
+    path : str or Path
+        The YAML file; paths in it are relative to its folder.
+
+    Raises
+    ------
+    SceneError
+        If a file is missing or cannot be read, has another version, or a row is invalid.
+    Error
+        If the extra ``petab`` is not installed.
+    """
+    data, folder = _parsed(path), Path(path).parent
+    version = str(_version(data)).strip()
+    if version.split(".")[0] != "1":
+        raise SceneError(
+            f"{path}: format_version is {brief(version)}, but only version 1 of PEtab is supported"
+        )
+    problems = data.get("problems")
+    if not isinstance(problems, list) or len(problems) != 1 or not isinstance(problems[0], dict):
+        raise SceneError(f"{path}: 'problems' must list one problem: write a file for each")
+    problem = problems[0]
+    files = {
+        kind: [_existing(path, folder, name) for name in _listed(path, problem, f"{kind}_files")]
+        for kind in ("observable", "condition", "measurement")
+    }
+    files["parameter"] = [
+        _existing(path, folder, name) for name in _listed(path, data, "parameter_file")
+    ]
+    if problem.get("mapping_files"):
+        raise SceneError(
+            f"{path}: mapping_files are not supported: use names of the model in the tables"
+        )
+    model = _existing(path, folder, _model(path, problem))
+    tables = Tables(str(path), model, tuple(files["measurement"]))
+    fill_tables(tables, files)
+    return tables
+
+
+def _parsed(path: str | Path) -> dict[str, Any]:
+    try:
+        import yaml
+    except ImportError:
+        raise Error(_MISSING) from None
+    text = read_text(path, LARGEST_FILE)
+    try:
+        data = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        raise SceneError(f"{where}: not valid YAML: {getattr(error, 'problem', '')}") from None
+    if not isinstance(data, dict) or "format_version" not in data:
+        raise SceneError(f"{path}: not a PEtab problem: it has no 'format_version'")
+    return data
+
+
+def _version(data: dict[str, Any]) -> object:
+    given = data["format_version"]
+    return given.get("version") if isinstance(given, dict) else given
+
+
+def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:
+    given = data.get(key)
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise SceneError(f"{path}: '{key}' must name at least one file")
+    return names
+
+
+def _model(path: str | Path, problem: dict[str, Any]) -> str:
+    """Find the model: ``sbml_files``, or ``model_files`` in later forms of version 1."""
+    models = problem.get("model_files")
+    if isinstance(models, dict) and not problem.get("sbml_files"):
+        for model in models.values():
+            language = model.get("language") if isinstance(model, dict) else None
+            if language != "sbml":
+                raise SceneError(
+                    f"{path}: the model is in '{language}', but only SBML is supported"
+                )
+        names = [str(model.get("location")) for model in models.values()]
+    else:
+        names = _listed(path, problem, "sbml_files")
+    if len(names) != 1:
+        raise SceneError(f"{path}: {len(names)} models are given, but only one is supported")
+    return names[0]
+
+
+def _existing(path: str | Path, folder: Path, name: str) -> Path:
+    found = folder / name
+    try:
+        is_file = found.is_file()
+    except OSError:  # the name is too long for the file system
+        is_file = False
+    if not is_file:
+        raise SceneError(f"{path}: the file '{brief(name)}' does not exist in '{folder}'")
+    return found

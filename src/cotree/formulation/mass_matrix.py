@@ -1,0 +1,452 @@
+"""The mass matrix: whether it is formed, its augmented bodies, and pivots that are safe.
+
+Give each joint the inertia of the rigid cluster that it carries, as if all other joints were
+locked. If it is positive definite for every joint, every motion has kinetic energy: with
+clusters taken from the ground outwards, the velocities of the coordinates map to those of the
+clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is then
+positive definite in every configuration, and so is each of its Schur complements.
+
+This requires clusters whose kinetic energy is never negative. A cluster whose inertia tensor, at
+the scene's values, is not that of any body makes the pivots of all joints that move it unsafe.
+
+What lies beyond a branch then does not move as one body, so that it has no composite inertia. But
+all mass that the translation tree carries beyond a branch moves with the branch's outer node, so
+that it counts as a point mass there of the cluster inside (an augmented body: J. Wittenburg,
+Dynamics of Systems of Rigid Bodies, 1977). A turn of a cluster then needs its augmented first
+moment and inertia only.
+
+Elimination along the tree does not need the mass matrix and takes O(n) operations; the matrix of a
+chain has n^2 entries. The matrix is formed only when its rows are asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import chain
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+
+from cotree.dag import vector
+from cotree.dag.nodes import Node, symbols_in
+from cotree.equations import Guard
+from cotree.errors import ParameterError, SingularSystemError
+from cotree.formulation.clusters import Branch, Clusters, Inertia, combined, shifted
+from cotree.formulation.constraints import along_speeds
+from cotree.formulation.endpoints import Pull
+from cotree.formulation.through import carried_inertia, resolved, unit_wrench
+from cotree.scene.checks import ROUNDING
+
+if TYPE_CHECKING:
+    from cotree.dag.vector import Matrix, Vector
+    from cotree.formulation.across import Motion, View
+    from cotree.formulation.chords import Row
+    from cotree.formulation.frames import Geometry
+    from cotree.formulation.system import System
+
+
+#: Metres or radians that nodes may be apart where nothing can bring them together: rounding.
+_LARGEST_GAP = 1e-9
+
+
+def check_inertia(
+    system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
+) -> None:
+    """Refuse coordinates that move nothing and that no constraint holds.
+
+    Parameters
+    ----------
+    system : System
+        The bound scene.
+    matrix : sequence of rows of Node, shape (n_speeds, n_speeds)
+        The mass matrix.
+    gradient : sequence of rows of Node, shape (n_constraints, n_speeds)
+        Derivatives of the constraints' rates by the speeds.
+
+    Raises
+    ------
+    SingularSystemError
+        If a row of the mass matrix is structurally zero.
+    """
+    # A structural test, for the message: rows that vanish for some states only are found at run
+    # time.
+    for speed, row in zip(system.speeds, matrix, strict=True):
+        held = (constraint[speed.index] for constraint in gradient)
+        if all(entry.is_zero for entry in (*row, *held)):
+            direction = speed.name if speed.coordinate is None else speed.coordinate.name
+            raise SingularSystemError(
+                f"the mass matrix is singular: nothing beyond joint '{speed.edge}' has "
+                f"inertia in the direction of '{direction}'; give a body beyond it mass or "
+                "inertia, or weld the joint"
+            )
+
+
+def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
+    """Require that constraints that no motion changes, such as those out of a plane, hold.
+
+    Raises
+    ------
+    ParameterError
+        If one does not hold, whatever the parameters are.
+    """
+    guards = []
+    for row in rows:
+        gap = row.measure.value(view)
+        kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
+        # A constraint on rates only, or one that states enter, never fails by parameters alone.
+        if gap is None or not kinds <= {"p", "t"}:
+            continue
+        guard = Guard(
+            _LARGEST_GAP * _LARGEST_GAP - gap * gap,
+            f"constraint '{row.name}'",
+            is_strict=False,
+            breach="is not met and nothing moves along it: change the vectors, axes or prescribed "
+            f"motion that place the nodes of edge '{row.edge}', or give a joint this direction",
+        )
+        # A guard is a function of parameters only, which a gap that varies with time is not.
+        if "t" in kinds:
+            raise ParameterError(guard.demand)
+        if guard.value.value is None:
+            guards.append(guard)
+        else:
+            guard.check(guard.value.value)
+    return guards
+
+
+def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
+    """Find the coordinates whose own cluster gives them inertia.
+
+    Parameters
+    ----------
+    system, clusters : System, Clusters
+        The bound system and its rigid clusters.
+
+    Returns
+    -------
+    is_safe : tuple of bool
+        One for each coordinate.
+    guards : list of Guard
+        Values that must stay positive when parameters change.
+    """
+    safe: dict[str, bool] = {}
+    guards: list[Guard] = []
+    # A tensor of negative energy takes inertia away from every joint that moves it.
+    unsafe = _below(clusters, _unreal(system, clusters))
+    for branches in _by_cluster(clusters):
+        own = _own_inertias(system, clusters, branches)
+        # At the scene's values now; guards keep it so when parameters change.
+        is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
+        is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
+        if is_safe:
+            edges = " and ".join(f"'{name}'" for name in dict.fromkeys(b.edge for b in branches))
+            what = f"the inertia that joint {edges} carries itself"
+            guards += [Guard(node, what, is_strict=True) for node in own if node.value is None]
+        for branch in branches:
+            for speed in branch.speeds:
+                safe[speed.name] = is_safe
+    return tuple(safe[v.name] for v in system.speeds), guards
+
+
+def _unreal(system: System, clusters: Clusters) -> list[int]:
+    """List the clusters whose kinetic energy may be negative."""
+    found = []
+    for cluster, inertia in enumerate(clusters.inertias):
+        if inertia is not None and not _is_real(system, inertia.tensor, inertia):
+            found.append(cluster)
+    # Parameters may take away what makes up for a tensor that is no body's: it has no guard.
+    for body in system.bodies:
+        if body.inertia is None or _is_real(system, body.inertia):
+            continue
+        cluster = clusters.points[body.second].cluster
+        inertia = clusters.inertias[cluster]
+        if inertia is None or symbols_in([inertia.mass, *inertia.moment, *chain(*inertia.tensor)]):
+            found.append(cluster)
+    return found
+
+
+def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
+    """Whether a tensor, about the origin of an inertia if given, is that of some body or none.
+
+    That is: at the scene's values, and but for rounding, it turns nothing at negative energy.
+    """
+    try:
+        central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
+        room = ROUNDING * np.trace(central)
+        mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
+        if inertia is not None and mass:
+            moment = np.array([system.at_scene(entry) for entry in inertia.moment])
+            # Steiner: about the centre of mass, where a real body's tensor has no negative
+            # eigenvalue.
+            central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
+        if system.plane:
+            # In a plane only turns about its normal occur.
+            axis = "xyz".index(system.plane)
+            return bool(mass >= 0.0 and central[axis, axis] >= -room)
+        return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
+    except (ArithmeticError, ValueError):  # LinAlgError among them
+        return False
+
+
+def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
+    """List some clusters and all whose motion moves them."""
+    found: set[int] = set()
+    waiting = list(outer)
+    while waiting:
+        cluster = waiting.pop()
+        branch = clusters.branches[cluster]
+        if branch is not None and cluster not in found:
+            found.add(cluster)
+            # Whatever carries or turns the cluster gives it kinetic energy.
+            waiting += [branch.parent, branch.turn_parent]
+    return found
+
+
+def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
+    return bool(0.0 < value(node) < math.inf)
+
+
+def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
+    """Gather the branches into each cluster that holds nodes, from the ground outwards."""
+    held = {point.cluster for point in clusters.points.values()}
+    found: list[list[Branch]] = []
+    own: list[Branch] = []
+    for branch in clusters.branches[1:]:
+        assert branch is not None
+        own.append(branch)
+        # A joint of several steps is one motion: its massless clusters in between carry no nodes.
+        if branch.child in held:
+            found.append(own)
+            own = []
+    return found
+
+
+def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
+    """List values that are positive only if the joint's own cluster resists all its motions.
+
+    The list is empty where no such values that depend on parameters only are known.
+    """
+    inertia = clusters.inertias[branches[-1].child]
+    branches = [branch for branch in branches if branch.speeds]
+    if inertia is None or inertia.mass.is_zero or not branches:
+        return []
+    with system.dag.labelled("guards"):
+        if len(branches) == 1 and branches[0].quaternion is None:
+            return [_along(system, inertia, branches[0])]
+        turning = [branch for branch in branches if branch.turns]
+        sliding = [inertia.mass] if any(not branch.turns for branch in branches) else []
+        if not turning:
+            return sliding
+        central = _central(inertia)
+        # Several axes may reach any direction: the central tensor has to be positive definite,
+        # which leading minors tell.
+        if len(turning) > 1 or turning[0].quaternion is not None:
+            return [*sliding, *_minors(central)]
+        if turning[0] is not branches[-1]:
+            return []  # the axis turns in the cluster's frame
+        axis = turning[0].axes[0]
+        # Where translations are free the kinetic energy of a turn is at least that about the
+        # centre of mass.
+        return [*sliding, vector.dot(axis, vector.times(central, axis))]
+
+
+def _along(system: System, inertia: Inertia, branch: Branch) -> Node:
+    """Form the inertia of a cluster along the only coordinate of its joint."""
+    axis, zero = branch.axes[0], vector.zeros(system.dag)
+    turning = axis if branch.turns else zero
+    shifting = vector.scale(branch.slides[0], axis)
+    # Inertia about the axis through the origin of the cluster, which is the joint's outer node.
+    wrench = unit_wrench(inertia, turning, shifting)
+    return vector.dot(turning, wrench.torque) + vector.dot(shifting, wrench.force)
+
+
+def _central(inertia: Inertia) -> Matrix:
+    """Form the inertia tensor about the centre of mass."""
+    offset = vector.scale(1.0 / inertia.mass, inertia.moment)
+    moved = carried_inertia(inertia, vector.neg(offset))
+    return moved.tensor
+
+
+def _minors(m: Matrix) -> list[Node]:
+    """Form the leading principal minors."""
+    plane = m[0][0] * m[1][1] - m[0][1] * m[1][0]
+    return [m[0][0], plane, vector.dot(m[0], vector.cross(m[1], m[2]))]
+
+
+def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
+    """Form the mass matrix, for vectors in ground axes.
+
+    Returns
+    -------
+    list of rows of Node
+        Symmetric, one row for each speed.
+    """
+    dag, n = motion.system.dag, len(motion.system.speeds)
+    with dag.labelled("augmented bodies"):
+        bodies = _augmented(motion)
+        tensors = _turned_together(motion, bodies)
+    matrix = [[dag.zero] * n for _ in range(n)]
+    for geometry in motion.geometry:
+        for i, speed in enumerate(geometry.branch.speeds):
+            with dag.labelled(f"mass matrix, column of {speed.edge}"):
+                # Forces of the masses that are moved, then what turns and slides couple.
+                pull = _forces(motion, bodies, geometry, i)
+                rows = _own(motion, bodies, tensors, geometry, i)
+                for row, entry in enumerate(along_speeds(motion, pull)):
+                    # A carrier's acceleration does the same to what it carries.
+                    matrix[row][speed.index] = matrix[row][speed.index] + entry
+                    matrix[speed.index][row] = matrix[speed.index][row] + entry
+                for row, entry in rows.items():
+                    matrix[row][speed.index] = matrix[row][speed.index] + entry
+                    if row != speed.index:
+                        matrix[speed.index][row] = matrix[row][speed.index]
+    return matrix
+
+
+def _augmented(motion: Motion) -> list[Inertia | None]:
+    """Add to each cluster the mass that it carries, as point masses, in ground axes."""
+    bodies = list(motion.clusters.inertias)
+    for geometry in reversed(motion.geometry):
+        branch = geometry.branch
+        own = bodies[branch.child]
+        if own is not None:
+            # In the cluster's own axes, where arms are constant.
+            mass = shifted(own.mass, _arm(branch), None)
+            bodies[branch.parent] = combined(bodies[branch.parent], mass)
+    axes = motion.frames.rotations
+    return [None if b is None else resolved(b, axes[i].matrix) for i, b in enumerate(bodies)]
+
+
+def _arm(branch: Branch) -> Vector:
+    """Give the vector from the parent's origin to the child's, in the parent's axes."""
+    arm = branch.anchor
+    for axis, length in zip(branch.axes, branch.slides, strict=True):
+        if not length.is_zero:
+            along = vector.signed(branch.sign, axis)
+            arm = vector.add(arm, vector.scale(length * branch.position, along))
+    return arm
+
+
+def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
+    """Sum the inertia tensors of all that turns with each cluster."""
+    # A torque on a cluster reaches all that turns it, so that tensors add along the rotation tree.
+    tensors = [None if body is None else body.tensor for body in bodies]
+    for geometry in reversed(motion.geometry):
+        parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
+        if own is not None:
+            known = tensors[parent]
+            tensors[parent] = own if known is None else vector.matadd(known, own)
+    return tensors
+
+
+def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i: int) -> Pull:
+    """Form the forces that a unit acceleration needs, on the clusters where they act."""
+    branch, zero = geometry.branch, vector.zeros(motion.system.dag)
+    wrenches = []
+    # All clusters that turn with the branch: in the rotation tree parents come first, so one pass
+    # finds them.
+    turned = {branch.child} if branch.turns else set()
+    for other in motion.geometry:
+        if other.branch.turn_parent in turned:
+            turned.add(other.branch.child)
+    for cluster in sorted(turned):
+        body = bodies[cluster]
+        if body is not None:
+            # alpha x h: the augmented first moment holds all mass that this turn accelerates.
+            wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
+    body, shifting = bodies[branch.child], geometry.shifting[i]
+    if body is not None and branch.parent and not vector.is_zero(shifting):
+        # The branch itself is left to _own, which counts it once.
+        force = vector.scale(body.mass, shifting)
+        wrenches.append((branch.parent, force, vector.cross(geometry.offset, force)))
+    return Pull(tuple(wrenches))
+
+
+def _own(
+    motion: Motion,
+    bodies: list[Inertia | None],
+    tensors: list[Matrix | None],
+    geometry: Geometry,
+    i: int,
+) -> dict[int, Node]:
+    """Form the entries of a speed's column by itself and by the turns that carry it, by speed."""
+    branch = geometry.branch
+    found: dict[int, Node] = {}
+    tensor, body = tensors[branch.child], bodies[branch.child]
+    if branch.turns and tensor is not None:
+        # J alpha, felt by every turn between the ground and the branch.
+        torque = vector.times(tensor, geometry.turning[i])
+        for other in motion.clusters.turning_path(branch.child):
+            outer = motion.to(other.child).turning
+            for k, speed in enumerate(other.speeds):
+                # Entries within one branch are formed once; the caller fills in the transpose.
+                if other is not branch or k <= i:
+                    found[speed.index] = vector.dot(outer[k], torque)
+    if body is not None and not vector.is_zero(geometry.shifting[i]):
+        at, shifting = branch.speeds[i].index, geometry.shifting[i]
+        # The carried mass resists its own slide; what lies further inwards is in _forces.
+        push = body.mass * vector.dot(shifting, shifting)
+        found[at] = found[at] + push if at in found else push
+    return found
+
+
+# Squared depth of speeds, on average: elimination by the matrix costs that many operations a speed,
+# and along the tree 90 (in a plane) to 600.
+_DEEP = 1000.0
+
+
+def is_deep(motion: Motion) -> bool:
+    """Tell whether elimination along the tree is bound to cost less than by the matrix."""
+    depths, squares = {0: 0}, []
+    for geometry in motion.geometry:
+        branch = geometry.branch
+        below = depths[branch.parent]
+        depths[branch.child] = below + len(branch.speeds)
+        # A speed at depth d couples with all d above it; eliminating it touches d^2 entries.
+        squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
+    return sum(squares) > _DEEP * len(squares)
+
+
+class LateMatrix(Sequence[Sequence["Node"]]):
+    """A bordered mass matrix, of which the rows of the mass matrix are formed when asked for.
+
+    Parameters
+    ----------
+    form : callable
+        Forms the mass matrix and its border to the right.
+    n : int
+        Number of its rows.
+    border : sequence of rows of Node
+        The rows below.
+    """
+
+    def __init__(
+        self,
+        form: Callable[[], Sequence[Sequence[Node]]],
+        n: int,
+        border: Sequence[Sequence[Node]],
+    ) -> None:
+        self._form = form
+        self._upper: Sequence[Sequence[Node]] | None = None
+        self._n = n
+        self._border = border
+
+    def __len__(self) -> int:
+        return self._n + len(self._border)
+
+    @overload
+    def __getitem__(self, at: int) -> Sequence[Node]: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[Sequence[Node]]: ...
+    def __getitem__(self, at: int | slice) -> Sequence[Node] | Sequence[Sequence[Node]]:
+        places = range(len(self))[at]
+        if isinstance(places, range):
+            return [self._row(i) for i in places]
+        return self._row(places)
+
+    def _row(self, i: int) -> Sequence[Node]:
+        if i >= self._n:
+            return self._border[i - self._n]
+        if self._upper is None:
+            self._upper = self._form()
+        return self._upper[i]

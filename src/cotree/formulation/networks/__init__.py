@@ -1,0 +1,1 @@
+"""The scalar networks of a scene: rules, their order, and the values that follow."""

@@ -1,0 +1,497 @@
+"""Rules of the linter, about names, the graph and values."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+from cotree.components import Role
+from cotree.components.terminal import Kind
+from cotree.dag.nodes import Dag
+from cotree.errors import Error
+from cotree.formulation.outputs import VariableUnits
+from cotree.scene.checks import (
+    Dimensions,
+    alone,
+    dimension_of_unit,
+    entries,
+    inertia_faults,
+    stated_units,
+    stated_values,
+    tiny_masses,
+)
+from cotree.scene.expressions import Expression
+from cotree.scene.parameters import in_order, parameter_values
+from cotree.units import Dimension, same_dimension, unit_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from cotree.scene.description import Edge, SceneDescription
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One suspicious thing in a scene.
+
+    Attributes
+    ----------
+    rule : str
+        The rule that it breaks, a name in ``cotree.scene.description.RULES``.
+    kind, name : str
+        Its culprit: ``edge``, ``node``, ``parameter``, ``input``, ``output``, ``mode``, ``event``
+        or ``scene``, and the name of that.
+    message : str
+        A sentence that says what is suspicious and what to do.
+    severity : str
+        ``error`` where the scene is refused, else ``warning``.
+    line : int or None
+        The line of the scene file where the culprit is stated; None where there is no file.
+    """
+
+    rule: str
+    kind: str
+    name: str
+    message: str
+    severity: str = "warning"
+    line: int | None = None
+
+    @property
+    def allow(self) -> str:
+        """The entry of ``allow`` that says it is on purpose; empty for errors."""
+        return "" if self.severity == "error" else f"{self.rule}:{self.name}"
+
+    def __str__(self) -> str:
+        where = "" if self.line is None else f"line {self.line}: "
+        return f"{where}{self.severity} [{self.allow or self.rule}] {self.message}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the finding as a table for JSON."""
+        return {**vars(self), "allow": self.allow}
+
+
+_DIGITS = re.compile(r"\d+")
+_MOST_COMPARED = 1000
+_LIKE = 0.8  # share of letters in common
+
+
+def look_alike(name: str, others: Iterable[str]) -> str:
+    """Give the name that another may be a slip of; nothing where none is close.
+
+    Names that differ in numbers only, as ``m1`` and ``m2``, are meant to differ; names of one part
+    are compared with those of the same part.
+    """
+    form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
+    alike = (other for other in others if other.rpartition(".")[0] == owner)
+    choices = [o for o in sorted(alike)[:_MOST_COMPARED] if o != name]
+    for other in choices:
+        # A letter that is typed twice, or in the wrong case.
+        if other.casefold() == name.casefold() or _without_doubles(other) == _without_doubles(name):
+            return other
+    choices = [other for other in choices if _DIGITS.sub("#", other) != form]
+    close = difflib.get_close_matches(name, choices, n=1, cutoff=_LIKE)
+    return close[0] if close else ""
+
+
+def _without_doubles(name: str) -> str:
+    return re.sub(r"([A-Za-z])\1+", r"\1", name)
+
+
+_WORD = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
+#: Shorter names follow a notation, as r and R or m and M do.
+_SHORTEST = 3
+
+
+def name_findings(scene: SceneDescription) -> Iterator[Finding]:
+    """Find unused parameters and inputs, and names that differ in case only."""
+    used = used_names(scene)
+    # Readers of other tools' files declare what a model has, used or not.
+    own = scene.origin is None
+    for kind, table in (("parameter", scene.parameters), ("input", scene.inputs)):
+        for name in table:
+            if own and name not in used:
+                close = look_alike(name, used & {*scene.parameters, *scene.inputs})
+                hint = f"; is it meant where '{close}' is used?" if close else ""
+                told = f"{kind} '{name}' is used nowhere: remove it, or use it{hint}"
+                yield Finding(f"unused-{kind}", kind, name, told)
+    yield from _similar(scene)
+
+
+def used_names(scene: SceneDescription) -> set[str]:
+    """Collect the names in all expressions of a scene."""
+    rows = [*scene.gravity, *scene.outputs.values(), *(m.initial for m in scene.modes.values())]
+    rows += [held for _, held in scene.defaults.held]
+    rows += [row for event in scene.events.values() for row in event.expressions]
+    signals = [row.value for row in scene.inputs.values()]
+    values_of = [*signals, *(row.value for row in scene.parameters.values())]
+    rows += [value for value in values_of if isinstance(value, Expression)]
+    found = {name for row in rows for name in row.names}
+    found |= set(_gravities(scene, ""))
+    for edge in scene.edges.values():
+        values = chain(edge.fields.values(), edge.initial.values())
+        found |= {name for value in values for entry in entries(value) for name in entry.names}
+        # Some components take their fields apart before they become expressions.
+        fields = {k: v for k, v in edge.statement.items() if k not in ("type", "nodes")}
+        found |= set(_words(fields))
+    return found
+
+
+def _gravities(scene: SceneDescription, prefix: str) -> Iterator[str]:
+    """List the names in the gravity of parts, which is that of the outer scene."""
+    for member, part in scene.members.items():
+        own = f"{prefix}{member}."
+        for row in part.scene.gravity:
+            yield from (f"{own}{name}" for name in row.names)
+        yield from _gravities(part.scene, own)
+
+
+def _words(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield from _WORD.findall(value)
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _words(item)
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            yield from _words(item)
+
+
+def _similar(scene: SceneDescription) -> Iterator[Finding]:
+    signals = [*scene.parameters, *scene.inputs, *scene.modes, *scene.outputs]
+    domains = _domains(scene)
+    groups: tuple[tuple[str, Iterable[str], int], ...] = (
+        ("parameter", signals, _SHORTEST),
+        ("edge", scene.edges, 2),
+        ("node", scene.nodes, 1),
+    )
+    for kind, all_names, shortest in groups:
+        seen: dict[str, str] = {}
+        for name in dict.fromkeys(all_names):
+            other = seen.setdefault(name.casefold(), name)
+            if other != name and len(name) >= shortest:
+                own = _kind(scene, name) if kind == "parameter" else kind
+                # A hydraulic node c beside a mechanical C is drawn like that in textbooks.
+                if kind == "node" and not domains.get(name, set()) & domains.get(other, set()):
+                    continue
+                told = f"{own} '{name}' and '{other}' differ in the case of letters only"
+                yield Finding("similar-names", own, name, f"{told}: are they the same?")
+
+
+def _kind(scene: SceneDescription, name: str) -> str:
+    kinds = (("parameter", scene.parameters), ("input", scene.inputs), ("mode", scene.modes))
+    return next((kind for kind, table in kinds if name in set(table)), "output")
+
+
+def _domains(scene: SceneDescription) -> dict[str, set[str]]:
+    """Give the domains in which each node is touched."""
+    found: dict[str, set[str]] = {}
+    for edge in scene.edges.values():
+        if edge.component.role is not Role.NETWORK:
+            for node in edge.nodes:
+                found.setdefault(node, set()).add("multibody")
+        for port, ends in zip(edge.component.ports, edge.ports, strict=True):
+            for node in (ends.tail, ends.head):
+                found.setdefault(node, set()).add(port.domain)
+            for node in ends.acts_on:
+                found.setdefault(node, set()).add("multibody")
+    return found
+
+
+# Names that other tools have for the ground.
+_GROUNDS = frozenset({"gnd", "0", "gnd!", "earth", "ground"})
+
+
+def topology_findings(scene: SceneDescription) -> Iterator[Finding]:
+    """Find dangling nodes and shorted edges."""
+    yield from dangling_nodes(scene)
+    for node in scene.nodes:
+        if node != "ground" and node.lower() in _GROUNDS:
+            told = f"node '{node}' is a node like any other: is 'ground' meant?"
+            yield Finding("similar-names", "node", node, told)
+    for edge in scene.edges.values():
+        if _is_shorted(edge):
+            told = f"both ends of edge '{edge.name}' are at node '{edge.nodes[0]}': it does nothing"
+            yield Finding("shorted", "edge", edge.name, told)
+
+
+def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterator[Finding]:
+    """Find nodes that one edge alone touches and no expression looks at.
+
+    Bodies may fly on their own, and terminals may be open, unless the scene is refused.
+    """
+    touching: dict[str, list[Edge]] = defaultdict(list)
+    for edge in scene.edges.values():
+        acts = {node for ends in edge.ports for node in ends.acts_on}
+        for node in {*edge.nodes, *acts}:
+            touching[node].append(edge)
+    observed = {owner for name in used_names(scene) for owner in _owners(name)}
+    # Outer scenes connect ports.
+    observed |= set(scene.ports)
+    observed |= {node for node, _ in scene.defaults.held}
+    if scene.origin is not None:
+        observed |= {visual.node for visual in scene.origin.visuals}
+    for node in scene.nodes:
+        edges = touching[node]
+        if node == "ground" or len(edges) != 1 or node in observed:
+            continue
+        edge = edges[0]
+        close = look_alike(node, set(scene.nodes))
+        if scene.origin is not None and edge.component.role is not Role.NETWORK:
+            continue  # robots have frames at the ends of arms and joints
+        is_end = edge.component.role is Role.BODY  # bodies may fly on their own
+        if is_end and edge.initial:
+            continue  # as one does that is given a start
+        # Sensing terminals and open ends of a component with several nodes are usual.
+        is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
+        if not close and not is_refused and (is_end or is_open):
+            continue
+        hint = f"; did you mean '{close}'?" if close else ": connect it, or look at it in an output"
+        if close and len(touching[close]) == 1:  # either may be the slip
+            other = touching[close][0].name
+            hint = f", and '{close}' by edge '{other}' only: did you mean one node?"
+        told = f"node '{node}' is touched by edge '{edge.name}' only{hint}"
+        yield Finding("dangling-node", "node", node, told)
+
+
+def _owners(name: str) -> Iterator[str]:
+    """List what a name may be a variable of."""
+    while name := name.rpartition(".")[0]:
+        yield name
+
+
+def _is_shorted(edge: Edge) -> bool:
+    if edge.component.role is not Role.NETWORK:
+        return len(edge.nodes) == 2 and edge.nodes[0] == edge.nodes[1]
+    # Transistors as diodes have one port shorted of several.
+    return bool(edge.ports) and all(e.tail and e.tail == e.head for e in edge.ports)
+
+
+_LONGEST_ARM = 1000.0  # m
+_LARGEST_ANGLE = 4.0 * math.pi  # rad; more is taken for degrees
+_LARGEST_GRAVITY = 300.0  # m/s^2, that of the sun
+#: Batteries have capacitances that no single capacitor has.
+_LARGEST = {"capacitor": 1e4, "inductor": 1e4}
+
+
+def value_findings(scene: SceneDescription) -> Iterator[Finding]:
+    """Find contradicting dimensions, unusual magnitudes, and what is constant or of no effect."""
+    yield from _dimensions(scene)
+    yield from _shared(scene)
+    yield from _magnitudes(scene)
+    yield from _inertias(scene)
+    yield from _constants(scene)
+    yield from _without_effect(scene)
+
+
+def _expressions(scene: SceneDescription) -> Iterator[tuple[str, str, str, str, Expression]]:
+    """List kind and name of the culprit, what it is, its unit, and the expression."""
+    for edge in scene.edges.values():
+        for what, unit, value in stated_values(edge):
+            yield "edge", edge.name, what, unit, value
+    for name, row in scene.parameters.items():
+        if isinstance(row.value, Expression):
+            yield "parameter", name, f"parameter '{name}'", row.unit, row.value
+    for name, signal in scene.inputs.items():
+        if isinstance(signal.value, Expression):
+            yield "input", name, f"input '{name}'", signal.unit, signal.value
+    for name, output in scene.outputs.items():
+        yield "output", name, f"output '{name}'", "", output
+    for event in scene.events.values():
+        yield "event", event.name, f"'when' of event '{event.name}'", "", event.when
+
+
+class _Known:
+    """Dimensions of the names of a scene."""
+
+    def __init__(self, scene: SceneDescription) -> None:
+        # Time stays out of it: many write exp(-t) or 1 + t, and mean a factor of one.
+        self._scene, self._units = scene, {"t": "", **stated_units(scene)}
+        self._pending: set[str] = set()
+        self._variable_unit = VariableUnits(scene)
+        self._derived: dict[str, Dimension | None] = {}
+        with suppress(Error):  # a circle is told by another rule
+            for name in in_order(scene.parameters):
+                value = scene.parameters[name].value
+                if isinstance(value, Expression):
+                    self._derived[name] = Dimensions(self).of(value.tree)
+
+    def states_any(self, value: Expression) -> bool:
+        """Whether the scene states the unit of a name in an expression."""
+        if any(self.states(name) for name in value.names):
+            return True
+        rows = (self._scene.parameters.get(name) for name in value.names)
+        derived = [row.value for row in rows if row and isinstance(row.value, Expression)]
+        return any(self.states(name) for inner in derived for name in inner.names)
+
+    def states(self, name: str) -> bool:
+        """Whether the scene states the unit of a name."""
+        return bool(self._units.get(name))
+
+    def __call__(self, name: str) -> Dimension | None:
+        if name in self._units:
+            return dimension_of_unit(self._units[name])
+        scene = self._scene
+        if name in scene.parameters:
+            return self._derived.get(name)
+        if name not in scene.outputs:
+            return dimension_of_unit(self._variable_unit(name))
+        if name in self._pending:
+            return None
+        self._pending.add(name)
+        found = Dimensions(self).of(scene.outputs[name].tree)
+        self._pending.remove(name)
+        return found
+
+
+def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
+    known = _Known(scene)
+    for kind, name, what, unit, value in _expressions(scene):
+        # One name of another dimension is refused when the equations are formed. Expressions
+        # without any unit of the user's own may follow another system.
+        if known.states(alone(value)) or not known.states_any(value):
+            continue
+        dimensions = Dimensions(known)
+        found, stated = dimensions.of(value.tree), dimension_of_unit(unit)
+        told = f"{what} is '{value.text}'"
+        for fault in dimensions.faults:
+            yield Finding("dimension", kind, name, f"{told}, where {fault}")
+        is_table = type(value) is not Expression  # its expression is the argument of a table
+        if found is None or stated is None or dimensions.faults or is_table:
+            continue
+        if not same_dimension(found, stated):
+            yield Finding(
+                "dimension", kind, name, f"{told} in {unit_text(found)}, but is in {unit}"
+            )
+
+
+def _shared(scene: SceneDescription) -> Iterator[Finding]:
+    """Find parameters without a unit that stand in fields of different dimensions."""
+    uses: dict[str, dict[str, str]] = defaultdict(dict)
+    for edge in scene.edges.values():
+        for what, unit, value in stated_values(edge):
+            row = scene.parameters.get(alone(value))
+            if row is not None and not row.unit and dimension_of_unit(unit) is not None:
+                uses[row.name].setdefault(unit, what)
+    for name, by_unit in uses.items():
+        (first, what), *others = by_unit.items()
+        dimension = dimension_of_unit(first)
+        for unit, other in others:
+            own = dimension_of_unit(unit)
+            if dimension and own and not same_dimension(dimension, own):
+                told = f"parameter '{name}' is {what}, in {first}, and {other}, in {unit}"
+                yield Finding("dimension", "parameter", name, f"{told}: give each its own")
+                break
+
+
+def _values(scene: SceneDescription) -> dict[str, float]:
+    try:
+        return parameter_values(scene.parameters)
+    except Error:
+        return {}  # told by another rule
+
+
+def _number(value: Expression, known: dict[str, float]) -> float:
+    """Give the value of an expression of parameters; nan for others."""
+    if value.number is not None:
+        return value.number
+    if not all(name in known or name == "pi" for name in value.names):
+        return math.nan
+    dag = Dag()
+    try:
+        found = value.lower(dag, lambda name: dag.constant(known[name])).value
+    except Error:
+        return math.nan
+    return math.nan if found is None else found
+
+
+def _magnitudes(scene: SceneDescription) -> Iterator[Finding]:
+    known = _values(scene)
+    gravity = math.hypot(*(_number(item, known) for item in scene.gravity))
+    if gravity > _LARGEST_GRAVITY:
+        told = f"gravity is {gravity:.4g} m/s^2: is it meant in another unit?"
+        yield Finding("magnitude", "scene", scene.name, told)
+    for edge in scene.edges.values():
+        yield from _edge_magnitudes(edge, known)
+
+
+def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
+    for what, unit, value in stated_values(edge):
+        size = abs(_number(value, known))
+        is_initial = what.startswith("initial")
+        told = ""
+        if unit == "m" and edge.component.role is Role.ARM and size >= _LONGEST_ARM:
+            told = 'm: if millimetres are meant, say unit = "mm"'
+        elif unit == "rad" and size > _LARGEST_ANGLE and (is_initial or "rotation" in what):
+            told = 'rad: if degrees are meant, say unit = "deg"'
+        elif edge.component.name in _LARGEST and size > _LARGEST[edge.component.name]:
+            told = f"{unit}: is a prefix missing?"
+        if told:
+            yield Finding("magnitude", "edge", edge.name, f"{what} is {size:.6g} {told}")
+            return
+    for row in edge.component.fields:
+        given = edge.fields.get(row.name)
+        if row.sign == "nonzero" and isinstance(given, Expression) and _number(given, known) < 0.0:
+            told = (
+                f"{row.name} of edge '{edge.name}' is {_number(given, known):.6g}: it feeds energy "
+                "in; is the sign meant?"
+            )
+            yield Finding("magnitude", "edge", edge.name, told)
+            return
+
+
+def _inertias(scene: SceneDescription) -> Iterator[Finding]:
+    try:
+        for name, told in (*inertia_faults(scene), *tiny_masses(scene)):
+            yield Finding("inertia", "edge", name, told)
+    except Error:
+        return  # told by another rule
+    known = _values(scene)
+    for edge in scene.edges.values():
+        if edge.component.role is not Role.BODY:
+            continue
+        given = [e for name in ("mass", "inertia") for e in entries(edge.fields.get(name))]
+        if given and all(_number(entry, known) == 0.0 for entry in given):
+            told = f"edge '{edge.name}' has neither mass nor inertia: it does nothing"
+            yield Finding("inertia", "edge", edge.name, told)
+
+
+def _constants(scene: SceneDescription) -> Iterator[Finding]:
+    for kind, name, what, _, value in _expressions(scene):
+        names = value.names - {"pi"}
+        if not names or type(value) is not Expression:
+            continue
+        dag = Dag()
+        places = {own: dag.symbol("x", i) for i, own in enumerate(sorted(names))}
+        try:
+            found = value.lower(dag, places.__getitem__).value
+        except Error:
+            continue  # it has no value, which another rule tells
+        if found is not None:
+            told = f"{what} is '{value.text}', which is {found:.6g} whatever the names stand for"
+            yield Finding("constant", kind, name, told)
+
+
+def _without_effect(scene: SceneDescription) -> Iterator[Finding]:
+    known = _values(scene)
+    for edge in scene.edges.values() if scene.origin is None else ():
+        sources = edge.component.ports and all(
+            port.kind is Kind.THROUGH_SOURCE for port in edge.component.ports
+        )
+        if not (sources or edge.component.role in (Role.FORCE, Role.TORQUE)):
+            continue
+        given = list(chain.from_iterable(entries(value) for value in edge.fields.values()))
+        is_plain = all(entry.number is not None for entry in given)
+        if given and is_plain and all(_number(entry, known) == 0.0 for entry in given):
+            told = f"edge '{edge.name}' of type '{edge.component.name}' gives nothing: all is zero"
+            yield Finding("no-effect", "edge", edge.name, told)
+    set_by_events = {name for event in scene.events.values() for name in event.set}
+    for name, mode in scene.modes.items():
+        if name not in set_by_events and not mode.is_jump:
+            told = f"mode '{name}' is set by no event: it stays what it is, as a parameter does"
+            yield Finding("no-effect", "mode", name, told)

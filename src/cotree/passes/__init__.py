@@ -1,1 +1,0 @@
-"""Passes: one program to another with the same values, and a report of what each saved."""

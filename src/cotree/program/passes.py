@@ -1,0 +1,392 @@
+"""Passes: one program to another with the same values, and a report of what each saved.
+
+Assumes that nothing is prepared yet. Guarantees that no kernel but ``prepare`` computes a value of
+parameters only: each reads it as a prepared value. Pieces that steps hold stand behind these, and
+are zero until someone holds them.
+
+Assumes nothing. Guarantees the same values to rounding. A reciprocal is formed where a kernel
+divides by the same value more than once, or by a value of parameters only, whose reciprocal
+``prepare`` then forms once for all calls. Other divisions stay.
+
+Assumes nothing. Guarantees the same values to a rounding of the last place. Taken together are
+angles that depend on no sine themselves; those of parameters only stay, since ``prepare`` has them.
+
+Assumes that nothing is prepared yet. Guarantees as many operations at most, and the same values but
+for the rounding of sums, whose terms are added in another order. Sums that end no earlier that way
+stay, and so do all of a kernel that has other things to do while it waits. So do those of
+residuals: currents through large conductances cancel in the order in which they were formed; in
+another one, what rounding left of them has stopped rodas5 at tolerances of 1e-11.
+
+Assumes nothing. Guarantees the same operations with the same values. Values that were formed first
+stand first otherwise, and all that the path could have been overlapped with is done before it
+begins, farther away than a processor looks ahead. Where the order of needs keeps more values alive,
+which then pass through memory, that costs more than it gains.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from heapq import heapify, heappop, heappush
+from typing import TYPE_CHECKING
+
+from cotree.dag.multi_output import SEVERAL, sines
+from cotree.dag.nodes import PARAMETER, PIECE, Node, dependent, reachable, rebuilt
+from cotree.program.counts import bounds, waits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Container, Mapping, Sequence
+
+    from cotree.program import Kernel, Program
+
+
+def stage_parameters(program: Program) -> Program:
+    """Move values of parameters only to ``prepare``."""
+    # Over all kernels at once, so that a value that several of them read is prepared once.
+    results = [node for kernel in program.kernels.values() for node in kernel.results]
+    dag, n_pieces = program.dag, program.layout.n_pieces
+    frontier = _frontier(results)
+    pieces = [dag.symbol(PIECE, i) for i in range(n_pieces)]
+    prepared = {node: i for i, node in enumerate([*frontier, *pieces])}
+    kernels = {name: replace(kernel, prepared=prepared) for name, kernel in program.kernels.items()}
+    kernels["prepare"] = replace(
+        kernels["prepare"], results=(*frontier, *[dag.zero] * n_pieces), prepared={}
+    )
+    return replace(program, kernels=kernels)
+
+
+def varying_values(order: Sequence[Node]) -> set[Node]:
+    """Give what depends on more than parameters, among values in order of evaluation."""
+    return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
+
+
+def _frontier(results: list[Node]) -> list[Node]:
+    """List the values of parameters only that values of other things, or results, read."""
+    order = reachable(results)
+    varying = varying_values(order)
+    read = {arg for node in order if node in varying for arg in node.args}
+    read.update(results)
+    return [
+        # Kernels read the results of a node with several, never the node itself.
+        node
+        for node in order
+        if node in read and node not in varying and node.args and node.op not in SEVERAL
+    ]
+
+
+def for_each_kernel(program: Program, change: Callable[[Kernel], Kernel]) -> Program:
+    """Change every kernel of a program by itself."""
+    kernels = {name: change(kernel) for name, kernel in program.kernels.items()}
+    return replace(program, kernels=kernels)
+
+
+def rewrite(
+    kernel: Kernel, chosen: Container[Node], form: Callable[[Node, Mapping[Node, Node]], Node]
+) -> Kernel:
+    """Put other values in the place of some, and rebuild all that depend on them.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        The kernel.
+    chosen : container of Node
+        The values that are replaced.
+    form : callable
+        Gives the new value of one of these, from it and from what has been replaced so far.
+
+    Returns
+    -------
+    Kernel
+        New values keep the labels of those that they replace.
+    """
+    new: dict[Node, Node] = {}
+    for node in kernel.order:
+        if node in chosen:
+            with node.dag.labelled(node.section):
+                made = form(node, new)
+        elif not new.keys().isdisjoint(node.args):
+            with node.dag.labelled(node.section):
+                made = rebuilt(node, new)
+        else:
+            continue
+        # Values that come out the same are not replaced, so that nothing above them is rebuilt.
+        if made is not node:
+            new[node] = made
+    return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
+
+
+def share_reciprocals(program: Program) -> Program:
+    """Replace repeated divisions by products with a reciprocal."""
+    return for_each_kernel(program, with_reciprocals)
+
+
+def with_reciprocals(kernel: Kernel) -> Kernel:
+    """Replace the repeated divisions of one kernel."""
+    order = kernel.order
+    # Reciprocals themselves are left alone.
+    divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
+    if not divisions:
+        return kernel
+    varying = varying_values(order)
+    times = Counter(node.args[1] for node in divisions)
+    shared = {
+        node
+        for node in divisions
+        if times[node.args[1]] > 1 or (node.args[1] not in varying and node in varying)
+    }
+
+    def form(node: Node, new: Mapping[Node, Node]) -> Node:
+        above, below = (new.get(arg, arg) for arg in node.args)
+        # Nodes are interned, so that this reciprocal is formed once for all divisions.
+        return above * (1.0 / below)
+
+    return rewrite(kernel, shared, form)
+
+
+#: Fewer angles than these cost less one by one.
+_FEWEST = 3
+
+
+def pack_sines(program: Program) -> Program:
+    """Take the sines and cosines of each kernel together."""
+    return for_each_kernel(program, _packed)
+
+
+def _packed(kernel: Kernel) -> Kernel:
+    order = kernel.order
+    found = [node for node in order if node.op in ("sin", "cos")]
+    varying = varying_values(order)
+    # An angle that depends on a sine of its own kernel cannot be taken together with it.
+    late = dependent(order, found) - set(found)
+    angles = list(
+        dict.fromkeys(n.args[0] for n in found if n.args[0] in varying and n.args[0] not in late)
+    )
+    if len(angles) < _FEWEST:
+        return kernel
+    dag = angles[0].dag
+    # One node serves the sines and the cosines of an angle, whichever of them are read.
+    with dag.labelled("sines and cosines"):
+        packed = sines(dag, angles)
+    place = {angle: i for i, angle in enumerate(angles)}
+    first = {"sin": 0, "cos": len(angles)}
+    taken = {n: packed[first[n.op] + place[n.args[0]]] for n in found if n.args[0] in place}
+    return rewrite(kernel, taken, lambda node, _: taken[node])
+
+
+#: Kernels that methods call at each step.
+_BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
+_SUMS = frozenset({"add", "sub", "neg"})
+#: If all operations together take longer than so many times the longest path, sums of products are
+#: better left to fused operations, which chains have more of.
+_MOST = 2.0
+_PREPARED = -1.0  # arrival of what depends on parameters only
+
+
+def balance_sums(program: Program) -> Program:
+    """Balance the sums of each kernel, where there are no algebraic unknowns."""
+    if any(program.layout.algebraic):
+        return program
+    return for_each_kernel(program, _balanced)
+
+
+def _balanced(kernel: Kernel) -> Kernel:
+    if kernel.spec.name not in _BALANCED:
+        return kernel
+    order = kernel.order
+    varying = varying_values(order)
+    started, longest = bounds(order, set(order) - varying)
+    inner = _inner_sums(order, kernel.results, varying)
+    # A kernel that is bound by starting operations gains nothing from a shorter path.
+    if not inner or started > _MOST * longest:
+        return kernel
+    clock = _Clock(varying)
+
+    def form(node: Node, new: Mapping[Node, Node]) -> Node:
+        made = rebuilt(node, new)
+        if node.op in _SUMS and node not in inner:
+            # If both are there at the same time, the sum stays as it was formed.
+            made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
+        clock(made)  # of each value in turn: those that it depends on are known
+        return made
+
+    return rewrite(kernel, set(order), form)
+
+
+@dataclass
+class _Clock:
+    """Time at which each value is available."""
+
+    varying: Collection[Node]
+    times: dict[Node, float] = field(default_factory=dict)
+
+    def __call__(self, node: Node) -> float:
+        """Return the time at which a value is available."""
+        time = self.times.get(node)
+        if time is None:
+            if not node.args:
+                time = 0.0 if node in self.varying else _PREPARED
+            else:
+                latest = max(map(self, node.args))
+                time = latest + waits(node) if latest > _PREPARED else _PREPARED
+            self.times[node] = time
+        return time
+
+
+def _inner_sums(
+    order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
+) -> set[Node]:
+    """Find the sums that are read by one other sum only.
+
+    Sums of the kernel's own arguments stay: a difference of two that are close is exact.
+    """
+    uses = Counter(arg for node in order for arg in node.args)
+    # A result is read from outside: merged into another sum it would be lost.
+    uses.update(results)
+    return {
+        arg
+        for node in order
+        if node.op in _SUMS
+        for arg in node.args
+        if arg.op in _SUMS and uses[arg] == 1 and arg in varying and any(a.args for a in arg.args)
+    }
+
+
+def _terms(
+    node: Node, inner: Collection[Node], new: Mapping[Node, Node]
+) -> list[tuple[Node, bool]]:
+    """List the terms of a sum in their order, and whether each is added."""
+    terms: list[tuple[Node, bool]] = []
+    left = [(node, True)]
+    while left:
+        part, is_added = left.pop()
+        if part is not node and part not in inner:
+            terms.append((new.get(part, part), is_added))
+        elif part.op == "neg":
+            left.append((part.args[0], not is_added))
+        else:
+            a, b = part.args
+            # The left term is taken off the stack first, so that terms keep their order.
+            left += [(b, is_added == (part.op == "add")), (a, is_added)]
+    return terms
+
+
+def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
+    """Add terms, at each step the two available first; ties go to those that stand first."""
+    # By the time at which each is there; the place among the terms decides ties, so that nodes are
+    # never compared.
+    heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
+    heapify(heap)
+    while len(heap) > 1:
+        # The operands keep the order of their terms, whichever was available first.
+        (_, i, a, is_added), (_, j, b, other) = sorted((heappop(heap), heappop(heap)), key=_place)
+        if is_added == other:
+            total = a + b
+        elif is_added:
+            total = a - b
+        else:
+            # -a + b = b - a, which saves a negation.
+            total, is_added = b - a, True
+        heappush(heap, (clock(total), min(i, j), total, is_added))
+    _, _, total, is_added = heap[0]
+    return total if is_added else -total
+
+
+def _place(item: tuple[float, int, Node, bool]) -> int:
+    return item[1]
+
+
+#: Operations that a processor looks ahead, whatever their order is.
+_FEW = 250
+#: Operations beyond which values stay as they were formed: links that repeat then become loops. A
+#: chain of 1000 rods is written in half the C; one of 100 is twice as quick in the order of needs.
+_MANY = 20_000
+#: If all operations together take longer than so many times the longest path, there are operations
+#: to overlap it with in any order.
+_MOST_EARLY = 3.0
+
+
+def order_by_need(program: Program) -> Program:
+    """Order the values of each kernel by need, where that helps."""
+    return for_each_kernel(program, _ordered)
+
+
+def _ordered(kernel: Kernel) -> Kernel:
+    order, prepared = kernel.order, kernel.prepared
+    # A map begins when all that any of its columns needs is there.
+    n = len(order) - len(prepared)
+    if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
+        return kernel
+    started, longest = bounds(order, prepared)
+    ordered = replace(kernel, is_by_need=True)
+    if started >= _MOST_EARLY * longest or _lifetimes(ordered) > _lifetimes(kernel):
+        return kernel
+    return ordered
+
+
+def _lifetimes(kernel: Kernel) -> int:
+    """Sum up how many values are formed while each waits to be read: the registers it takes."""
+    formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
+    # Later statements overwrite: the last reader stays.
+    last = {arg: i for i, node in enumerate(formed) for arg in node.args}
+    return sum(last.get(node, i) - i for i, node in enumerate(formed))
+
+
+#: Each pass with its name, in the order they run.
+# Reciprocals and sums come before staging, which then finds the reciprocals of parameters, and
+# needs sums as they will be computed. The order of values is decided last, on what remains.
+RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
+    ("reciprocals", share_reciprocals),
+    ("sines", pack_sines),
+    ("balance", balance_sums),
+    ("stage", stage_parameters),
+    ("order", order_by_need),
+)
+
+
+@dataclass(frozen=True)
+class PassReport:
+    """Effect of one pass on a program.
+
+    Attributes
+    ----------
+    name : str
+        The pass.
+    earlier, later : Program
+        The program before and after it.
+    """
+
+    name: str
+    earlier: Program
+    later: Program
+
+    @property
+    def before(self) -> dict[str, int]:
+        """Operations of each kernel alone, before the pass."""
+        return _counts(self.earlier)
+
+    @property
+    def after(self) -> dict[str, int]:
+        """Operations of each kernel alone, after the pass."""
+        return _counts(self.later)
+
+
+def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
+    """Run every pass of the recipe.
+
+    Returns
+    -------
+    program : Program
+        The rewritten program.
+    reports : tuple of PassReport
+        One for each pass.
+    """
+    reports = []
+    for name, transform in RECIPE:
+        # Programs are immutable, so the report keeps both as they are.
+        earlier, program = program, transform(program)
+        reports.append(PassReport(name, earlier, program))
+    return program, tuple(reports)
+
+
+def _counts(program: Program) -> dict[str, int]:
+    return {name: kernel.operations.total for name, kernel in program.kernels.items()}

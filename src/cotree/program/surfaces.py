@@ -1,0 +1,596 @@
+"""Switching surfaces of right-hand sides: each step keeps the branches on which it began.
+
+In: equations that hold absolute values, selections and piecewise linear tables of what moves. Out:
+the same equations with a symbol in each condition and each table that says which piece is to be
+taken; where it is zero, the argument decides. The engine holds the pieces while it takes a step,
+looks for the time at which an argument leaves its piece as it looks for events, and begins anew
+from there on the next piece. States and their sensitivities are continuous at a corner, so that
+nothing else happens there.
+
+A sign, or a selection whose two sides differ, is a corner where what reads it is continuous, as in
+``x*sign(x)``. A piece of a root, a power, a logarithm or a quotient may have no value beyond its
+end: steps end there, too, but the argument decides at all times. The other side of such a corner is
+held where it is constant, as that of ``sqrt(max(x, 0))`` is.
+
+Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
+those that are known functions of time, where integration stops anyway; conditions within roots
+and the like whose readers are twice differentiable, as in the law of an orifice; corners with an
+infinite slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with;
+corners within masses and constraints; tables within roots and the like; and tables with very many
+points, whose corners are small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from cotree.dag.clips import SINGULAR, is_singular
+from cotree.dag.continuity import meets, ways_to_zero
+from cotree.dag.derivative import tangent
+from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
+from cotree.dag.multi_output import SEVERAL, Table
+from cotree.dag.nodes import (
+    INPUT,
+    PIECE,
+    STATE,
+    TIME,
+    UNKNOWN,
+    dependent,
+    reachable,
+    substitute,
+    symbols_in,
+)
+from cotree.dag.switching_times import stops_within
+from cotree.equations import CornerRow
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.equations import Equations
+    from cotree.program.program import Program
+
+#: Functions that have a value beyond any corner. Of a quotient it is the dividend alone that may
+#: have corners, and of a linear system the right-hand side.
+_TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
+_TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines", "solve"}
+_BRANCHING = frozenset({"select", "abs", "sign"})
+
+#: Tables with more points than this along an axis are left to the error test: a run would stop at
+#: each of them.
+_MOST_POINTS = 1000
+
+#: So many values are tried between one that jumps and those in which it no longer does, and so many
+#: that a branch is read by.
+_MOST_READERS, _MOST_ABOVE = 8, 64
+
+#: Sums of more terms than this are compared as they stand.
+_MOST_TERMS = 64
+
+
+def hold_pieces(equations: Equations) -> Equations:
+    """Return the equations whose steps hold the pieces of what has corners."""
+    found = _find(equations)
+    if not found.conditions and not found.tables:
+        return equations
+    new, held = _held(equations, found)
+
+    def again(nodes: Iterable[Node]) -> tuple[Node, ...]:
+        return tuple(substitute(nodes, new))
+
+    return replace(
+        equations.with_derivatives(new),
+        forcing=again(equations.forcing),
+        rates=again(equations.rates),
+        output_values=again(equations.output_values),
+        corners=tuple(held.rows),
+        pieces=tuple(held.pieces),
+    )
+
+
+def without_corners(program: Program) -> Program:
+    """Let no engine look for corners, so that all pieces are those that arguments decide."""
+    layout, kernels = program.layout, dict(program.kernels)
+    n, m = len(layout.events), len(layout.corners)
+    if not m:
+        return program
+
+    def cut(name: str, n_blocks: int = 1) -> None:
+        results = kernels[name].results
+        width = len(results) // n_blocks
+        blocks = [results[i * width : (i + 1) * width] for i in range(n_blocks)]
+        left = [block[:n] + block[n + m :] for block in blocks] if n else []
+        kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
+
+    n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
+    values = kernels["events"].results
+    kernels["events"] = replace(kernels["events"], results=values[:n] + values[n_before:])
+    # Ranges are numbered in the order of what they are of, and those of events come first.
+    ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
+    kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
+    cut("event_rates")
+    if kernels["event_sensitivity"].results:
+        cut("event_sensitivity", len(layout.sensitivities))
+    layout = replace(layout, corners=(), n_pieces=0, ranges=ranges)
+    return replace(program, layout=layout, kernels=kernels)
+
+
+@dataclass
+class _Found:
+    """Conditions and tables whose pieces steps hold.
+
+    Attributes
+    ----------
+    conditions : dict of key to set of {-1, 1}
+        The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
+    tables : set of Node
+        The tables, whose pieces steps hold.
+    """
+
+    conditions: dict[_Key, frozenset[int]]
+    tables: set[Node]
+
+
+def _find(equations: Equations) -> _Found:
+    """List the conditions and the tables that are followed."""
+    roots = [*equations.forcing, *equations.rates]
+    order = reachable(roots)
+    symbols = _moving(order, equations)
+    moving = dependent(order, symbols)
+    heavy, wild = _heavy(order, equations), _wild(order)
+    conditions: dict[_Key, _Sides | None] = {}
+    looked_at: dict[_Key, Node] = {}
+    keys, corners = _Keys(), _Corners(order, roots, symbols)
+    reading = [node for node in order if not moving.isdisjoint(node.args)]
+    for node in reading:
+        if node.op not in _BRANCHING or node.args[0] not in moving:
+            continue
+        if node in wild and corners.is_smooth(node):
+            continue
+        key, scale = keys.of(node.args[0])
+        looked_at.setdefault(key, node.args[0])
+        # One condition serves all that it decides: one of these may rule it out.
+        sides = None if node in heavy else corners.sides(node)
+        if node in wild:
+            sides = _in_common(sides, corners.sides_above(node))
+        sides = None if sides is None else sides.turned(scale)
+        conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
+    tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
+    known = stops_within(equations.dag, order)
+    timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
+    located = {k: v for k, v in conditions.items() if v is not None and v.steep != _BOTH}
+    return _Found(
+        {k: sides.held for k, sides in located.items() if looked_at[k] not in timed},
+        {node for node in tables if _n_points(node) <= _MOST_POINTS and not timed >= {*node.args}},
+    )
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Sides of a corner: 1 where its condition is positive, -1 where it is negative.
+
+    Attributes
+    ----------
+    held : set of {-1, 1}
+        Those on which steps hold the piece; on others the argument decides.
+    steep : set of {-1, 1}
+        Those on which the slope is infinite at the corner.
+    """
+
+    held: frozenset[int]
+    steep: frozenset[int]
+
+    def turned(self, scale: float) -> _Sides:
+        """Return the sides of the condition divided by a factor."""
+        if scale > 0.0:
+            return self
+        held, steep = (frozenset(-side for side in sides) for sides in (self.held, self.steep))
+        return _Sides(held, steep)
+
+
+_BOTH = frozenset({-1, 1})
+#: Of a corner whose pieces have values beyond it.
+_OPEN = _Sides(_BOTH, frozenset())
+
+
+def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
+    """Return the sides that two values allow to hold; None: one of them jumps."""
+    return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
+
+
+class _Corners:
+    """Follow what changes where a condition is zero, up to where the whole is continuous.
+
+    Parameters
+    ----------
+    order : sequence of Node
+        All values, arguments first.
+    roots : sequence of Node
+        Those that must not jump.
+    moving : sequence of Node
+        The symbols that change between events.
+    """
+
+    def __init__(
+        self, order: Sequence[Node], roots: Sequence[Node], moving: Sequence[Node]
+    ) -> None:
+        self._order, self._roots, self._moving = order, set(roots), set(moving)
+
+    @cached_property
+    def _places(self) -> dict[Node, int]:
+        return {node: place for place, node in enumerate(self._order)}
+
+    @cached_property
+    def _reading(self) -> dict[Node, list[Node]]:
+        found: dict[Node, list[Node]] = {}
+        for item in self._order:
+            for arg in dict.fromkeys(item.args):
+                found.setdefault(arg, []).append(item)
+        return found
+
+    def _readers(self, node: Node) -> Sequence[Node]:
+        return self._reading.get(node, ())
+
+    def sides(self, node: Node) -> _Sides | None:
+        """Return the sides of a selection, a sign or an absolute value; None: it jumps."""
+        if node.op == "abs":
+            return _OPEN
+        condition, *branches = _branches(node)
+        sides = _sides(condition, branches)
+        if sides is not None:
+            return sides
+        sides, jumping = _OPEN, [node]
+        for _ in range(_MOST_READERS):
+            if not jumping or sides is None:
+                return sides
+            last = jumping.pop()
+            if last in self._roots:
+                return None
+            for reader in self._readers(last):
+                own = [substitute([reader], {node: value})[0] for value in branches]
+                # Of several results each is compared.
+                found = None if reader.op in SEVERAL else _sides(condition, own)
+                if found is None:
+                    jumping.append(reader)
+                else:
+                    sides = _in_common(sides, found)
+        return None
+
+    def is_smooth(self, node: Node) -> bool:
+        """Return whether all that reads a value that branches is twice differentiable there."""
+        condition, positive, negative = _branches(node)
+        if _meet_twice(positive, negative, condition, self._moving):
+            return True
+        if node in self._roots:
+            return False
+        above, below = {node: positive}, {node: negative}
+        # In the order of all values, so that whatever reads several of those before finds them.
+        waiting = set(self._readers(node))
+        for _ in range(_MOST_ABOVE):
+            if not waiting:
+                return True
+            reader = min(waiting, key=self._places.__getitem__)
+            waiting.remove(reader)
+            if reader in self._roots or reader.op in SEVERAL:
+                return False
+            try:
+                above[reader], below[reader] = (
+                    substitute([reader], known)[0] for known in (above, below)
+                )
+                if _meet_twice(above[reader], below[reader], condition, self._moving):
+                    del above[reader], below[reader]
+                    continue
+            except (ArithmeticError, ValueError):  # it has no value there
+                return False
+            waiting.update(self._readers(reader))
+        return False
+
+    def sides_above(self, node: Node) -> _Sides:
+        """Return the sides that what reads a value that branches allows, up to the roots."""
+        condition, *branches = _branches(node)
+        ways = ways_to_zero(condition)
+        found = [self._end_above(node, value, ways) for value in branches]
+        return _sides_of(found)
+
+    def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
+        """Return how a branch ends in what reads it."""
+        known, waiting, end = {node: value}, [node], _NOWHERE
+        for _ in range(_MOST_ABOVE):
+            if not waiting:
+                return end
+            for reader in self._readers(waiting.pop()):
+                if reader in known:
+                    continue
+                try:
+                    known[reader] = substitute([reader], known)[0]
+                except (ArithmeticError, ValueError):  # it has no value there
+                    return _STEEP
+                if self._moving.isdisjoint(symbols_in([known[reader]])):
+                    continue
+                is_dividend = reader.op == "div" and reader.args[1] not in known
+                if not _is_tame(reader) and not is_dividend:
+                    end = max(end, _ENDS, _end_within([known[reader]], ways))
+                waiting.append(reader)
+        return max(end, _ENDS)
+
+
+def _branches(node: Node) -> tuple[Node, Node, Node]:
+    """Return the condition of a value that branches, and what it is on both sides."""
+    dag, (condition, *sides) = node.dag, node.args
+    if node.op == "abs":
+        return condition, condition, -condition
+    above, below = sides or (dag.one, -dag.one)
+    return condition, above, below
+
+
+def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
+    """Return whether two values and their first and second derivatives meet where one is zero."""
+    pairs, one = [(above, below)], above.dag.one
+    symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
+    for order in range(3):
+        if order > 0:
+            pairs = [
+                (tangent(a, {symbol: one}), tangent(b, {symbol: one}))
+                for a, b in pairs
+                for symbol in symbols
+            ]
+        if not all(meets(*pair, boundary) for pair in pairs):
+            return False
+    return True
+
+
+#: Where a value has no slope, or none beyond a corner.
+_NOWHERE, _ENDS, _STEEP = range(3)
+
+#: Substitutions, each of which says that a condition is zero.
+_Ways = list[dict["Node", "Node"]]
+
+
+def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
+    """Return the sides of a condition that selects one of two values; None: it jumps there."""
+    above, below = branches
+    if not meets(above, below, condition):
+        return None
+    ways = ways_to_zero(condition)
+    found = [_end_within(reachable([value]), ways) for value in branches]
+    return _sides_of(found)
+
+
+def _sides_of(ends: Sequence[int]) -> _Sides:
+    """Return the sides, from how the branch above a condition ends, and the one below it."""
+    pairs = list(zip((1, -1), ends, strict=True))
+    return _Sides(
+        frozenset(side for side, end in pairs if end == _NOWHERE),
+        frozenset(side for side, end in pairs if end == _STEEP),
+    )
+
+
+def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
+    """Return how roots and the like among some values end where a condition is zero."""
+    roots = [node for node in nodes if node.op in SINGULAR]
+    try:
+        ending = [node for node in roots for way in ways if _ends(node, way)]
+    except (ArithmeticError, ValueError):  # it has no value there
+        return _STEEP
+    if not ending:
+        return _NOWHERE
+    return _ENDS if all(map(_is_flat, ending)) else _STEEP
+
+
+def _is_flat(node: Node) -> bool:
+    """Return whether the slope of an operation is finite where its value ends."""
+    power = node.args[-1].value
+    return node.op == "pow" and power is not None and power > 1.0
+
+
+def _ends(node: Node, way: Mapping[Node, Node]) -> bool:
+    """Return whether a root or a power has no value beyond where its condition is zero."""
+    first, *others = substitute(node.args, way)
+    if node.op == "pow":
+        return first.value is not None and first.value <= 0.0
+    return is_singular(node.op, (first, *others))
+
+
+def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
+    """List the symbols that change between events; modes do not."""
+    still = {
+        state.symbol
+        for state, rate in zip(equations.states, equations.rates, strict=True)
+        if rate.is_zero
+    }
+    kinds = (TIME, STATE, INPUT, UNKNOWN)
+    symbols = [node for node in order if node.op == "symbol" and node.data[0] in kinds]
+    return [node for node in symbols if node not in still]
+
+
+def _is_timed(node: Node) -> bool:
+    return all(symbol.data[0] not in (STATE, INPUT, UNKNOWN) for symbol in symbols_in([node]))
+
+
+def _is_table(node: Node) -> bool:
+    return type(node.data) in (Table, PlaneTable)  # not one that is held already
+
+
+def _n_points(node: Node) -> int:
+    return max(map(len, _axes(node)))
+
+
+def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
+    """List the points of a table along each of its axes."""
+    return node.data.axes if isinstance(node.data, PlaneTable) else (node.data.x,)
+
+
+def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
+    """List the values of masses and of constraints, whose corners are not followed.
+
+    Those of linear systems within rates are among them, as are the sizes that pivots are chosen by.
+    """
+    held = equations.constraints
+    values = [node for node in held.values if node is not None]
+    values += [*chain.from_iterable(equations.matrix), *held.rates]
+    for node in order:
+        if node.op == "solve":
+            n = node.data.size
+            values += [*node.args[: n * n], *node.args[n * n + n :]]
+        elif node.op in ("map", "call"):
+            values += node.args
+    return set(reachable(values))
+
+
+def _is_tame(node: Node) -> bool:
+    """Return whether an operation has a value beyond any corner of its arguments."""
+    if node.op == "pow":
+        base = node.args[0].value
+        return base is not None and base > 0.0
+    return node.op in _TAME or _is_table(node)
+
+
+def _wild(order: Sequence[Node]) -> set[Node]:
+    """List the values that something reads which must not be given a piece beyond its end."""
+    found: set[Node] = set()
+    for node in reversed(order):
+        if node in found or not _is_tame(node):
+            found |= set(node.args[1:] if node.op == "div" and node not in found else node.args)
+    return found
+
+
+#: A sum as its terms by their numbers, with coefficients; the first of these is one.
+_Key = tuple[tuple[int, float], ...]
+
+
+class _Keys:
+    """Tells conditions that are the same but for their sign, a factor, or the order of their terms.
+
+    Derivatives of laws write the conditions of the laws themselves in other ways.
+    """
+
+    def __init__(self) -> None:
+        self._terms: dict[Node, dict[Node, float]] = {}
+
+    def of(self, condition: Node) -> tuple[_Key, float]:
+        """Give the key of a condition, and the factor by which it is what the key says."""
+        terms = sorted((node.index, factor) for node, factor in self._sum(condition).items())
+        scale = terms[0][1] if terms else 1.0
+        return tuple((index, factor / scale) for index, factor in terms), scale
+
+    def _sum(self, node: Node) -> dict[Node, float]:
+        found = self._terms.get(node)
+        if found is None:
+            found = self._terms[node] = self._formed(node)
+        return found
+
+    def _formed(self, node: Node) -> dict[Node, float]:
+        if node.op in ("add", "sub", "neg"):
+            factors = {"add": (1.0, 1.0), "sub": (1.0, -1.0), "neg": (-1.0,)}[node.op]
+            total: dict[Node, float] = {}
+            for arg, factor in zip(node.args, factors, strict=True):
+                for term, own in self._sum(arg).items():
+                    total[term] = total.get(term, 0.0) + factor * own
+            if len(total) <= _MOST_TERMS:
+                return {term: factor for term, factor in total.items() if factor != 0.0}
+        if node.op == "mul" and node.args[0].value is not None:
+            factor = node.args[0].value
+            return {term: factor * own for term, own in self._sum(node.args[1]).items()}
+        return {node.dag.one: node.value} if node.value else {node: 1.0}
+
+
+@dataclass
+class _Held:
+    """Rows and symbols that are found while pieces are numbered."""
+
+    rows: list[CornerRow]
+    pieces: list[Node]
+
+
+def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]:
+    """Form what takes the place of each value that has a corner, from the inside out."""
+    dag, held = equations.dag, _Held([], [])
+    new: dict[Node, Node] = {}
+    keys = _Keys()
+    signs: dict[_Key, tuple[Node, float]] = {}
+    slots: dict[tuple[object, Node], Node] = {}
+    motion = [] if equations.motion is None else [equations.motion]
+    motion += [] if equations.direction is None else [equations.direction]
+    rows = [*equations.sensitivities, *equations.columns, *motion]
+    derived = chain.from_iterable(row.nodes for row in rows)
+    order = reachable([*equations.forcing, *equations.rates, *equations.output_values, *derived])
+
+    def of(node: Node) -> Node:
+        return new.get(node, node)
+
+    def slot() -> Node:
+        held.pieces.append(dag.zero)
+        return dag.symbol(PIECE, len(held.pieces) - 1)
+
+    def sign(condition: Node, key: _Key, scale: float) -> Node:
+        if key not in signs:
+            signs[key] = slot(), scale
+            held.rows.append(CornerRow(of(condition), signs[key][0].data[1], 0))
+        piece, first = signs[key]
+        own = piece if scale * first > 0.0 else -piece
+        sides = found.conditions[key]
+        if sides == _BOTH:
+            # Minus its size is zero or more where it is zero itself.
+            return dag.select(-dag.function("abs", piece), of(condition), own)
+        # What decides where no piece is held, and beyond a side that is not.
+        decides = of(condition)
+        for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
+            decides = dag.select(side * own - 0.5, dag.constant(side), decides)
+        return decides
+
+    def piece_of(axis: tuple[float, ...], at: Node) -> Node:
+        if (axis, at) not in slots:
+            slots[axis, at] = slot()
+        return slots[axis, at]
+
+    def table(node: Node) -> tuple[Node, ...]:
+        given = [of(arg) for arg in node.args]
+        pairs = zip(_axes(node), node.args, strict=True)
+        pieces = [piece_of(axis, arg) for axis, arg in pairs]
+        data: HeldTable | HeldPlane
+        if isinstance(node.data, PlaneTable):
+            data = HeldPlane(node.data.x, node.data.y, node.data.z)
+        else:
+            data = HeldTable(node.data.x, node.data.y)
+        made = dag.several("lookup", [*given, *pieces], data, len(data.results))
+        for i, (at, piece) in enumerate(zip(given, pieces, strict=True)):
+            number = piece.data[1]
+            if not held.pieces[number].is_zero:
+                continue  # another table with these arguments at the same value
+            low, high, which = data.ends(i)
+            held.pieces[number] = made[which]
+            held.rows.append(CornerRow(at - made[low], number, -1))
+            held.rows.append(CornerRow(at - made[high], number, 1))
+        return made
+
+    results: dict[Node, tuple[Node, ...]] = {}
+    for node in order:
+        if node in found.tables:
+            results[node] = table(node)
+            continue
+        if node.op == "result" and node.args[0] in results:
+            new[node] = results[node.args[0]][node.data]
+            continue
+        key, scale = keys.of(node.args[0]) if node.op in _BRANCHING else ((), 0.0)
+        if key and key in found.conditions:
+            own = sign(node.args[0], key, scale)
+            if not found.conditions[key]:
+                # The step ends there, but its values decide by themselves.
+                made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
+            elif node.op == "select":
+                made = dag.select(own, of(node.args[1]), of(node.args[2]))
+            else:
+                made = dag.function("sign", own)
+                made = made if node.op == "sign" else made * of(node.args[0])
+        elif new.keys().isdisjoint(node.args):
+            continue
+        else:
+            made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
+        if made is not node:
+            new[node] = made
+            if node in dag.origins:
+                dag.note_origin(made, dag.origins[node])
+    return new, held

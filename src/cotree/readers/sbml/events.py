@@ -1,0 +1,329 @@
+"""Events of an SBML model: triggers, assignments, and those that are simultaneous.
+
+SBML evaluates the assigned values when the trigger of an event becomes true, before any other event
+acts (Level 3, section 4.11). Events of a scene act one after the other, each on the values that the
+previous one leaves. Events with the same trigger therefore become one event of the scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import brief
+from cotree.readers.sbml.document import SbmlContent, SbmlEvent, located
+from cotree.readers.sbml.formulas import RELATIONS, FormulaReader, children, kind_of, number
+from cotree.readers.sbml.roles import TIME, Role, Roles, names_of, rate_dependencies
+from cotree.scene.parameters import make_parameter, parameter_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from cotree.scene.description import SceneDescription
+
+
+@dataclass(frozen=True)
+class Triggered:
+    """An event, and the expressions that cross zero when it occurs: in a run and at its start."""
+
+    event: SbmlEvent
+    crossing: Crossing
+    at_start: Crossing
+
+
+class Dependencies:
+    """Dependencies of the formulas of a model, through rules, reaction rates and compartments.
+
+    Parameters
+    ----------
+    content : SbmlContent
+        The model.
+    """
+
+    def __init__(self, content: SbmlContent) -> None:
+        self._content = content
+        self._laws = {reaction.id: reaction.law for reaction in content.reactions}
+        self._rates = rate_dependencies(content)
+
+    def of(self, node: object) -> frozenset[str]:
+        """List the identifiers that the value of a formula depends on."""
+        functions, quantities = self._content.functions, self._content.quantities
+        found: set[str] = set()
+        waiting = [*names_of(node, functions)]
+        while waiting:
+            id = waiting.pop()
+            if id in found:
+                continue
+            found.add(id)
+            waiting += self._rates.get(id, ())
+            formula = self._content.assignments.get(id) or self._laws.get(id)
+            if formula is not None:
+                waiting += names_of(formula.node, functions)
+            # The concentration of a species changes with the size of its compartment.
+            elif id in quantities and quantities[id].compartment:
+                waiting.append(quantities[id].compartment)
+        return frozenset(found)
+
+    def read_by(self, event: SbmlEvent) -> frozenset[str]:
+        """List the identifiers that the values assigned by an event depend on."""
+        return frozenset().union(*(self.of(formula.node) for formula in event.sets.values()))
+
+
+def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
+    """Sort events by priority, and group those that become one event of the scene.
+
+    Parameters
+    ----------
+    rows : sequence of Triggered
+        The events in the order of the file.
+    dependencies : Dependencies
+        Dependencies of the same model.
+
+    Returns
+    -------
+    list of list of Triggered
+        Events of equal priority remain in the order of the file, since SBML leaves it undefined.
+
+    Raises
+    ------
+    SceneError
+        If events with one trigger affect each other in a way that a scene cannot represent.
+    """
+    ordered = sorted(rows, key=lambda row: -row.event.priority)
+    by_crossing: dict[tuple[str, int], list[Triggered]] = {}
+    for row in ordered:
+        by_crossing.setdefault((row.crossing.text, row.crossing.direction), []).append(row)
+    found: list[list[Triggered]] = []
+    for group in by_crossing.values():
+        found += _split(group, dependencies)
+    return found
+
+
+def _split(group: list[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
+    """Group events of one trigger, or separate them if they depend on each other's values."""
+    _check_order(group)
+    changed: set[str] = set()
+    is_in_turn = False
+    for row in group:
+        event = row.event
+        if changed & dependencies.of(event.trigger.node) and not event.is_persistent:
+            raise event.trigger.at.error(
+                f"event '{brief(event.id)}' is not persistent, and an event with the same "
+                "trigger may make it false: combine them into one event"
+            )
+        if changed & dependencies.read_by(event) and not event.uses_trigger_values:
+            is_in_turn = True
+        changed |= event.sets.keys()
+    if not is_in_turn:
+        return [group]
+    _check_in_turn(group, dependencies)
+    return [[row] for row in group]
+
+
+def _check_order(group: Sequence[Triggered]) -> None:
+    """Refuse events of one trigger that set the same quantity in an undefined order."""
+    for first, second in combinations((row.event for row in group), 2):
+        both = sorted(first.sets.keys() & second.sets.keys())
+        if both and first.priority == second.priority:
+            raise second.trigger.at.error(
+                f"events '{brief(first.id)}' and '{brief(second.id)}' both set '{brief(both[0])}' "
+                "at the same time: give them different priorities"
+            )
+
+
+def _check_in_turn(group: list[Triggered], dependencies: Dependencies) -> None:
+    """Refuse events of one trigger for which the order of events in a scene would be wrong."""
+    changed: set[str] = set()
+    for row in group:
+        event = row.event
+        needed = dependencies.of(event.trigger.node)
+        if event.uses_trigger_values:
+            needed |= dependencies.read_by(event)
+        if changed & needed:
+            raise event.trigger.at.error(
+                f"event '{brief(event.id)}' has the same trigger as others that change values it "
+                "depends on, and useValuesFromTriggerTime differs or the trigger changes: combine "
+                "them into one event"
+            )
+        changed |= event.sets.keys()
+
+
+def check_coincidences(
+    groups: Iterable[Sequence[Triggered]],
+    dependencies: Dependencies,
+    is_fixed: Callable[[str], bool],
+    start_value: Callable[[Triggered], float],
+) -> None:
+    """Refuse events with different triggers at the same fixed time that affect each other.
+
+    Parameters
+    ----------
+    groups : iterable of sequence of Triggered
+        From :func:`groups_of`.
+    dependencies : Dependencies
+        Dependencies of the same model.
+    is_fixed : callable
+        Returns whether an identifier denotes a constant.
+    start_value : callable
+        Returns the initial value of the expression of a trigger.
+
+    Raises
+    ------
+    SceneError
+        If there are such events: the second would use the values after the first.
+    """
+    timed = [
+        (row, start_value(row))
+        for row in (group[0] for group in groups)
+        if all(id == TIME or is_fixed(id) for id in dependencies.of(row.event.trigger.node))
+    ]
+    members = {group[0].event.id: group for group in groups}
+    for (first, a), (second, b) in combinations(timed, 2):
+        if a != b or first.crossing.text == second.crossing.text:
+            continue
+        early = [row.event for row in members[first.event.id]]
+        late = [row.event for row in members[second.event.id]]
+        changed = {id for event in early for id in event.sets}
+        needed = {id for event in late for id in (*event.sets, *dependencies.read_by(event))}
+        if changed & needed:
+            names = " and ".join(f"'{brief(row.event.id)}'" for row in (first, second))
+            raise second.event.trigger.at.error(
+                f"events {names} occur at the same time, and one changes values that the other "
+                "depends on: give them the same trigger"
+            )
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """An expression that crosses zero where a condition becomes true.
+
+    Attributes
+    ----------
+    text : str
+        The expression.
+    direction : int
+        1 for a rising crossing, 0 for either direction.
+    holds_at_zero : bool
+        Whether the condition is true at zero.
+    """
+
+    text: str
+    direction: int
+    holds_at_zero: bool
+
+
+def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
+    """Convert a condition to an expression that crosses zero where it becomes true.
+
+    Raises
+    ------
+    ExpressionError
+        As :meth:`FormulaReader.read`.
+    """
+    relation = kind_of(node).removeprefix("RELATIONAL_")
+    if relation in (*RELATIONS, "EQ") and node.getNumChildren() == 2:
+        a, b = (reader.read(part) for part in children(node))
+        if relation in ("LT", "LEQ"):
+            a, b = b, a
+        # Two values that change continuously become equal where their difference crosses zero.
+        is_either = relation == "EQ"
+        text = reader.make.operate(a, "-", b).text
+        return Crossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
+    made = reader.make.where(reader.condition(node), number(1.0), number(-1.0))
+    return Crossing(made.text, 1, holds_at_zero=False)
+
+
+def start_value(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> float:
+    """Evaluate the expression of a trigger at the start."""
+    return _at_start(scene, event, begin)[0]
+
+
+def check_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> None:
+    """Refuse an event whose occurrence at the start would be wrong in a run."""
+    value, is_known = _at_start(scene, event, begin)
+    # An event occurs at the start of a run if its value is zero and about to rise. That of a
+    # comparison with the time rises; of others this is not known here.
+    is_late = value > 0.0 or (value == 0.0 and begin.holds_at_zero and not is_known)
+    is_early = value == 0.0 and begin.holds_at_zero
+    if is_early if event.is_initially_true else is_late:
+        raise event.trigger.at.error(
+            f"the {event.trigger.what} is true at the start with initialValue="
+            f"{str(event.is_initially_true).lower()}, which is not supported: include the event's "
+            "assignments in the initial values"
+        )
+
+
+def _at_start(scene: SceneDescription, event: SbmlEvent, begin: Crossing) -> tuple[float, bool]:
+    """Evaluate a trigger's expression at the start; also return whether it has no parameters."""
+    rows = dict(scene.parameters)
+    with located(event.trigger.at):
+        # The description contains spaces, so that it differs from all names of the scene.
+        row = make_parameter(event.trigger.what, begin.text, "", "", True)
+        rows[row.name] = row
+        value = parameter_values(rows)[row.name]
+    return value, isinstance(row.value, float) or not row.value.names
+
+
+def assigned_values(
+    events: Iterable[Mapping[str, str]],
+    content: SbmlContent,
+    roles: Roles,
+    names: Mapping[str, str],
+) -> dict[str, str]:
+    """Return the states and modes that events with one trigger set, with their expressions.
+
+    A concentration is set through the amount to which it corresponds at the compartment's size
+    before the event, and a change of size conserves amounts (SBML test suite, case 01779).
+
+    Parameters
+    ----------
+    events : iterable of mapping of str to str
+        Assignments of each event, by identifier: expressions of the values before all of them. The
+        events act in this order.
+    content : SbmlContent
+        The model.
+    roles : Roles
+        Roles of its quantities.
+    names : mapping of str to str
+        Names of the scene by identifier.
+    """
+    found: dict[str, str] = {}
+    sizes: dict[str, str] = {}  # values that earlier events have set, including compartments
+    for texts in events:
+        for id, text in texts.items():
+            state = names[id] if roles.of[id] is Role.MODE else f"{names[id]}.c"
+            if roles.of[id] is Role.AMOUNT and not content.quantities[id].is_amount:
+                place = content.quantities[id].compartment
+                text = f"({text})*({sizes.get(place, names[place])})"
+            found[state] = text
+        for id, quantity in content.quantities.items():
+            # The state of a rate rule is the concentration itself.
+            is_kept = roles.of[id] is Role.RATE and not quantity.is_amount
+            if is_kept and (place := quantity.compartment) in texts:
+                state, old = f"{names[id]}.c", sizes.get(place, names[place])
+                found[state] = f"({found.get(state, state)})*({old})/({texts[place]})"
+        sizes |= texts
+    return found
+
+
+def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
+    """Refuse concentrations with rate rules in compartments whose size events change indirectly.
+
+    Raises
+    ------
+    SceneError
+        If there is one: an event would dilute it without setting its compartment.
+    """
+    set_by_events = {id for event in content.events for id in event.sets}
+    for id, formula in content.rates.items():
+        quantity = content.quantities[id]
+        place = quantity.compartment
+        if not place or quantity.is_amount or roles.of[place] is not Role.ASSIGNED:
+            continue
+        if set_by_events & dependencies.of(content.assignments[place].node):
+            raise formula.at.error(
+                f"the {formula.what} determines a concentration in '{brief(place)}', whose size "
+                "changes at events through its assignment rule, which is not supported: set "
+                "hasOnlySubstanceUnits of the species, or let the events set the compartment"
+            )

@@ -1,0 +1,522 @@
+"""Scenes from SBML models.
+
+A species becomes an edge with its name; a reaction becomes an output, its rate, and a molar flow
+for each species that it changes; rules become outputs and states. See docs/sbml.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from cotree.errors import ExpressionError, SceneError, brief, nearest
+from cotree.files import read_text
+from cotree.readers.names import Namer, SourceLine
+from cotree.readers.sbml.document import (
+    Formula,
+    Quantity,
+    Reaction,
+    SbmlContent,
+    SbmlEvent,
+    explained,
+    located,
+    read_document,
+)
+from cotree.readers.sbml.events import (
+    Dependencies,
+    Triggered,
+    assigned_values,
+    check_coincidences,
+    check_sizes,
+    check_start,
+    crossing_of,
+    groups_of,
+    start_value,
+)
+from cotree.readers.sbml.formulas import FormulaReader, Term, TermMaker, name, number
+from cotree.readers.sbml.roles import Rates, Role, roles_of
+from cotree.scene.description import SceneDescription
+from cotree.scene.origin import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+
+@dataclass(frozen=True)
+class SbmlSymbol:
+    """A quantity of an SBML model in a scene.
+
+    Attributes
+    ----------
+    kind : str
+        ``compartment``, ``species``, ``parameter``, ``stoichiometry`` or ``reaction``.
+    name : str
+        The parameter, mode or output of the scene that has its value, in the unit that formulas
+        of the model use: the value of a species is its amount or its concentration.
+    state : str
+        Its state: ``A.c``, or the mode; empty without a state.
+    factor : str
+        The factor from its value to the state: an expression of outputs and parameters, or empty
+        for one. States of species in a compartment whose size changes are amounts.
+    initial : str
+        The parameter with its initial value, in the unit of ``name``: a number, or derived from
+        others. For a constant it is the parameter itself. Empty for reactions and for quantities
+        with an assignment rule.
+    """
+
+    kind: str
+    name: str
+    state: str = ""
+    factor: str = ""
+    initial: str = ""
+
+
+@dataclass(frozen=True)
+class SbmlModel(Generic[_Scene]):
+    """A scene read from an SBML model, with the quantities of the model.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    symbols : mapping of str to SbmlSymbol
+        The model's quantities by identifier.
+    local : mapping of (str, str) to str
+        Parameters of the scene by reaction and identifier of the local parameter.
+    assumed : frozenset of str
+        Quantities without a value in the model, whose value the caller gave.
+    """
+
+    scene: _Scene
+    symbols: Mapping[str, SbmlSymbol]
+    local: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    assumed: frozenset[str] = frozenset()
+
+
+class SceneWriter(Generic[_Scene]):
+    """Adds the elements of a model to a scene.
+
+    Parameters
+    ----------
+    scene_type : type
+        The class of the scene.
+    content : SbmlContent
+        The model.
+    file : str
+        The name of its file, for messages.
+    values : mapping of str to float
+        Values of quantities, by identifier, for which the file gives none.
+    """
+
+    def __init__(
+        self,
+        scene_type: type[_Scene],
+        content: SbmlContent,
+        file: str,
+        values: Mapping[str, float],
+    ) -> None:
+        self.content, self.file, self.values = content, file, values
+        # A scene's name begins with a letter; a model's may begin with an underscore or be missing.
+        stem = Namer().own(content.id or Path(file).stem).lstrip("_") or "model"
+        self.scene = scene_type(stem if stem[0].isalpha() else f"model_{stem}")
+        self.namer = Namer()
+        self.roles = roles_of(content)
+        # Identifiers of the model keep their names; names that the reader adds must differ.
+        rows = content.quantities.items()
+        self.names = {id: self.namer.give(row.kind.split()[0], id) for id, row in rows}
+        for reaction in content.reactions:
+            self.names[reaction.id] = self.namer.give("reaction", reaction.id)
+        self.local: dict[tuple[str, str], str] = {}
+        self.assumed: set[str] = set()
+        self.initial: dict[str, str] = {}
+        self.waiting: list[str] = []
+        self.notes = list(content.notes)
+        self.running = self._reader(self._running_symbol, name("t"), self._cut_running)
+        self.starting = self._reader(self._starting_symbol, number(0.0), self._cut_starting)
+
+    def _reader(
+        self, symbol: Callable[[str], Term], time: Term, cut: Callable[[str, str], str]
+    ) -> FormulaReader:
+        rates = Rates(self.content, self.roles, cut)
+        return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
+
+    def write(self) -> SbmlModel[_Scene]:
+        """Declare everything, and return the scene with the quantities of the model.
+
+        Raises
+        ------
+        SceneError
+            If scenes have no equivalent of an element; the message begins with file and line.
+        """
+        for id, quantity in self.content.quantities.items():
+            with located(quantity.at):
+                self._quantity(id, quantity)
+        for id in self.roles.order:
+            self._assigned(id)
+        for reaction in self.content.reactions:
+            self._reaction(reaction)
+        for id in self.content.rates:
+            self._rate(id)
+        checks = self._events()
+        # Initial values are declared on demand, and may require others.
+        while self.waiting:
+            self._start_of(self.waiting.pop())
+        for check in checks:
+            check()
+        is_still = not any(e.component.name == "species" for e in self.scene.edges.values())
+        if is_still and not self.scene.events:
+            raise SceneError(
+                f"{self.file}: nothing in the model changes with time, since it has no rate "
+                "rules, no species that reactions change and no events"
+            )
+        self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
+        return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
+
+    def _all_notes(self) -> Iterator[str]:
+        yield from self.notes
+        for (kind, old), new in self.namer.changed.items():
+            yield f"renamed: {kind} '{brief(old)}' is '{new}'"
+
+    # Symbols of formulas.
+
+    def _known(self, id: str) -> None:
+        if id not in self.names:
+            raise ExpressionError(
+                f"contains '{brief(id)}', which is not a compartment, species, parameter or "
+                f"reaction{nearest(id, self.names)}"
+            )
+
+    def _running_symbol(self, id: str) -> Term:
+        self._known(id)
+        return name(self.names[id])
+
+    def _starting_symbol(self, id: str) -> Term:
+        self._known(id)
+        return name(self._initial_name(id))
+
+    def _initial_name(self, id: str) -> str:
+        """Return the parameter with an initial value, and schedule its declaration."""
+        if self.roles.of.get(id) is Role.FIXED:
+            return self.names[id]
+        if id not in self.initial:
+            self.initial[id] = self.namer.own(f"{self.names[id]}_0")
+            self.waiting.append(id)
+        return self.initial[id]
+
+    def _cut_running(self, text: str, stem: str) -> str:
+        own = self.namer.own(stem)
+        self.scene.output(own, text)
+        return own
+
+    def _cut_starting(self, text: str, stem: str) -> str:
+        own = self.namer.own(f"{stem}_0")
+        self.scene.parameter(own, text)
+        return own
+
+    def _text(
+        self, formula: Formula, reader: FormulaReader, bound: Mapping[str, Term] | None = None
+    ) -> str:
+        with explained(formula):
+            return reader.read(formula.node, bound).text
+
+    # Quantities.
+
+    def _quantity(self, id: str, quantity: Quantity) -> None:
+        """Declare a constant or a state."""
+        own = self.names[id]
+        match self.roles.of[id]:
+            case Role.FIXED:
+                self.initial[id] = own
+                self._start_of(id)
+            case Role.DILUTED:
+                # A constant amount in a compartment whose size changes.
+                place = quantity.compartment
+                begin = f"{self._initial_name(id)}*{self._initial_name(place)}"
+                self.scene.output(own, f"{begin}/{self.names[place]}")
+            case Role.CONCENTRATION:
+                self._state(id, self.names[quantity.compartment], own_value=True)
+            case Role.AMOUNT:
+                self._state(id, 1.0, own_value=quantity.is_amount)
+            case Role.RATE:
+                self._state(id, 1.0, own_value=True)
+            case Role.MODE:
+                self.scene.mode(own, self._initial_name(id), doc=quantity.title[:1000])
+
+    def _state(self, id: str, volume: str | float, *, own_value: bool) -> None:
+        """Declare a state, and the output with the value that formulas refer to."""
+        own, begin = self.names[id], self._initial_name(id)
+        value = f"{own}.c"
+        if not own_value:
+            place = self.content.quantities[id].compartment
+            begin, value = (
+                f"{begin}*{self._initial_name(place)}",
+                f"{value}/{self.names[place]}",
+            )
+        self.scene.edge(own, "species", own, "ground", volume=volume, initial={"c": begin})
+        self.scene.output(own, value)
+
+    def _start_of(self, id: str) -> None:
+        """Declare the parameter with an initial value."""
+        own, content = self.initial[id], self.content
+        quantity = content.quantities.get(id)
+        formula = content.assignments.get(id) or content.initials.get(id)
+        if quantity is None:
+            reaction = self.roles.reactions[id]
+            text = self._text(reaction.law, self.starting, self._bound(reaction))
+            with located(reaction.law.at):
+                self.scene.parameter(own, text)
+            return
+        at = formula.at if formula else quantity.at
+        value: float | str
+        if formula is not None:
+            value = self._text(formula, self.starting)
+        else:
+            value = self._number(quantity)
+            if quantity.kind == "species" and quantity.gives_amount != quantity.is_amount:
+                value = self._converted(own, quantity, value)
+        with located(at):
+            # A text that consists of a number is declared as a number.
+            value = _plain(value)
+            self.scene.parameter(own, value, doc=quantity.title[:1000])
+
+    def _converted(self, own: str, quantity: Quantity, value: float) -> str:
+        """Declare an amount that is given as a concentration, or vice versa."""
+        place = self._initial_name(quantity.compartment)
+        word, sign = ("amount", "/") if quantity.gives_amount else ("concentration", "*")
+        given = self.namer.own(f"{own}_{word}")
+        with located(quantity.at):
+            self.scene.parameter(given, value)
+        return f"{given}{sign}{place}"
+
+    def _number(self, quantity: Quantity) -> float:
+        if quantity.value is not None:
+            return quantity.value
+        if quantity.id in self.values:
+            self.assumed.add(quantity.id)
+            return self.values[quantity.id]
+        if quantity.kind == "compartment":
+            self.notes.append(f"{quantity.whose} has no size: it is taken as 1")
+            return 1.0
+        raise quantity.at.error(
+            f"{quantity.whose} has no value: give it one, an initial assignment or a rule"
+        )
+
+    def _assigned(self, id: str) -> None:
+        """Declare the output of an assignment rule."""
+        formula = self.content.assignments[id]
+        text = self._text(formula, self.running)
+        with located(formula.at):
+            self.scene.output(self.names[id], text)
+
+    def _rate(self, id: str) -> None:
+        """Declare the flow of a rate rule."""
+        formula, own = self.content.rates[id], self.names[id]
+        text = self._text(formula, self.running)
+        edge = self.namer.own(f"{own}_rate")
+        with located(formula.at):
+            self.scene.edge(edge, "molar_flow_source", "ground", own, flow=_plain(text))
+
+    # Reactions.
+
+    def _bound(self, reaction: Reaction) -> dict[str, Term]:
+        """Declare the local parameters of a reaction, and return their terms."""
+        for id, quantity in reaction.local.items():
+            if (reaction.id, id) not in self.local:
+                own = self.namer.give("local parameter", f"{reaction.id}_{id}")
+                self.local[reaction.id, id] = own
+                with located(quantity.at):
+                    self.scene.parameter(own, self._number(quantity), doc=quantity.title[:1000])
+        return {id: name(self.local[reaction.id, id]) for id in reaction.local}
+
+    def _reaction(self, reaction: Reaction) -> None:
+        own = self.names[reaction.id]
+        text = self._text(reaction.law, self.running, self._bound(reaction))
+        with located(reaction.law.at):
+            self.scene.output(own, text)
+        numbers: dict[str, float] = {}
+        for part in reaction.parts:
+            if self.roles.of[part.species] not in (Role.CONCENTRATION, Role.AMOUNT):
+                continue
+            count = self._stoichiometry(part.stoichiometry)
+            if isinstance(count, float):
+                # The flow of a species that is both reactant and product is the difference.
+                numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
+            else:
+                self._flow(own, part.species, f"{_factor(count)}*{own}", part.sign, part.at)
+        for species, count in numbers.items():
+            if not math.isfinite(count):
+                raise reaction.law.at.error(
+                    f"the stoichiometry of '{brief(species)}' in reaction '{brief(reaction.id)}' "
+                    "is not finite"
+                )
+            flow = own if abs(count) == 1.0 else f"{number(abs(count)).text}*{own}"
+            if count:
+                self._flow(own, species, flow, 1 if count > 0.0 else -1, reaction.law.at)
+
+    def _stoichiometry(self, given: float | str | Formula) -> float | str:
+        if isinstance(given, Formula):
+            text = self._text(given, self.running)
+            plain = _plain(text)
+            return plain if isinstance(plain, float) else text
+        if isinstance(given, float):
+            return given
+        if given in self.roles.unnamed:
+            value = self.content.quantities[given].value
+            if value is not None:
+                return value
+        return self.names[given]
+
+    def _flow(self, reaction: str, species: str, flow: str, sign: int, at: SourceLine) -> None:
+        own, conversion = self.names[species], self.content.quantities[species].conversion
+        nodes = ("ground", own) if sign > 0 else (own, "ground")
+        with located(at):
+            if conversion:
+                self._known(conversion)
+                flow = f"{self.names[conversion]}*{flow}"
+            edge = self.namer.own(f"{reaction}_{own}")
+            self.scene.edge(edge, "molar_flow_source", *nodes, flow=flow)
+
+    # Events.
+
+    def _events(self) -> list[Callable[[], None]]:
+        """Declare the events, and return checks that need all parameters to be declared."""
+        dependencies = Dependencies(self.content)
+        check_sizes(self.content, self.roles, dependencies)
+        groups = groups_of([self._triggered(e) for e in self.content.events], dependencies)
+        for group in groups:
+            self._event(group)
+        return [
+            *(partial(check_start, self.scene, r.event, r.at_start) for g in groups for r in g),
+            lambda: check_coincidences(
+                groups,
+                dependencies,
+                lambda id: self.roles.of.get(id) is Role.FIXED,
+                lambda row: start_value(self.scene, row.event, row.at_start),
+            ),
+        ]
+
+    def _triggered(self, event: SbmlEvent) -> Triggered:
+        trigger = event.trigger
+        with located(trigger.at), explained(trigger):
+            return Triggered(
+                event,
+                crossing_of(self.running, trigger.node),
+                crossing_of(self.starting, trigger.node),
+            )
+
+    def _event(self, group: Sequence[Triggered]) -> None:
+        """Declare events with the same trigger as one event; later assignments take precedence."""
+        first = group[0]
+        for id, formula in (pair for row in group for pair in row.event.sets.items()):
+            self._check_target(id, formula)
+        texts = [
+            {id: self._text(formula, self.running) for id, formula in row.event.sets.items()}
+            for row in group
+        ]
+        values = assigned_values(texts, self.content, self.roles, self.names)
+        own = self.namer.give("event", first.event.id)
+        if len(group) > 1:
+            others = ", ".join(f"'{brief(row.event.id)}'" for row in group[1:])
+            self.notes.append(f"event '{own}' includes {others}, with the same trigger")
+        with located(first.event.trigger.at):
+            crossing = first.crossing
+            self.scene.event(own, crossing.text, direction=crossing.direction, set=values)
+
+    def _check_target(self, id: str, formula: Formula) -> None:
+        """Refuse an event that sets a constant or a quantity with an assignment rule."""
+        role = self.roles.of[id]
+        if self.content.quantities[id].is_constant or not (role.is_state or role is Role.MODE):
+            raise formula.at.error(
+                f"the {formula.what} sets a constant, or a quantity that a rule determines"
+            )
+
+    def _symbols(self) -> dict[str, SbmlSymbol]:
+        found = {r.id: SbmlSymbol("reaction", self.names[r.id]) for r in self.content.reactions}
+        for id, quantity in self.content.quantities.items():
+            own, role, factor = self.names[id], self.roles.of[id], ""
+            if role is Role.UNNAMED:
+                continue
+            state = {Role.MODE: own}.get(role, f"{own}.c" if role.is_state else "")
+            if role is Role.AMOUNT and not quantity.is_amount:
+                factor = self.names[quantity.compartment]
+            begin = "" if role is Role.ASSIGNED else self.initial[id]
+            if id in self.content.assignments:
+                begin = ""
+            found[id] = SbmlSymbol(quantity.kind.split()[0], own, state, factor, begin)
+        return found
+
+
+def _factor(text: str) -> str:
+    return text if text.isidentifier() else f"({text})"
+
+
+def _plain(value: float | str) -> float | str:
+    """Return the number that a text consists of, or the text."""
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+_LARGEST_FILE = 50_000_000  # bytes; large networks of the literature have ten million
+
+
+def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a model from an SBML file.
+
+    Parameters
+    ----------
+    source : str or Path
+        Path of the file.
+    scene_type : type
+        Class of the scene.
+
+    Raises
+    ------
+    Error
+        If python-libsbml is not installed.
+    SceneError
+        If the file cannot be read, or contains something that is not supported; the message begins
+        with file and line.
+    """
+    return read_sbml_model(source, scene_type).scene
+
+
+def read_sbml_model(
+    source: str | Path, scene_type: type[_Scene], values: Mapping[str, float] | None = None
+) -> SbmlModel[_Scene]:
+    """Read a model as a scene, with the quantities of the scene by identifiers of the model.
+
+    Parameters
+    ----------
+    source : str or Path
+        Path of the file.
+    scene_type : type
+        Class of the scene.
+    values : mapping of str to float, optional
+        Values of quantities, by identifier, for which the file gives none.
+
+    Raises
+    ------
+    Error, SceneError
+        As :func:`read_sbml_scene`.
+    """
+    text = read_text(source, _LARGEST_FILE)
+    return read_sbml_text(text, str(source), scene_type, values)
+
+
+def read_sbml_text(
+    text: str,
+    where: str,
+    scene_type: type[_Scene],
+    values: Mapping[str, float] | None = None,
+) -> SbmlModel[_Scene]:
+    """Read a model from the text of an SBML file; see :func:`read_sbml_model`."""
+    content = read_document(text, where)
+    return SceneWriter(scene_type, content, where, values or {}).write()

@@ -1,0 +1,510 @@
+"""Elements of netlists, one function for each letter: words of a line to edges."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cotree.components.electrical import WINDINGS, coupling_field
+from cotree.components.transistors import BASE_CHARGE
+from cotree.errors import brief, nearest
+from cotree.readers.spice.laws import (
+    add_law,
+    add_polynomial,
+    add_switch,
+    current_of,
+    has_law,
+    has_polynomial,
+    has_signals,
+    law_of,
+)
+from cotree.readers.spice.models import DeviceModel, bulk_fields, channel_fields, device_fields
+from cotree.readers.spice.netlist import Line, settings, split_settings
+from cotree.readers.spice.scope import Coupled, Instance
+from cotree.readers.spice.sources import Source, edge_of, read_source
+from cotree.readers.spice.values import Value, is_zero, read_number, scaled, text_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+
+_Key = TypeVar("_Key")
+
+
+def find_couplings(place: Instance, lines: list[Line]) -> None:
+    """Find the inductors that are coupled, before they are written.
+
+    Raises
+    ------
+    SceneError
+        If one is not there, two are coupled twice, or too many share flux.
+    """
+    inductors = {line.key: line for line in lines if line.key[0] == "l"}
+    for line in lines:
+        if line.key[0] == "k":
+            _couple(place, line, inductors)
+
+
+def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
+    """Couple the inductors of a K statement, each with each."""
+    names = [word.lower() for word in line.words[1:-1]]
+    if len(names) < 2 or "=" in line.words:
+        raise line.at.error(f"{line.name} needs two inductors or more, and a number")
+    for name in names:
+        if name not in inductors:
+            raise line.at.error(
+                f"{line.name} couples '{brief(name)}', which is no inductor here"
+                f"{nearest(name, inductors)}"
+            )
+    # Merge the groups of both inductors: coupling is transitive through shared flux.
+    whole = Coupled()
+    for name in names:
+        old = place.coupled.get(name, Coupled({name: inductors[name]}))
+        whole.inductors |= old.inductors
+        whole.couplings |= old.couplings
+    for pair in combinations(names, 2):
+        if pair[0] == pair[1] or frozenset(pair) in whole.couplings:
+            raise line.at.error(f"'{brief(pair[0])}' is coupled twice to '{brief(pair[1])}'")
+        whole.couplings[frozenset(pair)] = line
+    whole.inductors = _in_order(whole.inductors)
+    whole.couplings = _in_order(whole.couplings)
+    if len(whole.inductors) > len(WINDINGS):
+        raise line.at.error(f"more than {len(WINDINGS)} inductors share flux")
+    place.coupled.update(dict.fromkeys(whole.inductors, whole))
+
+
+def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
+    return dict(sorted(lines.items(), key=lambda item: item[1].at.line))
+
+
+def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
+    """Give the sign of each winding against the first, if they are coupled without leakage.
+
+    Returns
+    -------
+    dict of str to float, or None
+        None where no coupling is 1 or -1 as a number.
+
+    Raises
+    ------
+    SceneError
+        If only some are, or their signs contradict each other.
+    """
+    values = {
+        pair: (place.scope.value(line.words[-1], line.at), line)
+        for pair, line in coupled.couplings.items()
+    }
+    # Only numbers can be told to be complete; parameters may change.
+    complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
+    if not complete:
+        return None
+    # The first winding defines the direction of the flux; zero marks a coupling that is not
+    # complete.
+    first, *others = coupled.inductors
+    signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
+    # With one flux the coupling of two windings is the product of their signs against the first.
+    for a, b in combinations(coupled.inductors, 2):
+        pair = frozenset((a, b))
+        if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
+            line = values[pair][1] if pair in values else next(iter(coupled.couplings.values()))
+            raise line.at.error(
+                f"windings that are coupled completely have no flux but one, by which '{brief(a)}' "
+                f"and '{brief(b)}' are coupled, too: give all of their couplings as 1 or -1, or "
+                "all smaller"
+            )
+    return signs
+
+
+def coupled_fields(
+    place: Instance, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
+) -> dict[str, Any]:
+    """Give the fields of coupled inductors.
+
+    Parameters
+    ----------
+    place : Instance
+        The circuit that they stand in.
+    coupled : Coupled
+        The inductors, and the line of each coupling.
+    windings : mapping of str to (list of str, value)
+        By inductor: its nodes and its inductance, [H].
+    """
+    fields: dict[str, Any] = {}
+    number = {name: i for i, name in enumerate(coupled.inductors, 1)}
+    for name, (nodes, inductance) in windings.items():
+        i = number[name]
+        fields[WINDINGS[i - 1]], fields[f"inductance{i}"] = nodes, inductance
+    values: dict[str, Any] = {}
+    for pair, line in coupled.couplings.items():
+        # A statement may couple several inductors: its number is one parameter for all of their
+        # pairs.
+        if line.key not in values:
+            values[line.key] = place.principal(line, line.words[-1], "1")
+        i, j = (number[name] for name in pair)
+        fields[coupling_field(i, j)] = values[line.key]
+    return fields
+
+
+#: Geometry that serves capacitances and leakage per area, of which models here have none.
+_UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
+_DEFAULT_SIZE = 1e-4  # m, as ngspice has it
+
+
+def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Split the line of an element into words and settings.
+
+    ``known`` are the settings that it may have, ``counts`` the numbers of words after its name.
+    """
+    words, rest = split_settings(line.words[1:])
+    given = settings(_without_second(rest), line.at)
+    for name in given:
+        if name not in known:
+            hint = nearest(name, known)
+            raise line.at.error(f"{line.name} has no '{brief(name)}' that is modelled here{hint}")
+    if len(words) not in counts:
+        few = f"{counts.start}" + (f" to {counts.stop - 1}" if len(counts) > 1 else "")
+        raise line.at.error(f"{line.name} has {len(words)} words after it, not {few}")
+    return words, given
+
+
+def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
+    """Leave the second of two coefficients of temperature out, of no effect at 27 degrees."""
+    # TC=1m,2u is split into words: what stands behind the first value is a number.
+    at = (
+        [word.lower() for word in rest[:-3]].index("tc")
+        if "tc" in map(str.lower, rest[:-3])
+        else -1
+    )
+    if at < 0 or read_number(rest[at + 3]) is None:
+        return rest
+    return rest[: at + 3] + rest[at + 4 :]
+
+
+#: Component, field and unit of the elements of one value, and their settings besides it.
+_ONE_PORTS = {
+    "r": ("resistor", "resistance", "ohm", {"m", "tc", "tc1", "tc2"}),
+    "c": ("capacitor", "capacitance", "F", {"m", "ic"}),
+    "l": ("inductor", "inductance", "H", {"m", "ic"}),
+}
+
+
+def _valued(
+    place: Instance, line: Line, known: set[str]
+) -> tuple[tuple[str, ...], dict[str, str], Value]:
+    """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
+    key = line.key[0]
+    words, given = _parts(line, {key, *known}, range(2, 4))
+    # Exactly one of both forms gives the value.
+    if (len(words) == 3) == (key in given):
+        raise line.at.error(f"{line.name} needs one value")
+    word = words[2] if len(words) == 3 else given[key]
+    if key == "r" and has_signals(word):
+        return words, given, law_of(place, line, word)
+    return words, given, place.principal(line, word, _ONE_PORTS[key][2])
+
+
+def _one_port(place: Instance, line: Line) -> None:
+    """Add a resistor, a capacitor, or an inductor that shares no flux with others."""
+    # Its K statement writes it, together with those that it shares flux with.
+    if line.key in place.coupled:
+        return
+    key = line.key[0]
+    type, field, _, known = _ONE_PORTS[key]
+    words, given, value = _valued(place, line, known)
+    nodes = [place.node(word) for word in words[:2]]
+    if place.sheet.amount(value) == 0.0:
+        # No resistance and no inductance join two nodes, and no capacitance is nothing.
+        if key != "c":
+            place.add_short(line.words[0], nodes)
+        return
+    initial = _initial_value(place, line, words, given)
+    # Parallel capacitances add; parallel resistances and inductances divide.
+    whole = scaled(value, _count(place, line, given), "*" if key == "c" else "/")
+    place.add(line.words[0], type, nodes, {field: whole}, initial)
+
+
+def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
+    """Read the number of parallel elements."""
+    count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
+    if isinstance(count, float) and not count > 0.0:
+        raise line.at.error("m must be positive: it counts elements side by side")
+    return count
+
+
+def _initial_value(
+    place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]
+) -> dict[str, Any]:
+    """Give the initial value of a storage, where the netlist asks for ``uic``.
+
+    It is the voltage ``v``, [V], of a capacitor or the current ``i``, [A], of an inductor.
+    """
+    key = line.key[0]
+    if not place.sheet.uses_initial or key == "r":
+        return {}
+    symbol = "v" if key == "c" else "i"
+    if "ic" in given:
+        return {symbol: place.scope.value(given["ic"], line.at)}
+    if key != "c":
+        return {}
+    voltage = _given_voltage(place, words[0], words[1])
+    return {} if is_zero(voltage) else {symbol: voltage}
+
+
+def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
+    """Give the voltage between two nodes by .ic, which is zero for nodes that it does not name."""
+    ends = []
+    for word in (plus, minus):
+        own = place.node(word)
+        # .ic names nodes of the outermost circuit.
+        known = {place.sheet.node("", name): v for name, v in place.sheet.voltages.items()}
+        ends.append(known.get(own, 0.0))
+    if is_zero(ends[1]):
+        return ends[0]
+    if isinstance(ends[0], float) and isinstance(ends[1], float):
+        return ends[0] - ends[1]
+    return f"{text_of(ends[0])} - {text_of(ends[1])}"
+
+
+def _coupling(place: Instance, line: Line) -> None:
+    """Add coupled inductors as one edge, named as the first of their couplings."""
+    coupled = place.coupled[line.words[1].lower()]
+    # One edge stands for the whole group: the other statements of the group add nothing.
+    if line.key != coupled.first:
+        return
+    windings: dict[str, tuple[list[str], Value]] = {}
+    initial: dict[str, dict[str, Any]] = {}
+    for name, inductor in coupled.inductors.items():
+        words, given, value = _valued(place, inductor, {"ic"})
+        if place.sheet.amount(value) == 0.0:
+            raise inductor.at.error(f"{inductor.name} has no inductance to be coupled: leave K out")
+        windings[name] = [place.node(node) for node in words[:2]], value
+        start = _initial_value(place, inductor, words, given)
+        if start:
+            initial[name] = start
+    # Windings without leakage share one flux, which coupled inductances cannot describe.
+    signs = complete_signs(place, coupled)
+    if signs is not None:
+        _one_flux(place, coupled, windings, initial, signs)
+        return
+    fields = coupled_fields(place, coupled, windings)
+    ports = dict(zip(windings, WINDINGS, strict=False))
+    begin = {ports[name]: start for name, start in initial.items()}
+    place.add(line.words[0], "coupled_inductors", (), fields, begin)
+
+
+def _one_flux(
+    place: Instance,
+    coupled: Coupled,
+    windings: Mapping[str, tuple[list[str], Value]],
+    initial: Mapping[str, dict[str, Any]],
+    signs: Mapping[str, float],
+) -> None:
+    """Add windings of one flux: the first as an inductor, ideal transformers from it to others.
+
+    What the inductor carries is what the first winding would with the others open: the sum of the
+    currents, each by the root of its inductance.
+    """
+    (first, (nodes, own)), *others = windings.items()
+    start = [text_of(initial[first]["i"])] if first in initial else []
+    for name, (_, value) in others:
+        if name in initial:
+            root = f"sqrt({text_of(value)}/{text_of(own)})"
+            start.append(f"{text_of(signs[name])}*{root}*{text_of(initial[name]['i'])}")
+    begin = {"i": " + ".join(start)} if start else {}
+    place.add(coupled.inductors[first].words[0], "inductor", nodes, {"inductance": own}, begin)
+    for name, (pair, value) in others:
+        # Turns are proportional to the roots of inductances.
+        ratio = f"{text_of(signs[name])}*sqrt({text_of(own)}/{text_of(value)})"
+        fields = {"primary": nodes, "secondary": pair, "ratio": ratio}
+        place.add(coupled.inductors[name].words[0], "transformer", (), fields)
+
+
+def _independent(place: Instance, line: Line) -> None:
+    """Add a source of a voltage or a current."""
+    if len(line.words) < 3 or "=" in line.words:
+        raise line.at.error(f"{line.name} needs two nodes, a value")
+    is_voltage = line.key[0] == "v"
+    nodes = [place.node(word) for word in line.words[1:3]]
+    source = read_source(line.words[3:], place.scope, place.sheet.times, line.at)
+    fields = dict(source.fields)
+    # A waveform has several numbers, none of which deserves the name of the source.
+    if source.is_constant:
+        label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
+        fields["value"] = place.sheet.own_parameter(label, fields["value"], line.at, unit)
+    kind, given = edge_of(Source(source.shape, fields), is_voltage)
+    place.add(line.words[0], kind, nodes, given)
+
+
+def _controlled(place: Instance, line: Line) -> None:
+    """Add a source that a voltage or a current controls, or a polynomial of several."""
+    if has_polynomial(line):
+        add_polynomial(place, line)
+    elif line.key[0] in "eg" and has_law(line):
+        add_law(place, line)
+    elif line.key[0] in "eg":
+        _by_voltage(place, line)
+    else:
+        _by_current(place, line)
+
+
+def _by_voltage(place: Instance, line: Line) -> None:
+    words, _ = _parts(line, set(), range(5, 6))
+    type, field, unit = (
+        ("vcvs", "gain", "1") if line.key[0] == "e" else ("vccs", "transconductance", "S")
+    )
+    nodes = [place.node(word) for word in words[:4]]
+    factor = place.principal(line, words[4], unit)
+    ports = {"output": nodes[:2], "control": nodes[2:]}
+    place.add(line.words[0], type, (), {**ports, field: factor})
+
+
+def _by_current(place: Instance, line: Line) -> None:
+    words, _ = _parts(line, set(), range(4, 5))
+    current = current_of(place, line, words[2])
+    nodes = [place.node(word) for word in words[:2]]
+    kind, unit = ("voltage", "ohm") if line.key[0] == "h" else ("current", "1")
+    # The controlling current is that of a voltage source, which needs no ammeter of its own.
+    law = f"{text_of(place.principal(line, words[3], unit))}*{current}"
+    place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
+
+
+def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
+    """Read the area factor of a device, and ignore ``off``."""
+    # ``off`` is a first guess for the operating point in other simulators.
+    rest = [word for word in words if word.lower() != "off"]
+    if len(rest) > 1 or (rest and "area" in given):
+        raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
+    area: Value = 1.0
+    if rest or "area" in given:
+        area = place.scope.value(rest[0] if rest else given["area"], line.at)
+    return scaled(area, _count(place, line, given))
+
+
+def _diode(place: Instance, line: Line) -> None:
+    words, given = _parts(line, {"area", "m", "ic"}, range(3, 6))
+    model = place.model(words[2], "d", line)
+    fields = device_fields(model, _area(place, line, words[3:], given), place.sheet.gmin)
+    _hold_charges(place, line, fields)
+    nodes = [place.node(word) for word in words[:2]]
+    initial: dict[str, Any] = {}
+    # Behind a series resistance the state is the voltage of an inner port, which ``.ic`` does not
+    # give.
+    is_state = {"junction_capacitance", "transit_time"} & fields.keys()
+    if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
+        voltage = _given_voltage(place, words[0], words[1])
+        if "ic" in given:
+            voltage = place.scope.value(given["ic"], line.at)
+        initial = {} if is_zero(voltage) else {"v": voltage}
+    place.add(line.words[0], "diode", nodes, fields, initial)
+
+
+def _bipolar(place: Instance, line: Line) -> None:
+    words, given = _parts(line, {"area", "m"}, range(4, 8))
+    # The fourth word is the model, or the substrate if no model has that name.
+    at = 3 if place.has_model(words[3]) or len(words) == 4 else 4
+    model = place.model(words[at], "q", line)
+    area, gmin = _area(place, line, words[at + 1 :], given), place.sheet.gmin
+    fields = device_fields(model, area, scaled(gmin, _count(place, line, given)) if gmin else 0.0)
+    _hold_charges(place, line, fields)
+    nodes = [place.node(word) for word in words[:3]]
+    substrate = place.node(words[3] if at == 4 else "0")
+    # Without either, nothing flows into the substrate, and three nodes suffice.
+    if {"leakage", "substrate_capacitance"} & fields.keys():
+        nodes.append(substrate)
+    place.add(line.words[0], model.component, nodes, fields)
+
+
+#: Charges in transit, and the capacitance of the junction that they need beside them.
+_TRANSITS = {
+    "transit_time": "junction_capacitance",
+    "forward_transit_time": "be_capacitance",
+    "reverse_transit_time": "bc_capacitance",
+}
+
+#: Capacitance that junctions are given where their models have transit times only, in farads per
+#: second of the run: a milliampere takes a volt from it in a ten-millionth of the run. Without
+#: any, what the charge leaves at once is a voltage that no step can follow.
+_LEAST_CAPACITANCE = 5e-11
+
+
+def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None:
+    """Give junctions with a transit time but no capacitance a small one, scaled by the run."""
+    if not place.sheet.times.stop:
+        return
+    least = _LEAST_CAPACITANCE * place.sheet.times.stop
+    wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
+    # The charge of a modulated base also depends on the voltage of the collector junction.
+    is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
+    if is_modulated and "bc_capacitance" not in wanted:
+        wanted.append("bc_capacitance")
+    missing = [capacity for capacity in wanted if capacity not in fields]
+    if missing:
+        fields |= dict.fromkeys(missing, least)
+        place.scope.remark(
+            f"{line.at}: {brief(line.words[0])} has transit times and no capacitance of "
+            f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is put "
+            "there"
+        )
+
+
+def _field_effect(place: Instance, line: Line) -> None:
+    """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
+    known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
+    words, given = _parts(line, known, range(5, 7))
+    model = place.model(words[4], "m", line)
+    if len(words) == 6 and words[5].lower() != "off":
+        raise line.at.error(f"'{brief(words[5])}' is one word too many")
+    width, length = (
+        place.scope.value(given[key], line.at) if key in given else _DEFAULT_SIZE
+        for key in ("w", "l")
+    )
+    count = _count(place, line, given)
+    drain, gate, source, bulk = map(place.node, words[:4])
+    # From here on drain and source are the inner nodes: channel, diodes and overlaps lie behind the
+    # resistances.
+    drain = _inner(place, line, model, "rd", drain, count)
+    source = _inner(place, line, model, "rs", source, count)
+    fields = channel_fields(model, scaled(width, count), length)
+    ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
+    place.add(line.words[0], model.component, ends, fields)
+    for side, end in (("cbd", drain), ("cbs", source)):
+        # Between equal nodes a diode carries no current.
+        if bulk != end:
+            # The diodes of an n channel conduct from the bulk, those of a p channel into it.
+            pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
+            own = bulk_fields(model, side, place.sheet.gmin, count)
+            place.add(f"{line.words[0]}_{side}", "diode", pair, own)
+    overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
+    for side, end, size in overlaps:
+        per_length = model.values[side]
+        # A capacitance between equal nodes does nothing.
+        if not is_zero(per_length) and end != gate:
+            name = f"{line.words[0]}_{side}"
+            capacitance = scaled(scaled(per_length, size), count)
+            place.add(name, "capacitor", (gate, end), {"capacitance": capacitance})
+
+
+def _inner(
+    place: Instance, line: Line, model: DeviceModel, name: str, node: str, count: Value
+) -> str:
+    """Put a resistance between a terminal and the channel, where the model has one."""
+    if is_zero(model.values[name]):
+        return node
+    inner = place.inner_node(line, name)
+    value = {"resistance": scaled(model.values[name], count, "/")}
+    place.add(f"{line.words[0]}_{name}", "resistor", (node, inner), value)
+    return inner
+
+
+#: The function that adds the elements of each letter.
+DEVICES: dict[str, Callable[[Instance, Line], None]] = {
+    **dict.fromkeys("rcl", _one_port),
+    "k": _coupling,
+    **dict.fromkeys("vi", _independent),
+    **dict.fromkeys("efgh", _controlled),
+    "b": add_law,
+    **dict.fromkeys("sw", add_switch),
+    "d": _diode,
+    "q": _bipolar,
+    "m": _field_effect,
+}

@@ -1,0 +1,298 @@
+"""Models of devices: translation of ``.model`` parameters to fields of components."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cotree.errors import brief, nearest
+from cotree.readers.spice.values import Value, is_zero, scaled, text_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from cotree.readers.spice.netlist import ModelCard
+
+#: k T / e at 27 degrees Celsius, [V], with the constants that ngspice has (CODATA of 2014).
+THERMAL_VOLTAGE = 1.38064852e-23 * 300.15 / 1.6021766208e-19
+
+#: Of no effect at the temperature that all is given at, or of noise only.
+_NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
+
+
+@dataclass(frozen=True)
+class ModelParameter:
+    """A parameter of a model.
+
+    Attributes
+    ----------
+    default : float
+        Its value where a model leaves it out.
+    field : str
+        The component's field.
+    area : str
+        What the factor of area does: ``*``, ``/`` or nothing.
+    unit : str
+        For people.
+    """
+
+    default: float
+    field: str
+    area: str = ""
+    unit: str = ""
+
+
+_DIODE = {
+    "is": ModelParameter(1e-14, "saturation_current", "*", "A"),
+    "n": ModelParameter(1.0, ""),
+    "rs": ModelParameter(0.0, "series_resistance", "/", "ohm"),
+    "cjo": ModelParameter(0.0, "junction_capacitance", "*", "F"),
+    "vj": ModelParameter(1.0, "junction_potential", "", "V"),
+    "m": ModelParameter(0.5, "junction_grading"),
+    "fc": ModelParameter(0.5, "forward_share"),
+    "tt": ModelParameter(0.0, "transit_time", "", "s"),
+    "bv": ModelParameter(0.0, "breakdown_voltage", "", "V"),
+    "ibv": ModelParameter(1e-3, "breakdown_current", "*", "A"),
+}
+_BIPOLAR = {
+    "is": ModelParameter(1e-16, "saturation_current", "*", "A"),
+    "bf": ModelParameter(100.0, "forward_gain"),
+    "br": ModelParameter(1.0, "reverse_gain"),
+    "nf": ModelParameter(1.0, "forward_ideality"),
+    "nr": ModelParameter(1.0, "reverse_ideality"),
+    "vaf": ModelParameter(0.0, "forward_early_voltage", "", "V"),
+    "var": ModelParameter(0.0, "reverse_early_voltage", "", "V"),
+    "ikf": ModelParameter(0.0, "forward_knee_current", "*", "A"),
+    "ikr": ModelParameter(0.0, "reverse_knee_current", "*", "A"),
+    "ise": ModelParameter(0.0, "be_recombination", "*", "A"),
+    "ne": ModelParameter(1.5, "be_recombination_ideality"),
+    "isc": ModelParameter(0.0, "bc_recombination", "*", "A"),
+    "nc": ModelParameter(2.0, "bc_recombination_ideality"),
+    "rb": ModelParameter(0.0, "base_resistance", "/", "ohm"),
+    "rc": ModelParameter(0.0, "collector_resistance", "/", "ohm"),
+    "re": ModelParameter(0.0, "emitter_resistance", "/", "ohm"),
+    "cje": ModelParameter(0.0, "be_capacitance", "*", "F"),
+    "vje": ModelParameter(0.75, "be_potential", "", "V"),
+    "mje": ModelParameter(0.33, "be_grading"),
+    "cjc": ModelParameter(0.0, "bc_capacitance", "*", "F"),
+    "vjc": ModelParameter(0.75, "bc_potential", "", "V"),
+    "mjc": ModelParameter(0.33, "bc_grading"),
+    "fc": ModelParameter(0.5, "forward_share"),
+    "cjs": ModelParameter(0.0, "substrate_capacitance", "*", "F"),
+    "vjs": ModelParameter(0.75, "substrate_potential", "", "V"),
+    "mjs": ModelParameter(0.0, "substrate_grading"),
+    "tf": ModelParameter(0.0, "forward_transit_time", "", "s"),
+    "tr": ModelParameter(0.0, "reverse_transit_time", "", "s"),
+}
+#: Field-effect transistors of level 1. No fields are named: functions of their own make fields and
+#: elements of these values.
+_FIELD_EFFECT = {
+    "vto": ModelParameter(0.0, "", "", "V"),
+    "kp": ModelParameter(2e-5, "", "", "A/V^2"),
+    "lambda": ModelParameter(0.0, "", "", "1/V"),
+    "gamma": ModelParameter(0.0, "", "", "V^0.5"),
+    "phi": ModelParameter(0.6, "", "", "V"),
+    "is": ModelParameter(1e-14, "", "", "A"),
+    "rd": ModelParameter(0.0, "", "", "ohm"),
+    "rs": ModelParameter(0.0, "", "", "ohm"),
+    "cbd": ModelParameter(0.0, "", "", "F"),
+    "cbs": ModelParameter(0.0, "", "", "F"),
+    "pb": ModelParameter(0.8, "", "", "V"),
+    "mj": ModelParameter(0.5, ""),
+    "fc": ModelParameter(0.5, ""),
+    "cgso": ModelParameter(0.0, "", "", "F/m"),
+    "cgdo": ModelParameter(0.0, "", "", "F/m"),
+    "cgbo": ModelParameter(0.0, "", "", "F/m"),
+    "ld": ModelParameter(0.0, "", "", "m"),
+    "level": ModelParameter(1.0, ""),
+}
+_ALIASES = {
+    "d": {"cj0": "cjo", "cj": "cjo"},
+    "q": {
+        "va": "vaf",
+        "vb": "var",
+        "ik": "ikf",
+        "pe": "vje",
+        "me": "mje",
+        "pc": "vjc",
+        "mc": "mjc",
+        "ccs": "cjs",
+        "ps": "vjs",
+        "ms": "mjs",
+    },
+    "m": {"vt0": "vto"},
+}
+#: Switches by a voltage, and by a current.
+_RESISTANCES = {
+    "ron": ModelParameter(1.0, "", "", "ohm"),
+    "roff": ModelParameter(1e12, "", "", "ohm"),
+}
+_VOLTAGE_SWITCH = {
+    "vt": ModelParameter(0.0, "", "", "V"),
+    "vh": ModelParameter(0.0, "", "", "V"),
+    **_RESISTANCES,
+}
+_CURRENT_SWITCH = {
+    "it": ModelParameter(0.0, "", "", "A"),
+    "ih": ModelParameter(0.0, "", "", "A"),
+    **_RESISTANCES,
+}
+_TABLES = {
+    **{"d": _DIODE, "q": _BIPOLAR, "m": _FIELD_EFFECT},
+    **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
+}
+
+#: Letters of the elements that types of models serve, and what they are here.
+TYPES = {
+    **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
+    **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
+    **{"sw": ("s", "resistor"), "csw": ("w", "resistor")},
+}
+
+
+@dataclass(frozen=True)
+class DeviceModel:
+    """A model with its values.
+
+    Attributes
+    ----------
+    letter : str
+        That of its elements.
+    component : str
+        What they become.
+    values : mapping of str to Value
+        By name, all that the model may have.
+    """
+
+    letter: str
+    component: str
+    values: Mapping[str, Value]
+
+
+def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
+    """Read the parameters of a model.
+
+    Parameters
+    ----------
+    card : ModelCard
+        The statement.
+    own : callable
+        ``own(name, word, unit)`` gives the value of a parameter of the model.
+
+    Raises
+    ------
+    SceneError
+        If its type or a parameter is not modelled.
+    """
+    if card.type not in TYPES:
+        hint = nearest(card.type, TYPES)
+        raise card.at.error(f"models of type '{brief(card.type)}' are not known here{hint}")
+    letter, component = TYPES[card.type]
+    table, aliases = _TABLES[letter], _ALIASES.get(letter, {})
+    values: dict[str, Value] = {name: row.default for name, row in table.items()}
+    seen = set()
+    for written, word in card.given.items():
+        name = aliases.get(written, written)
+        if name in seen:
+            raise card.at.error(f"'{brief(written)}' is given twice")
+        seen.add(name)
+        if name in _NO_EFFECT:
+            # Read without a name, the value makes no parameter: nothing depends on it.
+            if own("", word, "") != 27.0 and name == "tnom":
+                raise card.at.error("tnom must be 27: nothing is scaled with temperature here")
+        elif name not in table:
+            raise card.at.error(
+                f"'{brief(written)}' of model '{brief(card.name)}' is not modelled here"
+                f"{nearest(name, table)}"
+            )
+        else:
+            values[name] = own(name, word, table[name].unit)
+    # Diodes and bipolar transistors have no level.
+    if values.get("level", 1.0) != 1.0:
+        raise card.at.error("field-effect transistors of level 1 only are modelled here")
+    return DeviceModel(letter, component, values)
+
+
+def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:
+    """Give the fields of a diode or a bipolar transistor from its model.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    area : float or str
+        Factor of its area.
+    gmin : float or str
+        Conductance across its junctions, [S].
+    """
+    fields: dict[str, Value] = {}
+    for name, row in _TABLES[model.letter].items():
+        value = model.values[name]
+        # What is zero is not there: resistances, charges, and voltages and currents without end;
+        # but for what has another default, such as an exponent of the doping.
+        if row.field and not (is_zero(value) and row.default == 0.0):
+            fields[row.field] = scaled(value, area, row.area) if row.area else value
+    ideality = model.values.get("n", 1.0)
+    # The ideality factor N multiplies the thermal voltage in the exponent.
+    fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
+    for name in ("forward_ideality", "reverse_ideality"):
+        # A factor of one would add a term to the law that changes nothing.
+        if fields.get(name) == 1.0:
+            del fields[name]
+    if gmin:
+        fields["leakage"] = gmin
+    return fields
+
+
+def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) -> dict[str, Value]:
+    """Give the fields of the diode between bulk and drain or source.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    side : {'cbd', 'cbs'}
+        Its junction capacitance, by the side.
+    gmin : float
+        Conductance across it, [S].
+    count : float or str
+        Number of parallel devices.
+    """
+    v = model.values
+    fields: dict[str, Value] = {
+        "saturation_current": scaled(v["is"], count),
+        "thermal_voltage": THERMAL_VOLTAGE,
+    }
+    if gmin:
+        fields["leakage"] = gmin
+    if not is_zero(v[side]):
+        fields["junction_capacitance"] = scaled(v[side], count)
+        fields["junction_potential"], fields["junction_grading"] = v["pb"], v["mj"]
+        fields["forward_share"] = v["fc"]
+    return fields
+
+
+def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
+    """Give the fields of a field-effect transistor's channel.
+
+    Parameters
+    ----------
+    model : DeviceModel
+        The model.
+    width, length : float or str
+        Of the gate, [m].
+    """
+    v = model.values
+    # Diffusion under the gate shortens the channel at both ends.
+    inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
+    fields: dict[str, Value] = {
+        # Level 1 of Shichman and Hodges: KP W / L.
+        "factor": scaled(scaled(v["kp"], width), inner, "/"),
+        "threshold": v["vto"],
+        "leakage": 0.0,
+    }
+    if not is_zero(v["lambda"]):
+        fields["modulation"] = v["lambda"]
+    if not is_zero(v["gamma"]):
+        fields["body_effect"], fields["surface_potential"] = v["gamma"], v["phi"]
+    return fields

@@ -1,0 +1,346 @@
+"""The statements of a netlist, sorted: circuits with their elements, models and parameters."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cotree.errors import brief, nearest
+from cotree.readers.names import SourceLine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+_LONGEST_LINE = 100_000  # characters, continued lines counted in
+# A dollar begins a comment only between spaces: it may be part of a name.
+_COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
+
+#: An expression in braces or quotes, a sign of equality, or a word.
+_WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
+_ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
+_BETWEEN = re.compile(r"[\s(),]*")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A statement of a netlist.
+
+    Attributes
+    ----------
+    at : SourceLine
+        Its first line in the file.
+    words : tuple of str
+        Its words as they are written.
+    text : str
+        All of it, continuations joined.
+    """
+
+    at: SourceLine
+    words: tuple[str, ...]
+    text: str = ""
+
+    @property
+    def key(self) -> str:
+        """Its first word, in small letters."""
+        return self.words[0].lower()
+
+    @property
+    def name(self) -> str:
+        """Its first word as it is written, in quotes, for messages."""
+        return f"'{brief(self.words[0])}'"
+
+
+def read_lines(text: str, file: str) -> Iterator[Line]:
+    """Give the statements of a netlist, from the second line up to ``.end``.
+
+    Raises
+    ------
+    SceneError
+        If a line cannot be split into words, or is too long.
+    """
+    at, whole = SourceLine(file, 0), ""
+    is_skipped = False
+    # The first line is the title, whatever it looks like.
+    for number, raw in enumerate([*text.splitlines()[1:], ""], start=2):
+        here = SourceLine(file, number)
+        match = _COMMENT.search(raw)
+        line = (raw[: match.start()] if match else raw).strip()
+        if not line or line.startswith("*"):
+            continue
+        if line.startswith("+"):
+            if not whole:
+                raise here.error("'+' continues a line, but there is none before it")
+            whole += " " + line[1:]
+            if len(whole) > _LONGEST_LINE:
+                raise here.error(f"longer than {_LONGEST_LINE} characters: split it")
+            continue
+        if whole:
+            yield Line(at, _words(whole, at), whole)
+        at, whole = here, ""
+        first = line.split(None, 1)[0].lower()
+        if first in (".control", ".endc"):  # what a simulator is to do, no part of the circuit
+            is_skipped = first == ".control"
+        elif first == ".end" and not is_skipped:
+            return
+        elif not is_skipped:
+            whole = line
+    if whole:
+        yield Line(at, _words(whole, at), whole)
+
+
+def _words(line: str, at: SourceLine) -> tuple[str, ...]:
+    found, i = [], 0
+    while True:
+        # Parentheses and commas separate words as spaces do.
+        i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
+        if i == len(line):
+            break
+        match = _WORD.match(line, i)
+        if match is None:
+            raise at.error(f"{line[i]!r} opens or closes an expression on one side only")
+        found.append(match.group())
+        i = match.end()
+    if not found:
+        raise at.error(f"nothing but signs: '{brief(line)}'")
+    return tuple(found)
+
+
+def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
+    """Read ``name = value`` from a row of words; names in small letters.
+
+    Raises
+    ------
+    SceneError
+        If the words are no such row, or a name comes twice.
+    """
+    found: dict[str, str] = {}
+    for i in range(0, len(words), 3):
+        triple = words[i : i + 3]
+        if len(triple) < 3 or triple[1] != "=" or "=" in (triple[0], triple[2]):
+            raise at.error(f"'{brief(words[i])}' should be followed by = and a value")
+        name = triple[0].lower()
+        if name in found:
+            raise at.error(f"'{brief(name)}' is given twice")
+        found[name] = triple[2]
+    return found
+
+
+def assignments(line: Line) -> dict[str, tuple[str, str]]:
+    """Read ``name = value`` behind the first word, where values may hold spaces and parentheses.
+
+    Returns
+    -------
+    dict of str to (str, str)
+        Names and values as written, by name in small letters.
+
+    Raises
+    ------
+    SceneError
+        If the line holds anything else, or a name comes twice.
+    """
+    text = line.text.split(None, 1)[1] if len(line.words) > 1 else ""
+    marks = list(_ASSIGNMENT.finditer(text))
+    found: dict[str, tuple[str, str]] = {}
+    if not marks or text[: marks[0].start()].strip(" \t,"):
+        raise line.at.error(f"{line.name} should be followed by names, each with = and a value")
+    for mark, following in zip(marks, [*(m.start() for m in marks[1:]), len(text)], strict=True):
+        name, value = mark[1], text[mark.end() : following].strip(" \t,")
+        if name.lower() in found:
+            raise line.at.error(f"'{brief(name)}' is given twice")
+        if not value:
+            raise line.at.error(f"'{brief(name)}' should be followed by = and a value")
+        found[name.lower()] = name, value
+    return found
+
+
+def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Split words into those before the first ``name = value``, and the rest."""
+    at = words.index("=") - 1 if "=" in words else len(words)
+    return words[: max(at, 0)], words[max(at, 0) :]
+
+
+_LARGEST = 100_000  # statements
+_DEEPEST = 20  # subcircuits within each other
+
+#: Analyses and prints that a scene has no use for.
+_PASSED_OVER = frozenset(
+    (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
+) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
+_ELEMENTS = frozenset("rlckviefghbswdqmx")
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """A ``.model``: its name as written, its type in small letters, its parameters."""
+
+    name: str
+    type: str
+    given: dict[str, str]
+    at: SourceLine
+
+
+@dataclass
+class Circuit:
+    """The whole netlist, or the inside of a subcircuit.
+
+    Attributes
+    ----------
+    name : str
+        As it is written.
+    pins : tuple of str
+        Its nodes that are seen from outside.
+    defaults : dict of str to str
+        Its parameters with their values as written.
+    elements : list of Line
+        Its elements.
+    models, circuits : dict
+        By name in small letters.
+    parameters : list of (str, str, SourceLine)
+        Names as written, values as written, lines.
+    at : SourceLine
+        Where it begins.
+    """
+
+    name: str
+    at: SourceLine
+    pins: tuple[str, ...] = ()
+    defaults: dict[str, str] = field(default_factory=dict)
+    elements: list[Line] = field(default_factory=list)
+    models: dict[str, ModelCard] = field(default_factory=dict)
+    circuits: dict[str, Circuit] = field(default_factory=dict)
+    parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
+
+
+@dataclass
+class Netlist:
+    """A netlist.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The outermost.
+    transient : Line or None
+        Its ``.tran``.
+    held : list of Line
+        Its ``.ic``.
+    options : list of Line
+        Its ``.options`` and ``.temp``.
+    passed_over : list of str
+        Statements that a scene has no use for.
+    """
+
+    circuit: Circuit
+    transient: Line | None = None
+    held: list[Line] = field(default_factory=list)
+    options: list[Line] = field(default_factory=list)
+    passed_over: list[str] = field(default_factory=list)
+
+
+def parse_netlist(text: str, where: str) -> Netlist:
+    """Sort the statements of a netlist.
+
+    Raises
+    ------
+    SceneError
+        If one is not known, or not complete; the message begins with file and line.
+    """
+    return _Parser(where).parse(text)
+
+
+class _Parser:
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
+        # The circuits that are open, the innermost last: statements belong to that.
+        self.open = [self.netlist.circuit]
+        self.commands: dict[str, Callable[[Line], None]] = {
+            ".model": self._model,
+            ".param": self._parameters,
+            ".subckt": self._begin,
+            ".ends": self._finish,
+            ".tran": self._transient,
+            ".ic": self.netlist.held.append,
+            ".options": self.netlist.options.append,
+            ".option": self.netlist.options.append,
+            ".opt": self.netlist.options.append,
+            ".temp": self.netlist.options.append,
+        }
+
+    def parse(self, text: str) -> Netlist:
+        for count, line in enumerate(read_lines(text, self.where)):
+            if count >= _LARGEST:
+                raise line.at.error(f"more than {_LARGEST} statements")
+            self._take(line)
+        if len(self.open) > 1:
+            inner = self.open[-1]
+            raise inner.at.error(f".subckt {brief(inner.name)} has no .ends")
+        return self.netlist
+
+    def _take(self, line: Line) -> None:
+        key = line.key
+        # Commands and elements of a subcircuit between .subckt and .ends go to the innermost
+        # circuit.
+        if key in self.commands:
+            self.commands[key](line)
+        elif key in (".include", ".inc", ".lib"):
+            # A netlist may come from a stranger: it must not choose which files are read.
+            raise line.at.error(
+                f"{key} would read another file, which is not done: paste what it holds here"
+            )
+        elif key in _PASSED_OVER:
+            self.netlist.passed_over.append(key)
+        elif key.startswith("."):
+            raise line.at.error(f"unknown statement '{brief(key)}'{nearest(key, self.commands)}")
+        elif key[0] not in _ELEMENTS:
+            raise line.at.error(
+                f"{line.name} is no element that is known here: names begin with R, "
+                "L, C, K, V, I, E, F, G, H, B, S, W, D, Q, M or X"
+            )
+        else:
+            self.open[-1].elements.append(line)
+
+    def _model(self, line: Line) -> None:
+        if len(line.words) < 3 or "=" in line.words[1:3]:
+            raise line.at.error(".model needs a name and a type")
+        name = line.words[1]
+        if name.lower() in self.open[-1].models:
+            raise line.at.error(f"there is a second .model '{brief(name)}'")
+        given = settings(line.words[3:], line.at)
+        card = ModelCard(name, line.words[2].lower(), given, line.at)
+        self.open[-1].models[name.lower()] = card
+
+    def _parameters(self, line: Line) -> None:
+        # SPICE ignores case; scenes show names as they are written.
+        rows = [(name, value, line.at) for name, value in assignments(line).values()]
+        self.open[-1].parameters += rows
+
+    def _begin(self, line: Line) -> None:
+        if len(self.open) > _DEEPEST:
+            raise line.at.error(f".subckt within more than {_DEEPEST} others")
+        words, given = split_settings(line.words[1:])
+        # Some simulators mark the parameters of a subcircuit by this word.
+        words = tuple(word for word in words if word.lower() != "params:")
+        if not words:
+            raise line.at.error(".subckt needs a name")
+        name, pins = words[0], words[1:]
+        if name.lower() in self.open[-1].circuits:
+            raise line.at.error(f"there is a second .subckt '{brief(name)}'")
+        # Two nodes of the circuit outside cannot go by one name.
+        if len({pin.lower() for pin in pins}) < len(pins):
+            raise line.at.error(f".subckt '{brief(name)}' has two pins of one name")
+        defaults = settings(given, line.at)
+        inner = Circuit(name, line.at, pins, defaults)
+        self.open[-1].circuits[name.lower()] = inner
+        self.open.append(inner)
+
+    def _finish(self, line: Line) -> None:
+        if len(self.open) == 1:
+            raise line.at.error(".ends without a .subckt")
+        self.open.pop()
+
+    def _transient(self, line: Line) -> None:
+        if self.netlist.transient is not None:
+            raise line.at.error("there is a second .tran")
+        self.netlist.transient = line

@@ -1,0 +1,277 @@
+"""SPICE netlists to scenes.
+
+Elements become edges, instances of subcircuits are written out, values become parameters named as
+their elements. See docs/spice.md for what is read and what becomes of it.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from cotree.errors import brief, check_known, listed
+from cotree.files import read_text
+from cotree.readers.names import LARGEST_FILE, Namer, SourceLine
+from cotree.readers.spice.devices import DEVICES, find_couplings
+from cotree.readers.spice.laws import has_signals
+from cotree.readers.spice.netlist import (
+    Circuit,
+    Line,
+    Netlist,
+    parse_netlist,
+    settings,
+    split_settings,
+)
+from cotree.readers.spice.scope import Instance, Sheet
+from cotree.readers.spice.sources import Times
+from cotree.readers.spice.values import ParameterRow, Scope, Value, ordered
+from cotree.scene.description import SceneDescription
+from cotree.scene.origin import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_MOST_ELEMENTS, _DEEPEST = 100_000, 20
+_ROOM_TEMPERATURE = 27.0  # degrees Celsius
+
+
+def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
+    """Read a circuit from a netlist.
+
+    Parameters
+    ----------
+    source : str or Path
+        Path of the file.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, or holds what is not known; the message begins with file and
+        line.
+    """
+    return read_spice_text(read_text(source, LARGEST_FILE), str(source), scene_type)
+
+
+def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
+    """Read a circuit from the text of a netlist.
+
+    Parameters
+    ----------
+    text : str
+        The netlist.
+    where : str
+        Names it in messages.
+    scene_type : type
+        The class to make.
+
+    Raises
+    ------
+    SceneError
+        If a line is not accepted; the message names its number.
+    """
+    return Writer(scene_type, parse_netlist(text, where), where).write()
+
+
+class Writer(Sheet[_Scene]):
+    """Adds a netlist's elements to a scene."""
+
+    def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
+        # A scene's name begins with a letter; the file's may begin with anything.
+        stem = Namer().own(Path(file).stem[:40]).lstrip("_") or "netlist"
+        super().__init__(scene_type(stem if stem[0].isalpha() else f"netlist_{stem}"), file)
+        self.netlist = netlist
+        self.count = 0
+
+    def write(self) -> _Scene:
+        """Write the whole netlist.
+
+        Raises
+        ------
+        SceneError
+            As :func:`read_spice_scene`.
+        """
+        whole, top = self.netlist.circuit, Scope()
+        # Options, parameters, times and held voltages come before the elements, wherever they stand
+        # in the file: values, waveforms and initial states of elements depend on them.
+        for line in self.netlist.options:
+            self._option(line, top)
+        own: dict[str, ParameterRow] = {}
+        for row in whole.parameters:
+            if row[0].lower() in own:
+                raise row[2].error(f"parameter '{brief(row[0])}' is given twice")
+            own[row[0].lower()] = row
+        self._parameters(own, top, "", {})
+        if self.netlist.transient is not None:
+            self._transient(self.netlist.transient, top)
+        for line in self.netlist.held:
+            self._held(line, top)
+        self._circuit(whole, Instance(self, whole, top), 0)
+        # The first line is never read: an element there is lost, which is a frequent mistake.
+        if not self.scene.edges:
+            raise whole.at.error("no elements: is the first line the title?")
+        ends = {
+            node
+            for edge in self.scene.edges.values()
+            for port in edge.ports
+            for node in (port.tail, port.head)
+        }
+        for node, written, at in self.named:
+            if node not in ends and node != "ground":
+                raise at.error(f"'{brief(written)}' is no node of the circuit")
+        self._begin()
+        changed = {**self.names.changed, **self.parameter_names.changed}
+        notes = [*self._notes(changed), *top.remarks]
+        self.scene.origin = Origin(self.file, tuple(notes), changed)
+        return self.scene
+
+    def _parameters(
+        self,
+        rows: Mapping[str, ParameterRow],
+        scope: Scope,
+        path: str,
+        given: Mapping[str, tuple[Value, SourceLine]],
+    ) -> None:
+        for key in ordered(rows, given):
+            name, word, at = rows[key]
+            value, at = given[key] if key in given else (scope.value(word, at), at)
+            # A dot in an expression leads to a variable of an edge, so that paths are joined
+            # otherwise.
+            label = f"{path}{name}".replace(".", "_")
+            scope.values[key] = self.own_parameter(label, value, at)
+
+    def _option(self, line: Line, scope: Scope) -> None:
+        if line.key == ".temp":
+            given = {"temp": line.words[1]} if len(line.words) == 2 else {}
+            if not given:
+                raise line.at.error(".temp needs one temperature")
+        else:
+            row = [i for i, word in enumerate(line.words) if word == "="]
+            given = {}
+            for i in row:
+                # Word 0 is the statement itself: a name stands at 1 or after it.
+                if i < 2 or i + 1 >= len(line.words):
+                    raise line.at.error("= stands between a name and a value")
+                given[line.words[i - 1].lower()] = line.words[i + 1]
+        for name, word in given.items():
+            if name == "gmin":
+                self.gmin = scope.number(word, line.at)
+                if not self.gmin >= 0.0:
+                    raise line.at.error("gmin must not be negative")
+            elif name in ("temp", "tnom"):
+                if scope.number(word, line.at) != _ROOM_TEMPERATURE:
+                    raise line.at.error(
+                        f"{name} must be 27: nothing is scaled with temperature here; give models "
+                        "as they are at the temperature wanted"
+                    )
+            else:
+                # Tolerances and methods of simulators are not those of the engines here.
+                self.netlist.passed_over.append(f".options {brief(name)}")
+
+    def _transient(self, line: Line, scope: Scope) -> None:
+        words = line.words[1:]
+        if words and words[-1].lower() == "uic":
+            self.uses_initial, words = True, words[:-1]
+        if not 2 <= len(words) <= 4:
+            raise line.at.error(".tran needs a step and an end time")
+        step, stop, *_ = (scope.number(word, line.at) for word in words)
+        if not (step > 0.0 and stop > 0.0):
+            raise line.at.error("step and end time of .tran must be positive")
+        self.times = Times(step, stop)
+        self.scene.simulation(t_end=stop)
+
+    def _held(self, line: Line, scope: Scope) -> None:
+        words = line.words[1:]
+        # Parentheses only separate words, so that ``v(node)=value`` is four of them.
+        for i in range(0, len(words), 4):
+            four = words[i : i + 4]
+            if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
+                raise line.at.error(".ic is written as .ic v(node)=value")
+            self.voltages[four[1].lower()] = scope.value(four[3], line.at)
+
+    def _begin(self) -> None:
+        """Set the start of the run."""
+        known = {name: node for (path, name), node in self.nodes.items() if not path}
+        at = self.netlist.held[0].at if self.netlist.held else self.netlist.circuit.at
+        for name in self.voltages:
+            if name not in known:
+                raise at.error(f".ic names '{brief(name)}', which is no node")
+        # With ``uic`` the run begins at the initial values; else at the operating point, whose
+        # search holds the voltages of ``.ic``.
+        if self.uses_initial:
+            return
+        held = {known[name]: value for name, value in self.voltages.items()}
+        start = "operating point"
+        self.guarded(at, lambda: self.scene.simulation(start=start, held=held))
+
+    def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
+        """Add the elements of a circuit or of an instance."""
+        for line in circuit.elements:
+            self.count += 1
+            if self.count > _MOST_ELEMENTS:
+                raise line.at.error(f"more than {_MOST_ELEMENTS} elements")
+            if line.key[0] == "x":
+                self._instance(line, place, depth)
+        rest = [line for line in circuit.elements if line.key[0] != "x"]
+        # Inductors that share flux are written by their K statement, all others by themselves.
+        find_couplings(place, rest)
+        for line in sorted(rest, key=_turn):
+            place.check_name(line)
+            self.guarded(line.at, partial(DEVICES[line.key[0]], place, line))
+
+    def _instance(self, line: Line, outer: Instance, depth: int) -> None:
+        words, given = split_settings(line.words[1:])
+        words = tuple(word for word in words if word.lower() != "params:")
+        outer.check_name(line)
+        # The bound also stops a subcircuit that contains itself.
+        if depth >= _DEEPEST:
+            raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
+        if not words:
+            raise line.at.error(f"{brief(line.words[0])} needs nodes and a subcircuit")
+        circuit, home = outer.circuit_named(words[-1], line.at)
+        what = f"'{brief(circuit.name)}'"
+        if len(words) - 1 != len(circuit.pins):
+            raise line.at.error(
+                f"{brief(line.words[0])} has {len(words) - 1} nodes, and subcircuit {what} "
+                f"{len(circuit.pins)} pins"
+            )
+        values = settings(given, line.at)
+        path = f"{outer.path}{line.words[0]}."
+        for pin, node in zip(circuit.pins, words[:-1], strict=True):
+            # A pin is the outer node under a name of the subcircuit.
+            self.nodes[path, pin.lower()] = outer.node(node)
+        # Names are looked up where the subcircuit is defined, not where it is used.
+        inner = Scope({}, home.scope)
+        place = Instance(self, circuit, inner, path, home)
+        # As in ngspice: what the instance gives goes before ``.param`` of the subcircuit, and that
+        # before a default.
+        rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
+        rows |= {row[0].lower(): row for row in circuit.parameters}
+        check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
+        # A value given by the instance is meant in the circuit around it, others within.
+        seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
+        self._parameters(rows, inner, path, seen)
+        self._circuit(circuit, place, depth + 1)
+
+    def _notes(self, changed: dict[tuple[str, str], str]) -> list[str]:
+        notes = []
+        if self.netlist.passed_over:
+            notes.append(
+                f"not read: {brief(', '.join(dict.fromkeys(self.netlist.passed_over)), 200)}"
+            )
+        if changed:
+            pairs = [f"{kind} {brief(old)} is {new}" for (kind, old), new in changed.items()]
+            notes.append(f"names that had to change: {listed(pairs)}")
+        return notes
+
+
+def _turn(line: Line) -> int:
+    """Return in which turn an element is added: what others name comes before them."""
+    if line.key[0] == "k":
+        return 2
+    return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

@@ -1,0 +1,335 @@
+"""Circuits of a netlist as they are written out: the outermost, and instances of subcircuits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from cotree.dag.nodes import Dag
+from cotree.errors import ExpressionError, ModelError, ParameterError, brief, nearest
+from cotree.readers.names import Namer, SourceLine
+from cotree.readers.spice.models import DeviceModel, read_model
+from cotree.readers.spice.sources import Times
+from cotree.scene.description import SceneDescription
+from cotree.scene.expressions import Expression, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from cotree.dag.nodes import Node
+    from cotree.readers.spice.netlist import Circuit, Line
+    from cotree.readers.spice.values import Scope, Value
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+_GMIN = 1e-12  # S, as ngspice has it
+
+
+class Sheet(Generic[_Scene]):
+    """A scene with the names and settings of the netlist that is written to it.
+
+    Attributes
+    ----------
+    file : str
+        Name of the netlist, for messages.
+    times : Times
+        Step and end of the run.
+    uses_initial : bool
+        Whether the run begins at initial values, as ``uic`` demands.
+    gmin : float
+        Conductance beside each junction, [S].
+    voltages : dict of str to Value
+        Voltages that ``.ic`` gives, by node.
+    named : list of (str, str, SourceLine)
+        Nodes whose voltages are named, as in the scene and as written, and where.
+    """
+
+    def __init__(self, scene: _Scene, file: str) -> None:
+        self.scene, self.file = scene, file
+        self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
+        # Parameters have names of their own in a scene: an element and its value may share one.
+        self.names, self.parameter_names = Namer(), Namer()
+        self.nodes: dict[tuple[str, str], str] = {}
+        self.voltages: dict[str, Value] = {}
+        self.named: list[tuple[str, str, SourceLine]] = []
+        self._shorts: dict[str, str] = {}
+
+    def guarded(self, at: SourceLine, act: Callable[[], Any]) -> Any:
+        """Apply a change to the scene; refusals are reported with the line."""
+        try:
+            return act()
+        except ModelError as error:
+            # A message that begins with the file names its line already.
+            if str(error).startswith(f"{self.file}:"):
+                raise
+            raise at.error(" ".join(str(error).split())) from None
+
+    def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
+        """Make a parameter of a number, and give its name; expressions stay as they are.
+
+        Parameters
+        ----------
+        name : str
+            The name wished for.
+        value : float or str
+            A number, or an expression.
+        at : SourceLine
+            Line of the netlist, for messages.
+        unit : str
+            Its unit.
+        """
+        # The parameters that an expression is made of can be changed instead.
+        if isinstance(value, str):
+            return value
+        own = self.parameter_names.give("parameter", name)
+        self.guarded(at, lambda: self.scene.parameter(own, value, unit=unit))
+        return own
+
+    def amount(self, value: Value) -> float | None:
+        """Evaluate a value at the parameters of the scene; None where it varies."""
+
+        def known(name: str) -> Node:
+            if name not in self.scene.parameters:
+                raise ExpressionError(f"'{name}' is no parameter")
+            held = self.scene.parameters[name].value
+            return dag.constant(held) if isinstance(held, float) else held.lower(dag, known)
+
+        dag = Dag()
+        try:
+            return parse(value, "a value").lower(dag, known).value
+        except ExpressionError:
+            return None
+
+    def join(self, nodes: Sequence[str]) -> bool:
+        """Join two nodes by a short; False where shorts join them already."""
+        first, second = map(self._joined, nodes)
+        self._shorts[second] = first
+        return first != second
+
+    def _joined(self, node: str) -> str:
+        while self._shorts.get(node, node) != node:
+            node = self._shorts[node]
+        return node
+
+    def node(self, path: str, name: str) -> str:
+        """Give the node of a name in an instance."""
+        key = (path, name.lower())
+        # The ground is the same in all subcircuits.
+        if name.lower() in ("0", "gnd"):
+            return "ground"
+        if key not in self.nodes:
+            self.nodes[key] = self.names.give("node", f"{path}{name}".replace(".", "_"))
+        return self.nodes[key]
+
+
+@dataclass
+class Coupled:
+    """Inductors that share flux.
+
+    Attributes
+    ----------
+    inductors : dict of str to Line
+        Their statements, by name in small letters, in the order of the netlist.
+    couplings : dict of frozenset to Line
+        The statement K of each pair, in the order of the netlist.
+    """
+
+    inductors: dict[str, Line] = field(default_factory=dict)
+    couplings: dict[frozenset[str], Line] = field(default_factory=dict)
+
+    @property
+    def first(self) -> str:
+        """Name of the first K, in small letters."""
+        return next(iter(self.couplings.values())).key
+
+
+@dataclass
+class Instance:
+    """A circuit that is written out once, with the meaning of its names.
+
+    Attributes
+    ----------
+    sheet : Sheet
+        What it is written to.
+    circuit : Circuit
+        Its statements.
+    scope : Scope
+        Its parameters.
+    path : str
+        Names of the instances that it is in, each with a dot behind it.
+    defined_in : Instance or None
+        Instance in which names that are not found here are looked up.
+    edges : dict of str to str
+        Edges by names of elements in small letters.
+    coupled : dict of str to Coupled
+        Of inductors that share flux, by name in small letters: all that do.
+    """
+
+    sheet: Sheet[Any]
+    circuit: Circuit
+    scope: Scope
+    path: str = ""
+    defined_in: Instance | None = None
+    edges: dict[str, str] = field(default_factory=dict)
+    coupled: dict[str, Coupled] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=set)
+    _models: dict[str, DeviceModel] = field(default_factory=dict)
+
+    def label(self, name: str) -> str:
+        """Name something of this place for the scene."""
+        return f"{self.path}{name}".replace(".", "_")
+
+    def check_name(self, line: Line) -> None:
+        """Refuse a second element of a name.
+
+        Raises
+        ------
+        SceneError
+            If there is one.
+        """
+        # SPICE ignores case: R1 and r1 are one name.
+        if line.key in self.taken:
+            raise line.at.error(f"there is a second {line.name}")
+        self.taken.add(line.key)
+
+    def _around(self) -> Iterator[Instance]:
+        """List this circuit and those in which it is defined, the innermost first."""
+        place: Instance | None = self
+        while place is not None:
+            yield place
+            place = place.defined_in
+
+    def circuit_named(self, name: str, at: SourceLine) -> tuple[Circuit, Instance]:
+        """Look up a subcircuit, and the place of its definition.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        # The innermost definition hides those around it.
+        for place in self._around():
+            found = place.circuit.circuits.get(name.lower())
+            if found is not None:
+                return found, place
+        hint = nearest(name.lower(), self.circuit.circuits)
+        raise at.error(f"there is no subcircuit '{brief(name)}'{hint}")
+
+    def has_model(self, name: str) -> bool:
+        """Say whether there is a model of a name."""
+        return any(name.lower() in place.circuit.models for place in self._around())
+
+    def model(self, name: str, letter: str, line: Line) -> DeviceModel:
+        """Look up the model of an element, here or in the circuits around.
+
+        Parameters
+        ----------
+        name : str
+            Name of the model.
+        letter : str
+            The letter of the elements that it must be for.
+        line : Line
+            The line that asks for it.
+
+        Raises
+        ------
+        SceneError
+            If there is none, or it is for other elements.
+        """
+        key = name.lower()
+        place = next((place for place in self._around() if key in place.circuit.models), None)
+        if place is None:
+            raise line.at.error(f"there is no .model '{brief(name)}'")
+        # A model is read where it is defined, once: its parameters are shared by all of its
+        # elements.
+        found = place._read(key)
+        if found.letter != letter:
+            raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
+        return found
+
+    def _read(self, name: str) -> DeviceModel:
+        if name not in self._models:
+            card = self.circuit.models[name]
+
+            def own(parameter: str, word: str, unit: str) -> Value:
+                value = self.scope.value(word, card.at)
+                # Zeros leave terms out of the laws, which is decided before parameters have values.
+                if not parameter or parameter == "level" or value == 0.0:
+                    return value
+                label = self.label(f"{card.name}_{parameter}")
+                return self.sheet.own_parameter(label, value, card.at, unit)
+
+            self._models[name] = read_model(card, own)
+        return self._models[name]
+
+    def node(self, word: str) -> str:
+        """Give the node of a name."""
+        return self.sheet.node(self.path, word)
+
+    def inner_node(self, line: Line, name: str) -> str:
+        """Make a node within an element."""
+        return self.sheet.names.own(self.label(f"{line.words[0]}_{name}"))
+
+    def add(
+        self,
+        name: str,
+        type: str,
+        nodes: Sequence[str],
+        fields: Mapping[str, Any],
+        initial: Mapping[str, Any] | None = None,
+    ) -> str:
+        """Add an edge to the scene, and give its name there.
+
+        Parameters
+        ----------
+        name : str
+            Name of the element in the netlist.
+        type : str
+            Component type.
+        nodes : sequence of str
+            Its nodes in the scene.
+        fields, initial : mapping of str to value
+            Fields and initial values.
+        """
+        # Nodes and elements of a netlist may have the same names; in a scene each name is given
+        # once.
+        edge = self.sheet.names.give("element", self.label(name))
+        self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
+        self.edges[name.lower()] = edge
+        self._check_signs(edge)
+        return edge
+
+    def add_short(self, name: str, nodes: Sequence[str]) -> None:
+        """Add a source of no voltage between nodes that no other short joins."""
+        if self.sheet.join(nodes):
+            self.add(name, "voltage_source", nodes, {"voltage": 0.0})
+
+    def _check_signs(self, edge: str) -> None:
+        """Refuse values that a component's fields do not take, where parameters decide them."""
+        own = self.sheet.scene.edges[edge]
+        for name, value in own.fields.items():
+            row = own.component.field(name)
+            if row is None or not row.sign or not isinstance(value, Expression):
+                continue
+            found = self.sheet.amount(value.text)
+            if found is None or found > 0.0:
+                continue
+            if {"nonnegative": found < 0.0, "nonzero": found == 0.0}.get(row.sign, True):
+                wanted = {"nonnegative": "not be negative", "nonzero": "not be zero"}
+                told = wanted.get(row.sign, "be positive")
+                raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {told}")
+
+    def principal(self, line: Line, word: str, unit: str) -> Value:
+        """Read the value of an element; a number becomes a parameter of the element's name.
+
+        Parameters
+        ----------
+        line : Line
+            The line of the element.
+        word : str
+            The value as it is written.
+        unit : str
+            Its unit.
+        """
+        value = self.scope.value(word, line.at)
+        return self.sheet.own_parameter(self.label(line.words[0]), value, line.at, unit)

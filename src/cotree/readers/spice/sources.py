@@ -1,0 +1,251 @@
+"""Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM.
+
+Numbers that are not given or zero take the defaults that ngspice has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import brief
+from cotree.readers.spice.values import Scope, Value, is_zero, read_number, text_of
+
+if TYPE_CHECKING:
+    from cotree.readers.names import SourceLine
+
+# The most numbers that each waveform takes.
+_WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
+_DEGREE = "0.017453292519943295"  # rad
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of ``.tran``, from which waveforms take their defaults; None where there is none."""
+
+    step: float | None = None
+    stop: float | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Scene form of an independent source.
+
+    Attributes
+    ----------
+    shape : str
+        ``""`` for one given value, ``sine``, ``pulse`` or ``piecewise``.
+    fields : dict
+        Fields of the component, ``value`` standing for its voltage or current.
+    is_constant : bool
+        Whether it is a given value as a number, worth a parameter.
+    """
+
+    shape: str
+    fields: dict[str, Any]
+    is_constant: bool = False
+
+
+def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
+    """Read the waveform of a source from the words after its nodes.
+
+    Parameters
+    ----------
+    words : tuple of str
+        The words after its nodes.
+    scope : Scope
+        Parameters that they may use.
+    times : Times
+        Step and end of the run, which waveforms take defaults from.
+    at : SourceLine
+        The line, for messages.
+
+    Raises
+    ------
+    SceneError
+        If it is no waveform that is known, or a number is missing.
+    """
+    constant: Value = 0.0
+    rest = list(words)
+    waveform: Source | None = None
+    is_given = False
+    while rest:
+        word = rest.pop(0)
+        key = word.lower()
+        if key == "dc":
+            if not rest:
+                raise at.error("DC needs a value")
+            constant, is_given = scope.value(rest.pop(0), at), True
+        elif key == "ac":  # what it does in an analysis of small signals
+            while rest and read_number(rest[0]) is not None:
+                rest.pop(0)
+        elif key in _WAVEFORMS:
+            # Numbers of a waveform end where the next part of the statement begins.
+            count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
+            waveform = _waveform(key, tuple(rest[:count]), scope, times, at)
+            rest = rest[count:]
+        elif is_given or (key.isalpha() and scope.find(key) is None):
+            raise at.error(
+                f"'{brief(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL, "
+                "EXP, SFFM and AM are"
+            )
+        else:
+            # A bare word is a number or the name of a parameter, which needs no braces.
+            constant, is_given = scope.value(word, at), True
+    # Beside a waveform, DC sets the operating point of other analyses only.
+    if waveform is not None:
+        return waveform
+    return Source("", {"value": constant}, is_constant=True)
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Numbers of a waveform as they are given; those that are not given are zero."""
+
+    values: list[Value]
+    times: Times
+    at: SourceLine
+
+    def __getitem__(self, place: int) -> Value:
+        return self.values[place] if place < len(self.values) else 0.0
+
+    def or_else(self, place: int, default: float | None, what: str) -> Value:
+        """Give a number, or its default if it is absent or zero.
+
+        Parameters
+        ----------
+        place : int
+            Its place among the numbers, from 0.
+        default : float or None
+            Its default; None where there is no ``.tran`` to take it from.
+        what : str
+            Its meaning, for the message.
+        """
+        # A number that is zero counts as absent, as in ngspice.
+        if not is_zero(self[place]):
+            return self[place]
+        if default is None:
+            raise self.at.error(f"{what} is not given, and there is no .tran to take it from")
+        return default
+
+    @property
+    def once(self) -> float | None:
+        """The frequency of one period in a run."""
+        return None if not self.times.stop else 1.0 / self.times.stop
+
+
+def _waveform(
+    key: str, words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine
+) -> Source:
+    if len(words) > _WAVEFORMS[key]:
+        raise at.error(f"{key.upper()} has more than {_WAVEFORMS[key]} numbers")
+    if key == "pwl":
+        return _piecewise([scope.number(word, at) for word in words], at)
+    values = [scope.value(word, at) for word in words]
+    if len(values) < 2:
+        raise at.error(f"{key.upper()} needs two numbers and more")
+    return _MADE[key](_Numbers(values, times, at))
+
+
+def _piecewise(numbers: list[float], at: SourceLine) -> Source:
+    if len(numbers) < 2 or len(numbers) % 2:
+        raise at.error("PWL needs pairs of a time and a value")
+    times, values = numbers[::2], numbers[1::2]
+    # A table needs two points, and one value holds for all times.
+    if len(times) == 1:
+        return Source("", {"value": values[0]}, is_constant=True)
+    return Source("piecewise", {"times": times, "values": values})
+
+
+def _turn(frequency: Value, time: str, phase: Value) -> str:
+    """Write an angle that grows linearly with time from a phase in degrees."""
+    angle = "" if is_zero(phase) else f" + {text_of(phase)}*{_DEGREE}"
+    return f"2*pi*{text_of(frequency)}*{time}{angle}"
+
+
+def _since(delay: Value) -> str:
+    return "t" if is_zero(delay) else f"max(0, t - {text_of(delay)})"
+
+
+def _sine(given: _Numbers) -> Source:
+    frequency = given.or_else(2, given.once, "the frequency of SIN")
+    delay, decay, phase = (given[i] for i in range(3, 6))
+    # A decaying sine is no component of its own: an expression describes it.
+    if not is_zero(decay):
+        passed = _since(delay)
+        turn = _turn(frequency, passed, phase)
+        wave = f"{text_of(given[1])}*exp(-{text_of(decay)}*{passed})*sin({turn})"
+        return Source("", {"value": f"{text_of(given[0])} + {wave}"})
+    fields: dict[str, Any] = {"offset": given[0], "amplitude": given[1], "frequency": frequency}
+    if not is_zero(delay):
+        fields["delay"] = delay
+    if not is_zero(phase):
+        fields["phase"] = f"{text_of(phase)}*{_DEGREE}"
+    return Source("sine", fields)
+
+
+def _pulse(given: _Numbers) -> Source:
+    fields: dict[str, Any] = {"low": given[0], "high": given[1]}
+    # An edge of no length is as long as the simulator's output step.
+    for place, name in ((3, "rise"), (4, "fall")):
+        fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
+    # Without a width the pulse lasts to the end of the run.
+    fields["width"] = given.or_else(5, given.times.stop, "the width of PULSE")
+    fields |= {name: given[i] for i, name in ((2, "delay"), (6, "period")) if not is_zero(given[i])}
+    return Source("pulse", fields)
+
+
+def _exponential(given: _Numbers) -> Source:
+    low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
+    # Its manual says that the first delay is zero where it is left out; ngspice takes the step.
+    first = given.or_else(2, step, "the delay of EXP")
+    rise = given.or_else(3, step, "the time constant of EXP")
+    second = given.or_else(4, step, "the second delay of EXP")
+    if is_zero(given[4]):
+        # The default of the second delay counts from the first.
+        second = f"{text_of(first)} + {text_of(second)}"
+    fall = given.or_else(5, step, "the second time constant of EXP")
+
+    # Each exponential begins at its delay and is zero before it.
+    def since(begin: Value, constant: Value) -> str:
+        return f"(1 - exp(-max(0, t - {text_of(begin)})/{text_of(constant)}))"
+
+    up, down = f"({high} - {low})*{since(first, rise)}", f"({low} - {high})*{since(second, fall)}"
+    return Source("", {"value": f"{low} + {up} + {down}"})
+
+
+def _frequency_modulated(given: _Numbers) -> Source:
+    carrier = given.or_else(2, given.once, "the carrier of SFFM")
+    signal = given.or_else(4, given.once, "the frequency of SFFM")
+    index, phase, inner = (given[i] for i in (3, 5, 6))
+    # The phase of the carrier swings by the modulation index, in radians.
+    swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
+    wave = f"{text_of(given[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
+    return Source("", {"value": f"{text_of(given[0])} + {wave}"})
+
+
+def _amplitude_modulated(given: _Numbers) -> Source:
+    if len(given.values) < 4:
+        raise given.at.error("AM needs two numbers, a frequency and that of its carrier")
+    passed = _since(given[4])
+    # Offset and signal together are the amplitude of the carrier.
+    swing = f"({text_of(given[1])} + sin({_turn(given[2], passed, 0.0)}))"
+    wave = f"sin({_turn(given[3], passed, 0.0)})"
+    return Source("", {"value": f"{text_of(given[0])}*{swing}*{wave}"})
+
+
+_MADE = {
+    "sin": _sine,
+    "pulse": _pulse,
+    "exp": _exponential,
+    "sffm": _frequency_modulated,
+    "am": _amplitude_modulated,
+}
+
+
+def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
+    """Give type and fields of a source's edge."""
+    kind = "voltage" if is_voltage else "current"
+    if source.shape:
+        return f"{source.shape}_{kind}", source.fields
+    return f"{kind}_source", {kind: source.fields["value"]}

@@ -1,0 +1,524 @@
+"""A robot description as given in a file: links and joints, checked one by one.
+
+In: the elements of a URDF file (the Unified Robot Description Format of ROS). Out: a
+:class:`Robot`. What it says of itself only is checked here; that links and joints make a tree is
+checked by :mod:`cotree.readers.urdf.robot`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from cotree.errors import SceneError, brief, nearest
+from cotree.scene.origin import Visual
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from cotree.readers.names import SourceLine
+    from cotree.readers.xml_tree import Element
+
+
+_Named = TypeVar("_Named", "RobotLink", "Joint")
+
+
+def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
+    """Order the joints from the root outwards.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it stands in the file.
+
+    Returns
+    -------
+    root : RobotLink
+        The link that is no joint's child.
+    joints : tuple of Joint
+        Every joint, each after the one that its parent hangs on; siblings as in the file.
+
+    Raises
+    ------
+    SceneError
+        If names occur twice, a joint names a link that is not there, or they make no tree.
+    """
+    links = _by_name("link", robot.links)
+    _by_name("joint", robot.joints)
+    # The joint that each link hangs on, and those that hang on each link.
+    onto: dict[str, Joint] = {}
+    below: dict[str, list[Joint]] = {name: [] for name in links}
+    for joint in robot.joints:
+        what = f"joint '{brief(joint.name)}'"
+        for end, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise joint.at.error(
+                    f"{what}: there is no link '{brief(name)}' for its {end}{nearest(name, links)}"
+                )
+        if joint.child in onto:
+            raise joint.at.error(
+                f"{what}: link '{brief(joint.child)}' hangs on joint "
+                f"'{brief(onto[joint.child].name)}' too; URDF has no closed loops: cut one and "
+                "close it in the scene"
+            )
+        onto[joint.child] = joint
+        below[joint.parent].append(joint)
+    # With one joint above each link but the root, links and joints make a tree unless some go round
+    # in a circle apart from it.
+    roots = [link for link in robot.links if link.name not in onto]
+    if not roots:
+        raise robot.links[0].at.error("the joints go round in a circle")
+    if len(roots) > 1:
+        first, second = (brief(link.name) for link in roots[:2])
+        raise roots[1].at.error(f"links '{first}' and '{second}' both hang on no joint: join them")
+    ordered: list[Joint] = []
+    # Depth first, with siblings in the order of the file.
+    waiting = below[roots[0].name][::-1]
+    while waiting:
+        joint = waiting.pop()
+        ordered.append(joint)
+        waiting += below[joint.child][::-1]
+    if len(ordered) < len(robot.joints):
+        reached = {joint.name for joint in ordered}
+        lost = next(joint for joint in robot.joints if joint.name not in reached)
+        raise lost.at.error(f"joint '{brief(lost.name)}' is part of a circle of joints")
+    return roots[0], tuple(ordered)
+
+
+def check_mimics(joints: Iterable[Joint]) -> None:
+    """Require that every mimic follows a joint with one coordinate, and none follows itself.
+
+    Raises
+    ------
+    SceneError
+        If one does not.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    for joint in by_name.values():
+        # A fixed joint has no coordinate that could follow another.
+        if joint.mimic is None or joint.type == "fixed":
+            continue
+        what = f"joint '{brief(joint.name)}'"
+        if not has_one_coordinate(joint):
+            raise joint.at.error(
+                f"{what} mimics, but has several coordinates: its type is {joint.type}"
+            )
+        leader = by_name.get(joint.mimic.joint)
+        if leader is None:
+            raise joint.at.error(
+                f"{what} mimics '{brief(joint.mimic.joint)}', which is no joint"
+                f"{nearest(joint.mimic.joint, by_name)}"
+            )
+        if not has_one_coordinate(leader):
+            raise joint.at.error(
+                f"{what} mimics '{brief(leader.name)}', which has not one coordinate: its type is "
+                f"{leader.type}"
+            )
+    # Follow each chain of mimics until it ends or meets one that is known to end.
+    settled: set[str] = set()
+    for joint in by_name.values():
+        trail: set[str] = set()
+        follower: Joint | None = joint
+        while follower is not None and follower.name not in settled:
+            if follower.name in trail:
+                raise joint.at.error(
+                    f"joint '{brief(joint.name)}' mimics itself, through others or directly"
+                )
+            trail.add(follower.name)
+            mimic = follower.mimic if follower.type != "fixed" else None
+            follower = None if mimic is None else by_name[mimic.joint]
+        # Chains that end are not followed again: the work is linear in the number of joints.
+        settled |= trail
+
+
+def has_one_coordinate(joint: Joint) -> bool:
+    """Whether a joint turns about or slides along one axis."""
+    return joint.type in ("revolute", "continuous", "prismatic")
+
+
+def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
+    found: dict[str, _Named] = {}
+    for thing in things:
+        if thing.name in found:
+            raise thing.at.error(
+                f"{kind} '{brief(thing.name)}' is there twice, first on line "
+                f"{found[thing.name].at.line}"
+            )
+        found[thing.name] = thing
+    return found
+
+
+Vector = tuple[float, float, float]
+
+# Narrower than float(), which takes nan, inf, underscores and digits of other scripts.
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
+_LARGEST = 1e15  # metres, kilograms: beyond it products overflow, and nothing is built of it
+_LONGEST_NAME = 500
+_ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A place, [m], and roll, pitch and yaw about fixed axes, [rad]."""
+
+    xyz: Vector = _ZERO
+    rpy: Vector = _ZERO
+
+
+def child_of(element: Element, tag: str, what: str) -> Element:
+    """Give a child element that must exist.
+
+    Parameters
+    ----------
+    element : Element
+        The parent.
+    tag : str
+        Tag of the child.
+    what : str
+        The robot's part that it describes, for messages.
+
+    Raises
+    ------
+    SceneError
+        If there is none.
+    """
+    found = element.first(tag)
+    if found is None:
+        raise element.at.error(f"<{element.tag}> of {what} has no <{tag}>")
+    return found
+
+
+def name_of(element: Element, what: str, attribute: str = "name") -> str:
+    """Give a name that must exist.
+
+    Parameters
+    ----------
+    element : Element
+        The element.
+    what : str
+        The part that it names, for messages.
+    attribute : str
+        The attribute that holds it.
+
+    Raises
+    ------
+    SceneError
+        If it is missing, empty or too long.
+    """
+    found = element.attributes.get(attribute, "").strip()
+    if not found:
+        raise element.at.error(f'the {what} has no name: write {attribute}="..."')
+    if len(found) > _LONGEST_NAME:
+        raise element.at.error(f"the name of the {what} has more than {_LONGEST_NAME} characters")
+    return found
+
+
+def number_of(element: Element, name: str, what: str, default: float | None = None) -> float:
+    """Give a number, which must exist where there is no default.
+
+    Parameters
+    ----------
+    element : Element
+        The element.
+    name : str
+        Its attribute.
+    what : str
+        The robot's part that it describes, for messages.
+    default : float, optional
+        Value where the attribute is missing.
+
+    Raises
+    ------
+    SceneError
+        If it is missing, or no finite number.
+    """
+    if name not in element.attributes and default is not None:
+        return default
+    return _number(element, name, _text(element, name, what).strip(), what)
+
+
+def vector_of(element: Element, name: str, what: str, default: Vector | None = _ZERO) -> Vector:
+    """Give three numbers.
+
+    Parameters
+    ----------
+    element : Element
+        The element.
+    name : str
+        Its attribute.
+    what : str
+        The robot's part that it describes, for messages.
+    default : tuple of three float or None
+        Value where the attribute is missing; None where it must exist.
+
+    Raises
+    ------
+    SceneError
+        If there are not three finite numbers.
+    """
+    if name not in element.attributes and default is not None:
+        return default
+    # URDF writes vectors as words in one attribute.
+    parts = _text(element, name, what).split()
+    if len(parts) != 3:
+        raise element.at.error(
+            f"{name} of <{element.tag}> of {what} has {len(parts)} parts: give three numbers"
+        )
+    x, y, z = (_number(element, name, part, what) for part in parts)
+    return (x, y, z)
+
+
+def pose_of(element: Element, what: str) -> Pose:
+    """Give the pose in an element's <origin>; without one it is zero."""
+    origin = element.first("origin")
+    if origin is None:
+        return Pose()
+    return Pose(vector_of(origin, "xyz", what), vector_of(origin, "rpy", what))
+
+
+def _text(element: Element, name: str, what: str) -> str:
+    text = element.attributes.get(name)
+    if text is None:
+        raise element.at.error(f'<{element.tag}> of {what} has no {name}="..."')
+    return text
+
+
+def _number(element: Element, name: str, text: str, what: str) -> float:
+    where = f"{name} of <{element.tag}> of {what} is"
+    if not _NUMBER.match(text):
+        hint = ": run xacro on the file first" if "${" in text else ""
+        raise element.at.error(f"{where} '{brief(text)}', not a number{hint}")
+    value = float(text)
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise element.at.error(f"{where} {brief(text)}: too large")
+    return value
+
+
+#: Types of joints, with whether they have an axis.
+JOINT_TYPES = {
+    "fixed": False,
+    "revolute": True,
+    "continuous": True,
+    "prismatic": True,
+    "planar": True,
+    "floating": False,
+}
+#: Moments of inertia as the format names them.
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Inertia of a link.
+
+    Attributes
+    ----------
+    pose : Pose
+        Of the centre of mass, and of the axes that the moments are about, in the link's axes.
+    mass : float
+        [kg].
+    moments : tuple of six float
+        ixx, ixy, ixz, iyy, iyz, izz, [kg m^2].
+    """
+
+    pose: Pose
+    mass: float
+    moments: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RobotLink:
+    """A link: its name, the line where it begins, its inertia if it has any, and its shapes."""
+
+    name: str
+    at: SourceLine
+    inertial: Inertial | None
+    visuals: tuple[Visual, ...]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """The coordinate of another joint, times a factor, plus an offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint.
+
+    Attributes
+    ----------
+    name, type : str
+        Its name, and one of :data:`JOINT_TYPES`.
+    at : SourceLine
+        Where it begins.
+    parent, child : str
+        Its links.
+    pose : Pose
+        Of the child's axes in the parent's, where its coordinate is zero.
+    axis : Vector
+        In the child's axes.
+    damping, friction : float
+        [N s/m or N m s/rad], [N or N m].
+    mimic : Mimic or None
+        Where its coordinate is that of another joint.
+    """
+
+    name: str
+    type: str
+    at: SourceLine
+    parent: str
+    child: str
+    pose: Pose
+    axis: Vector
+    damping: float
+    friction: float
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Contents of a file: name, links, joints, and counts of elements that are not read."""
+
+    name: str
+    links: tuple[RobotLink, ...]
+    joints: tuple[Joint, ...]
+    ignored: dict[str, int]
+
+
+def read_robot(root: Element) -> Robot:
+    """Read the elements of a URDF file, from the outermost one.
+
+    Raises
+    ------
+    SceneError
+        If an element is missing or wrong; the message begins with file and line.
+    """
+    if root.tag != "robot":
+        raise root.at.error(f"the outermost element is <{brief(root.tag)}>, not <robot>")
+    known = ("link", "joint")
+    for child in root.children:
+        if child.tag.startswith("xacro:"):
+            raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
+    links = tuple(_link(element) for element in root.all("link"))
+    joints = tuple(_joint(element) for element in root.all("joint"))
+    # Elements that are not read (materials, transmissions, plugins) are counted for a note.
+    ignored = Counter(child.tag for child in root.children if child.tag not in known)
+    if not links:
+        raise root.at.error("the robot has no links")
+    return Robot(root.attributes.get("name", "robot"), links, joints, dict(ignored))
+
+
+def _link(element: Element) -> RobotLink:
+    name = name_of(element, "link")
+    inertial = element.first("inertial")
+    return RobotLink(
+        name,
+        element.at,
+        None if inertial is None else _inertial(inertial, f"link '{brief(name)}'"),
+        tuple(_visuals(element.all("visual"))),
+    )
+
+
+def _inertial(element: Element, what: str) -> Inertial:
+    mass_element = child_of(element, "mass", what)
+    mass = number_of(mass_element, "value", what)
+    if mass < 0.0:
+        raise mass_element.at.error(f"{what} has the negative mass {mass:g}")
+    tensor = child_of(element, "inertia", what)
+    moments = {name: number_of(tensor, name, what, 0.0) for name in MOMENTS}
+    # Products of inertia may have any sign.
+    for name in ("ixx", "iyy", "izz"):
+        if moments[name] < 0.0:
+            raise tensor.at.error(f"{what} has the negative moment of inertia {name}")
+    return Inertial(pose_of(element, what), mass, tuple(moments.values()))
+
+
+def _joint(element: Element) -> Joint:
+    name = name_of(element, "joint")
+    what = f"joint '{brief(name)}'"
+    kind = element.attributes.get("type")
+    if kind is None:
+        raise element.at.error(f'{what} has no type: give type="revolute", for example')
+    if kind not in JOINT_TYPES:
+        hint = nearest(kind, JOINT_TYPES)
+        raise element.at.error(f"{what} has the unknown type '{brief(kind)}'{hint}")
+    ends = [
+        name_of(child_of(element, end, what), f"{end} of {what}", "link")
+        for end in ("parent", "child")
+    ]
+    axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
+    # URDF's default axis is x. The length of an axis does not matter, but there must be a
+    # direction.
+    if JOINT_TYPES[kind] and axis_element is not None:
+        axis = vector_of(axis_element, "xyz", what, axis)
+        if max(map(abs, axis)) < 1e-6:
+            raise axis_element.at.error(f"the axis of {what} has no length")
+    damping, friction = _dynamics(element, what)
+    return Joint(
+        name,
+        kind,
+        element.at,
+        ends[0],
+        ends[1],
+        pose_of(element, what),
+        axis,
+        damping,
+        friction,
+        _mimic(element, what),
+    )
+
+
+def _dynamics(joint: Element, what: str) -> tuple[float, float]:
+    element = joint.first("dynamics")
+    if element is None:
+        return 0.0, 0.0
+    found = [number_of(element, name, what, 0.0) for name in ("damping", "friction")]
+    for name, value in zip(("damping", "friction"), found, strict=True):
+        if value < 0.0:
+            raise element.at.error(f"{what} has the negative {name} {value:g}")
+    return found[0], found[1]
+
+
+def _mimic(joint: Element, what: str) -> Mimic | None:
+    element = joint.first("mimic")
+    if element is None:
+        return None
+    leader = name_of(element, f"mimic of {what}", "joint")
+    multiplier = number_of(element, "multiplier", what, 1.0)
+    return Mimic(leader, multiplier, number_of(element, "offset", what, 0.0))
+
+
+def _visuals(elements: Sequence[Element]) -> list[Visual]:
+    """List the shapes that can be drawn; wrong ones are left out, since mechanics need none."""
+    found = []
+    for element in elements:
+        geometry = element.first("geometry")
+        shape = geometry.children[0] if geometry is not None and geometry.children else None
+        if shape is None:
+            continue
+        try:
+            pose = pose_of(element, "visual")
+            if shape.tag == "mesh":
+                size = vector_of(shape, "scale", "mesh", (1.0, 1.0, 1.0))
+            elif shape.tag == "box":
+                size = vector_of(shape, "size", "box", None)
+            elif shape.tag in ("cylinder", "capsule"):
+                radius = number_of(shape, "radius", shape.tag)
+                size = (radius, radius, number_of(shape, "length", shape.tag))
+            elif shape.tag == "sphere":
+                radius = number_of(shape, "radius", "sphere")
+                size = (radius, radius, radius)
+            else:
+                continue
+        except SceneError:
+            continue
+        file = shape.attributes.get("filename", "") if shape.tag == "mesh" else ""
+        found.append(Visual("", shape.tag, size, file, pose.xyz, pose.rpy))
+    return found

@@ -1,0 +1,310 @@
+"""Checks of a scene: dimensions of its expressions, and inertias that no body can have.
+
+What is not known stays unknown: a number written into a product may have any unit, so that nothing
+is said of such a product unless numbers are declared to be plain.
+
+The moments of inertia of a body are sums over its mass, so that none of the principal ones exceeds
+the sum of the other two. Equations can be formed and solved without that; therefore a violation is
+reported, not refused.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.components import Shape
+from cotree.dag.nodes import Dag
+from cotree.scene.expressions import Expression, FieldValue, dotted, table_of
+from cotree.scene.fields import initial_units
+from cotree.scene.graphs import motion_spaces
+from cotree.scene.parameters import parameter_values
+from cotree.units import Dimension, check_fits, read_unit, same_dimension, stated_unit, unit_text
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from cotree.scene.description import Edge, SceneDescription
+
+
+#: Gives the dimension of a name; None where it is not known.
+Known = Callable[[str], "Dimension | None"]
+
+_NONE = read_unit("1").dimension
+_ANGLE = read_unit("rad").dimension
+_OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
+_KEEPING = {"abs", "floor", "min", "max", "mod"}
+#: Numbers that stand in formulas of physics, as in m*v**2/2, where they have no unit.
+_PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
+
+
+class Dimensions:
+    """Finds the dimension of an expression, and contradictions on the way.
+
+    Parameters
+    ----------
+    known : callable
+        Gives the dimension of a name.
+    with_plain_numbers : bool
+        Whether small numbers such as 2 and 0.5 have no unit; else a number may have any.
+    """
+
+    def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
+        self._known, self._with_plain = known, with_plain_numbers
+        self.faults: list[str] = []
+
+    def of(self, tree: ast.expr) -> Dimension | None:
+        """Find the dimension of a checked tree; None where it is not known."""
+        match tree:
+            case ast.Constant(value=value):
+                is_plain = self._with_plain and value in _PLAIN
+                return _NONE if is_plain else None
+            case ast.Name(id="pi"):
+                return _NONE
+            case ast.Name(id=name):
+                return self._known(name)
+            case ast.Attribute():
+                return self._known(dotted(tree))
+            case ast.UnaryOp(operand=operand):
+                return self.of(operand)
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return self._power(left, right)
+            case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
+                a, b = self.of(left), self.of(right)
+                sign = 1.0 if isinstance(op, ast.Mult) else -1.0
+                if a is None or b is None:
+                    return None
+                return tuple(x + sign * y for x, y in zip(a, b, strict=True))
+            case ast.BinOp(left=left, right=right):
+                return self._alike([left, right])
+            case ast.Call(func=ast.Name(id="where"), args=[condition, *values]):
+                self._condition(condition)
+                return self._alike(values)
+            case ast.Call(func=called, args=args) if table_of(called):
+                for arg in args:
+                    self.of(arg)
+                return None  # a table has no units of its own
+            case ast.Call(func=ast.Name(id=function), args=args):
+                return self._call(function, args)
+        return None
+
+    def _alike(self, trees: list[ast.expr]) -> Dimension | None:
+        """Give the dimension that all must have, and note where they differ."""
+        found: Dimension | None = None
+        first: ast.expr | None = None
+        for tree in trees:
+            own = self.of(tree)
+            if own is None:
+                continue
+            if found is None or first is None:
+                found, first = own, tree
+            elif not same_dimension(found, own):
+                self.faults.append(
+                    f"'{ast.unparse(first)}' is in {unit_text(found)} and '{ast.unparse(tree)}' in "
+                    f"{unit_text(own)}"
+                )
+        return found
+
+    def _power(self, left: ast.expr, right: ast.expr) -> Dimension | None:
+        base, exponent = self.of(left), _number(right)
+        if base is None or (exponent is None and base != _NONE):
+            return None
+        return tuple(x * (exponent or 0.0) for x in base)
+
+    def _call(self, function: str, args: list[ast.expr]) -> Dimension | None:
+        if function in _KEEPING:
+            return self._alike(args)
+        own = [self.of(arg) for arg in args]
+        if function in _OF_NUMBERS and own[0] is not None and not same_dimension(own[0], _NONE):
+            shown = f"'{ast.unparse(args[0])}' is in {unit_text(own[0])}"
+            self.faults.append(f"{shown}, of which {function} has no value")
+        if function == "sqrt":
+            return None if own[0] is None else tuple(x / 2.0 for x in own[0])
+        if function == "atan2":
+            self._alike(args)
+        return _ANGLE if function in ("asin", "acos", "atan", "atan2") else _NONE
+
+    def _condition(self, tree: ast.expr) -> None:
+        match tree:
+            case ast.Compare(left=left, comparators=others):
+                self._alike([left, *others])
+            case ast.BoolOp(values=parts):
+                for part in parts:
+                    self._condition(part)
+            case ast.UnaryOp(operand=part):
+                self._condition(part)
+
+
+def dimension_of_unit(text: str) -> Dimension | None:
+    """Give the dimension of a unit that a field or result states; None where it states none."""
+    unit = stated_unit(text)
+    return None if unit is None else unit.dimension
+
+
+def entries(value: FieldValue | None) -> Iterator[Expression]:
+    """List the expressions of a field: one, three, or three rows of three."""
+    if isinstance(value, Expression):
+        yield value
+    else:
+        for item in value or ():
+            yield from entries(item)
+
+
+def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
+    """List what a scene states of an edge: its name, its unit, and each expression in it."""
+    for row in edge.component.fields:
+        if row.unit and row.shape is not Shape.EXPRESSION and row.name not in _DIRECTIONS:
+            for entry in entries(edge.fields.get(row.name)):
+                yield f"{row.name} of edge '{edge.name}'", row.unit, entry
+    units = initial_units(edge.component) if edge.initial else {}
+    for name, value in edge.initial.items():
+        for entry in entries(value):
+            yield f"initial {name} of edge '{edge.name}'", units.get(name, ""), entry
+
+
+#: Fields whose length does not matter.
+_DIRECTIONS = frozenset({"axis", "axis2", "normal"})
+
+
+def check_scene_units(scene: SceneDescription) -> None:
+    """Refuse a parameter or input that alone is a field of another dimension.
+
+    Raises
+    ------
+    UnitError
+        For the first one; the message names both units.
+    """
+    units = stated_units(scene)
+    if not units:
+        return
+    for edge in scene.edges.values():
+        for what, wanted, value in stated_values(edge):
+            name = alone(value)
+            if name not in units:
+                continue
+            kind = "parameter" if name in scene.parameters else "input"
+            check_fits(read_unit(units[name]), wanted, f"{what} is {kind} '{name}', which")
+
+
+def stated_units(scene: SceneDescription) -> dict[str, str]:
+    """Give the units of the parameters and inputs that state one."""
+    rows: Mapping[str, str] = {n: row.unit for n, row in scene.inputs.items()}
+    rows = {**rows, **{n: row.unit for n, row in scene.parameters.items()}}
+    return {name: unit for name, unit in rows.items() if unit.strip()}
+
+
+def alone(value: Expression) -> str:
+    """Give the name that an expression is, but for its sign; nothing for others."""
+    tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
+    name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
+    return name if type(value) is Expression else ""
+
+
+def _number(tree: ast.expr) -> float | None:
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+        inner = _number(tree.operand)
+        return None if inner is None else -inner
+    return float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
+
+
+# Thin rods and plates are at the limit, and their three values may be written with six digits.
+_WRITTEN = 2e-5
+
+# A share of the heaviest body's mass below which rounding errors of its forces are felt.
+_TINY = 1e-8
+
+#: Principal moments above minus this share of the sum of all are zero but for rounding.
+ROUNDING = 1e-12
+
+
+def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
+    """Name bodies whose mass is far below that of the heaviest, with a sentence each.
+
+    Forces that balance there but for rounding accelerate them, which takes short steps.
+    """
+    values = parameter_values(scene.parameters)
+    dag = Dag()
+    masses: dict[str, float] = {}
+    for edge in scene.edges.values():
+        given = edge.fields.get("mass")
+        if not isinstance(given, Expression) or not all(name in values for name in given.names):
+            continue
+        number = given.lower(dag, lambda name: dag.constant(values[name])).value
+        if number is not None and number > 0.0:
+            masses[edge.name] = number
+    heaviest = max(masses, key=masses.__getitem__, default="")
+    for name, mass in masses.items():
+        if mass < _TINY * masses[heaviest]:
+            yield (
+                name,
+                f"mass of edge '{name}' is {mass:.3g}, {mass / masses[heaviest]:.1g} of that of "
+                f"'{heaviest}': rounding errors of forces accelerate it, and steps become short; "
+                "give it more mass, or leave the body out where constraints hold its motion",
+            )
+
+
+def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
+    """Give the sentences of :func:`inertia_faults`."""
+    return (told for _, told in inertia_faults(scene))
+
+
+def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
+    """Name the bodies with negative principal moments, or that break the triangle rule.
+
+    In a plane scene, where only the moment about one axis is read, negative ones alone are named.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        A scene whose equations could be formed; what counts are its values.
+
+    Yields
+    ------
+    edge, sentence : str
+        For each such body.
+    """
+    is_plane = bool(motion_spaces(scene).plane)
+    for edge in scene.edges.values():
+        for row in edge.component.fields:
+            if row.shape is not Shape.INERTIA or row.name not in edge.fields:
+                continue
+            tensor = _numbers(scene, edge.fields[row.name])
+            # Eigenvalues come in ascending order. Of a tensor with one entry only that moment is
+            # meant, and the others are left out on purpose.
+            least, middle, largest = np.linalg.eigvalsh(tensor)
+            is_negative = least < -ROUNDING * np.trace(tensor)
+            if is_negative:
+                fault = "the least is negative"
+            elif (
+                not is_plane
+                and np.count_nonzero(tensor) > 1
+                and least + middle < (1.0 - _WRITTEN) * largest
+            ):
+                fault = "the largest exceeds the sum of the others"
+            else:
+                continue
+            yield (
+                edge.name,
+                f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
+                f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} {fault}; "
+                "check the numbers, the signs of the products of inertia, and that they are "
+                "about the centre of mass",
+            )
+
+
+def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
+    """Evaluate a tensor, or three principal values, at the parameters' values."""
+    # Expressions fold to numbers in an arena where parameters are constants.
+    dag, values = Dag(), parameter_values(scene.parameters)
+
+    def number(entry: Expression) -> float:
+        node = entry.lower(dag, lambda name: dag.constant(values[name]))
+        assert node.value is not None  # there are but numbers in it
+        return node.value
+
+    rows = [number(row) if isinstance(row, Expression) else [*map(number, row)] for row in field]  # type: ignore[union-attr]
+    found = np.array(rows)
+    return np.diag(found) if found.ndim == 1 else found

@@ -1,0 +1,330 @@
+"""Scenes made from others: with other inputs, with fixed parameters, and at rest.
+
+In: a scene, and what is to stand in place of its inputs. Out: another scene. An input that becomes
+an expression of time and parameters stays one. With states, outputs or measured variables in it, it
+becomes an output of the same name: fields may name outputs, so that equations, Jacobian,
+sensitivities, events and C projects know it as they know any expression of a scene.
+
+Nothing changes with time there. A capacity is replaced by the current through it at a constant
+voltage: zero, or the static current of a junction. Inductances become short circuits.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cotree.components import Component, Kind, Law, Role, Terminal, integral_of
+from cotree.components.diodes import symbol
+from cotree.errors import ParameterError, SceneError, brief, nearest
+from cotree.scene.description import Edge, SceneDescription
+from cotree.scene.expressions import Expression, FieldValue, parse
+from cotree.scene.parameters import sources
+from cotree.scene.part import owner_of
+from cotree.scene.part_adding import set_in_part
+from cotree.scene.simulation import Simulation
+from cotree.scene.tables import parse_signal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+_Scene = TypeVar("_Scene", bound=SceneDescription)
+
+
+def with_inputs(
+    scene: _Scene,
+    inputs: Mapping[str, Any],
+    parameters: Mapping[str, float] | None = None,
+    kind: str = "output",
+) -> _Scene:
+    """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene, which stays as it is.
+    inputs : mapping of str to number, str or (times, values)
+        What stands in place of each input.
+    parameters : mapping of str to float, optional
+        Values of parameters that the expressions use and the scene does not have.
+    kind : str
+        The word by which messages name an input that becomes an output.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or of no use, or an input would depend on itself.
+    ExpressionError, SceneError
+        If a value is not accepted.
+    """
+    given = dict(parameters or {})
+    changed = scene.copied()
+    found: dict[str, Any] = {}
+    for name, value in inputs.items():
+        if name not in scene.inputs:
+            raise ParameterError(f"the scene has no input '{name}'{nearest(name, scene.inputs)}")
+        if callable(value):
+            raise ParameterError(
+                f"input '{name}' is a Python function: give it to a run, simulate(inputs=...)"
+            )
+        found[name] = parse_signal(value, f"input '{name}'")
+    used = {
+        name for value in found.values() if isinstance(value, Expression) for name in value.names
+    }
+    for name, number in given.items():
+        if name in scene.parameters:
+            raise ParameterError(
+                f"'{brief(name)}' is a parameter of the scene already: give its value to a run, "
+                "simulate(parameters=...)"
+            )
+        if name not in used:
+            raise ParameterError(
+                f"no input uses the parameter '{brief(name)}'{nearest(name, used)}"
+            )
+        changed.parameter(name, number)
+    for name, value in found.items():
+        if owner_of(changed, name) is not None:
+            # The statement of the part says so, too, and is saved with the scene.
+            if isinstance(value, Expression):
+                _check_names(value, changed)
+            set_in_part(changed, name, inputs[name])
+            continue
+        if not isinstance(value, Expression) or _is_of_time(value, changed):
+            changed.inputs[name] = replace(changed.inputs[name], value=value)
+            continue
+        _check_names(value, changed)
+        del changed.inputs[name]
+        changed.outputs[name] = replace(value, where=f"{kind} '{name}'")
+    for name in found:
+        _check_loop(name, changed)
+    return changed
+
+
+def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
+    """List the inputs that are given as expressions, and not as numbers in quotes."""
+    found = {}
+    for name, value in inputs.items():
+        if isinstance(value, str):
+            parsed = parse_signal(value, f"input '{name}'")
+            if isinstance(parsed, Expression) and parsed.number is None:
+                found[name] = value
+    return found
+
+
+def new_names(scene: SceneDescription, inputs: Mapping[str, str], known: Any) -> list[str]:
+    """List the names in expressions that the scene does not have, but ``known`` does."""
+    used = {name for text in inputs.values() for name in _names(text)}
+    return sorted(name for name in used if name in known and name not in scene.parameters)
+
+
+def _names(text: str) -> frozenset[str]:
+    parsed = parse_signal(text, "input")
+    return parsed.names if isinstance(parsed, Expression) else frozenset()
+
+
+def _is_of_time(value: Expression, scene: SceneDescription) -> bool:
+    return all(name in scene.parameters or name in ("t", "pi") for name in value.names)
+
+
+def _check_names(value: Expression, scene: SceneDescription) -> None:
+    """Refuse names without a dot that nothing in the scene has."""
+    known = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, "t", "pi"}
+    for name in sorted(value.names):
+        # Names with a dot are looked up as those in fields are.
+        if "." not in name and name not in known:
+            raise ParameterError(
+                f"{value.where} uses the unknown name '{name}'{nearest(name, known)}; a new "
+                "parameter, a gain say, needs its value in parameters"
+            )
+
+
+def _check_loop(name: str, scene: SceneDescription) -> None:
+    """Refuse an input that is made of itself, by way of outputs or other inputs."""
+    if name not in scene.outputs:
+        return
+    waiting: list[tuple[str, tuple[str, ...]]] = [(name, (name,))]
+    seen: set[str] = set()
+    while waiting:
+        at, path = waiting.pop()
+        for other in sorted(scene.outputs[at].names & scene.outputs.keys()):
+            if other in scene.parameters:  # which hide outputs of their name
+                continue
+            if other == name:
+                way = " -> ".join(f"'{step}'" for step in (*path, name))
+                raise ParameterError(
+                    f"input '{name}' would depend on itself, {way}: an algebraic loop; feed back "
+                    "states, or outputs that are made without this input"
+                )
+            if other not in seen:
+                seen.add(other)
+                waiting.append((other, (*path, other)))
+
+
+def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
+    """Accept one name, several, or none.
+
+    Raises
+    ------
+    ParameterError
+        If one is no text.
+    """
+    if isinstance(names, str):
+        return [names]
+    found = list(names or ())
+    for name in found:
+        if not isinstance(name, str):
+            raise ParameterError(f"{what} holds {name!r}: give names of parameters or states")
+    return found
+
+
+def keep_tunable(
+    scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
+) -> _Scene:
+    """Return the scene with only the wanted parameters tunable.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        The scene, which stays as it is.
+    tunable : sequence of str or None
+        The parameters that a run may change. None leaves that to the scene.
+    sensitivities : sequence of str
+        Sensitivities are wanted to these; parameters among them stay as the scene has them.
+
+    Raises
+    ------
+    ParameterError
+        If a name is no parameter.
+    """
+    if tunable is None:
+        return scene
+    wanted = listed_names(tunable, "tunable")
+    for name in wanted:
+        if name not in scene.parameters:
+            hint = nearest(name, scene.parameters)
+            raise ParameterError(f"tunable names '{name}', which is no parameter{hint}")
+        row = scene.parameters[name]
+        if isinstance(row.value, Expression):
+            of = ", ".join(f"'{source}'" for source in sources(scene.parameters, name))
+            raise ParameterError(
+                f"tunable names '{name}', which is derived, {name} = {row.value.text}: name "
+                f"{of or 'none'} in its place"
+            )
+    # A parameter that is folded into the code as a number has no derivative.
+    kept = {*wanted, *sensitivities}
+    # The scene of the caller stays as it is: only the table of parameters is another one.
+    changed = copy.copy(scene)
+    changed.parameters = {
+        name: row if name in kept or row.is_derived else replace(row, tunable=False)
+        for name, row in scene.parameters.items()
+    }
+    return changed
+
+
+_DOMAIN = "electrical"
+
+
+def standing_scene(
+    scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
+) -> SceneDescription:
+    """Make the scene of an operating point.
+
+    Parameters
+    ----------
+    scene : SceneDescription
+        An electrical network, which stays as it is.
+    wanted : sequence of str
+        Variables that the outputs ``wanted_0``, ``wanted_1``, ... are to give.
+    jumps : mapping of str to Expression
+        The values of those that are modes of jumps.
+
+    Raises
+    ------
+    SceneError
+        If it is more than an electrical network.
+    """
+    # A shallow copy: what differs at rest is replaced, the rest is shared with the scene.
+    standing = copy.copy(scene)
+    standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}
+    standing.events, standing.defaults = {}, Simulation()
+    for number, (node, voltage) in enumerate(scene.defaults.held):
+        if node not in scene.nodes:
+            raise SceneError(f"held of the simulation names '{node}', which is no node")
+        # The method of a scene checks the statement and makes the edge; its name is changed
+        # afterwards.
+        source, own = "voltage_source", standing.edges
+        standing.edges = {}
+        standing.edge(f"held_{number}", source, node, "ground", voltage=voltage.text)
+        own[f"held {number}"] = replace(  # a name that no edge of a scene can have
+            standing.edges[f"held_{number}"], name=f"held {number}"
+        )
+        standing.edges = own
+    standing.outputs = {
+        f"wanted_{i}": jumps.get(name) or parse(name, f"variable '{name}' at the operating point")
+        for i, name in enumerate(wanted)
+    }
+    return standing
+
+
+def _standing(edge: Edge) -> Edge:
+    component = edge.component
+    is_electrical = component.role is Role.NETWORK and all(
+        port.domain == _DOMAIN and integral_of(port) is None for port in component.ports
+    )
+    if not is_electrical:
+        raise SceneError(
+            f"edge '{edge.name}' of type '{component.name}' is no part of an electrical network, "
+            "or stores what has no rest: start from initial values, not from an operating point"
+        )
+    # Two ends at one node make a port that no circuit equation determines; see below.
+    short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
+    return replace(edge, component=_at_rest(component, short), initial=_guesses(edge))
+
+
+def _guesses(edge: Edge) -> dict[str, FieldValue]:
+    """Keep initial values of junctions only, where they are guesses."""
+    is_storage = any(_is_storage(port) for port in edge.component.ports)
+    return {} if is_storage else dict(edge.initial)
+
+
+@lru_cache(maxsize=1024)
+def _at_rest(component: Component, short: frozenset[int]) -> Component:
+    """Put a component at rest, of which some ports, by number, have both ends at one node."""
+    if not any(_is_storage(port) for port in component.ports):
+        return component
+    ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
+    # Demands are on inductances and couplings, which are of no effect at rest.
+    return replace(component, ports=tuple(ports), demands=())
+
+
+def _is_storage(port: Terminal) -> bool:
+    return port.storage is not None or port.content is not None
+
+
+def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
+    terminal = replace(terminal, content=None)
+    # The current is constant, so that no voltage is induced: a source of no voltage.
+    if terminal.kind is Kind.THROUGH_STORAGE:
+        none = Law(lambda: 0)
+        if is_short:  # nothing decides what circulates; the least resistance would end it
+            return replace(
+                terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
+            )
+        return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
+    if terminal.kind is not Kind.ACROSS_STORAGE:
+        return terminal
+    # The voltage is constant: what remains is the static current, with the rates of all voltages
+    # zero.
+    static = None if terminal.through is None else terminal.through.expression
+    if static is not None:
+        rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
+        static = static.subs(rates)
+    # A current that does not depend on the port's own voltage is given; one that does is a
+    # dissipator's.
+    if static is None or symbol("across") not in static.free_symbols:
+        law = Law(lambda: 0) if static is None else Law.of(static)
+        return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)
+    return replace(terminal, kind=Kind.DISSIPATOR, storage=None, through=Law.of(static))
