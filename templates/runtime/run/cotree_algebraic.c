@@ -7,10 +7,8 @@
 #include <stddef.h>
 
 #if COTREE_HAS_ALGEBRAIC
-/* Damped Newton method for algebraic unknowns; step sizes are shares of an unknown, or of atol
- * near zero. It converges quadratically: after a step below CONVERGED_STEP only rounding is
- * left. A step is damped until the next one is shorter. One below STALLED_STEP that cannot be
- * reduced is rounding. */
+/* Newton's method for algebraic unknowns; step sizes are shares of an unknown, or of atol near
+ * zero. It converges quadratically: after a step below CONVERGED_STEP only rounding is left. */
 #define MAX_NEWTON_STEPS 50
 #define MIN_DAMPING COTREE_F(1e-6)
 #define CONVERGED_STEP COTREE_SELECT(1e-8, 3.5e-04f)
@@ -53,55 +51,46 @@ int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x)
     return cotree_lu_factorise(&run->matrix) == 0 ? 0 : COTREE_SINGULAR;
 }
 
-/* Return the largest entry of a step as a share of the unknown. */
-static cotree_real largest_share(const cotree_run *run, const cotree_real *step,
-                                 const cotree_real *z)
+/* Compute a step of the algebraic unknowns, and its largest entry as a share of the unknown. bend
+ * compares the step with the next one. */
+static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *size)
 {
+    cotree_run *const run = (cotree_run *)a->context;
     const int m = N_ALGEBRAIC;
-    cotree_real largest = COTREE_F(0.0);
-    int i;
+    cotree_real *const before = run->newton, *const step = before + (is_new ? m : 2 * m);
+    int i, status = is_new ? cotree_linearise(run, a->t, a->x) : 0;
+    if (status == 0) status = cotree_substitute(run, run->rates + N_RATES, step);
+    if (status != 0) return status;
+    *size = COTREE_F(0.0);
     for (i = 0; i < m; ++i) {
-        const cotree_real size =
-            COTREE_FABS(step[i]) / (COTREE_FABS(z[i]) + run->atol + COTREE_MIN);
-        if (!(size <= largest)) largest = size; /* a nan, too */
+        cotree_real share;
+        if (is_new) before[i] = a->x[N_RATES + i];
+        share = COTREE_FABS(step[i]) / (COTREE_FABS(before[i]) + run->atol + COTREE_MIN);
+        if (!(share <= *size)) *size = share; /* a nan, too */
     }
-    return largest;
+    if (!is_new && a->size > STALLED_STEP)
+        run->bend = COTREE_FMAX(run->bend, COTREE_F(2.0) * *size / a->size);
+    return 0;
+}
+
+static int move_unknowns(const cotree_iteration *a, cotree_real share)
+{
+    const cotree_run *const run = (const cotree_run *)a->context;
+    const cotree_real *const before = run->newton, *const step = before + N_ALGEBRAIC;
+    int i;
+    for (i = 0; i < N_ALGEBRAIC; ++i) a->x[N_RATES + i] = before[i] + share * step[i];
+    return run->model->rhs(a->t, a->x, run->u, run->p, run->k, run->rates);
 }
 
 /* Solve for the algebraic unknowns of x, in place, starting from their values. Return a positive
  * number if Newton's method fails. */
 static int newton_from_guess(cotree_run *run, cotree_real t, cotree_real *x)
 {
-    const int m = N_ALGEBRAIC;
-    cotree_real *const z = x + N_RATES, *const before = run->newton, *const step = before + m;
-    cotree_real *const next = step + m;
-    const cotree_real *const g = run->rates + N_RATES;
-    int i, n;
-    int status = run->model->rhs(t, x, run->u, run->p, run->k, run->rates);
-    for (n = 0; n < MAX_NEWTON_STEPS && status == 0; ++n) {
-        cotree_real damping = COTREE_F(1.0), size, after;
-        status = cotree_linearise(run, t, x);
-        if (status != 0) break;
-        status = cotree_substitute(run, g, step);
-        if (status != 0) break;
-        size = largest_share(run, step, z);
-        for (i = 0; i < m; ++i) before[i] = z[i];
-        for (;;) {
-            for (i = 0; i < m; ++i) z[i] = before[i] + damping * step[i];
-            status = run->model->rhs(t, x, run->u, run->p, run->k, run->rates);
-            if (status != 0 || size <= CONVERGED_STEP) return status;
-            status = cotree_substitute(run, g, next);
-            if (status != 0) return status;
-            after = largest_share(run, next, before);
-            if (size > STALLED_STEP)
-                run->bend = COTREE_FMAX(run->bend, COTREE_F(2.0) * after / size);
-            if (after <= (COTREE_F(1.0) - COTREE_F(0.25) * damping) * size) break;
-            if (damping == COTREE_F(1.0) && size <= STALLED_STEP && after <= STALLED_STEP) return 0;
-            if (damping < MIN_DAMPING) return 1;
-            damping *= COTREE_F(0.5);
-        }
-    }
-    return status != 0 ? status : 1;
+    static const cotree_newton_limits limits = {MAX_NEWTON_STEPS, CONVERGED_STEP, COTREE_F(0.0),
+                                                STALLED_STEP, MIN_DAMPING};
+    cotree_iteration a = {step_of_unknowns, move_unknowns, run, t, x, &limits, COTREE_F(0.0)};
+    const int status = run->model->rhs(t, x, run->u, run->p, run->k, run->rates);
+    return status != 0 ? status : cotree_iterate(&a);
 }
 
 /* Return the place of a stored solution, counted back from the next one. */

@@ -20,40 +20,41 @@ int cotree_run_is_constrained(const cotree_run *run)
 #endif
 
 #if COTREE_HAS_CONSTRAINTS
-/* Limits of the projection. A correction of a few units in the last place is rounding. So is one
- * below SMALL_STEP that is not half the one before, since Newton's method converges
- * quadratically; speeds follow the coordinates one step later. The constraints are not satisfied
- * if a residual, in their own units, exceeds MAX_RESIDUAL times the largest state (or 1). */
-#define MAX_STEPS COTREE_MOST_PROJECTIONS
-#define SMALL_STEP COTREE_SMALL_CORRECTION
-#define MAX_RESIDUAL COTREE_LARGEST_RESIDUAL
-
 /* After more than MAX_FAILURES failed steps in a row, or a correction of MAX_DRIFT relative
  * tolerances, rates are evaluated on the constraints for the next STRICT_POINTS points. */
 #define STRICT_POINTS 100
 #define MAX_FAILURES 3
 #define MAX_DRIFT COTREE_F(1e3)
 
-/* Take Newton steps with the states until they are below rounding. Residuals are no criterion:
- * near a singular configuration they are squares of the remaining distance. */
+static int step_of_states(const cotree_iteration *a, int is_new, cotree_real *size)
+{
+    const cotree_run *const run = (const cotree_run *)a->context;
+    cotree_real *const x = a->x;
+    const cotree_real *const dx = run->step;
+    const int status = run->model->projection(a->t, x, run->u, run->p, run->k, run->step);
+    cotree_real largest = COTREE_F(0.0);
+    int i;
+    (void)is_new;
+    if (status != 0) return status;
+    for (i = 0; i < N_STATES; ++i) {
+        largest = COTREE_FMAX(largest,
+                              COTREE_FABS(dx[i]) / COTREE_FMAX(COTREE_F(1.0), COTREE_FABS(x[i])));
+        x[i] += dx[i];
+    }
+    *size = largest;
+    return 0;
+}
+
+/* Take Newton steps with the states until they are below rounding; speeds follow the coordinates
+ * one step later. Residuals are no criterion: near a singular configuration they are squares of the
+ * remaining distance. */
 static int project_states(cotree_run *run, cotree_real t, cotree_real *x)
 {
-    cotree_real *const dx = run->step;
-    cotree_real previous = COTREE_INFINITY;
-    int i, n;
-    for (n = 0; n < MAX_STEPS; ++n) {
-        cotree_real size = COTREE_F(0.0);
-        const int status = run->model->projection(t, x, run->u, run->p, run->k, dx);
-        if (status != 0) return status;
-        for (i = 0; i < N_STATES; ++i) {
-            size = COTREE_FMAX(size,
-                               COTREE_FABS(dx[i]) / COTREE_FMAX(COTREE_F(1.0), COTREE_FABS(x[i])));
-            x[i] += dx[i];
-        }
-        if (size <= ROUNDING || (size < SMALL_STEP && size > COTREE_F(0.5) * previous)) break;
-        previous = size;
-    }
-    return 0;
+    static const cotree_newton_limits limits = {
+        COTREE_MOST_PROJECTIONS, ROUNDING, COTREE_SMALL_CORRECTION, COTREE_F(0.0), COTREE_F(0.0)};
+    cotree_iteration a = {step_of_states, NULL, run, t, x, &limits, COTREE_F(0.0)};
+    const int status = cotree_iterate(&a);
+    return status == COTREE_NO_STEP ? 0 : status;
 }
 
 /* Return 0 if the states satisfy the constraints. */
@@ -66,7 +67,7 @@ static int check_constraints(cotree_run *run, cotree_real t, const cotree_real *
     for (i = 0; i < N_STATES; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(x[i]));
     if (largest > COTREE_MAX) return 1; /* infinity would accept every residual */
     for (i = 0; i < run->model->n_constraints; ++i) {
-        if (!(COTREE_FABS(run->residual[i]) <= MAX_RESIDUAL * largest)) return 1;
+        if (!(COTREE_FABS(run->residual[i]) <= COTREE_LARGEST_RESIDUAL * largest)) return 1;
     }
     return 0;
 }

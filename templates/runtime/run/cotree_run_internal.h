@@ -6,6 +6,10 @@
 
 #include "cotree_run.h"
 
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_CONSTRAINTS
+#include "cotree_iteration.h"
+#endif
+
 #include <float.h>
 #include <math.h>
 #include <stddef.h>

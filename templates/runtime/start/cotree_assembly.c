@@ -7,8 +7,7 @@
 
 /* Residuals below RESIDUAL_TOLERANCE times the size of the states satisfy the constraints; those
  * below RESIDUAL_ROUNDING are rounding. A step rotates nothing by more than MAX_ROTATION, [rad], so
- * that it stays on the same branch. A step below STEP_ROUNDING is the last one, and so is one below
- * COTREE_SMALL_CORRECTION that is not half the one before. */
+ * that it stays on the same branch. A step below STEP_ROUNDING is the last one. */
 #define MAX_STEPS 50
 #define RESIDUAL_TOLERANCE COTREE_SELECT(1e-11, 1.5e-05f)
 #define RESIDUAL_ROUNDING COTREE_SELECT(1e-15, 2.4e-07f)
@@ -317,46 +316,52 @@ static void copy(int n, const cotree_real *from, cotree_real *to)
     for (i = 0; i < n; ++i) to[i] = from[i];
 }
 
-/* Iterate until a step is rounding. Return the point of the smallest residual in x, and that
- * residual. */
+/* Take a step of the coordinates or speeds; x has the residuals a->values, of size a->left. Store
+ * the point of the smallest ones. */
+static int take_step(const cotree_iteration *iteration, int is_new, cotree_real *length)
+{
+    cotree_assembly *const a = (cotree_assembly *)iteration->context;
+    const cotree_real t = iteration->t, size = size_of(a, iteration->x, a->level);
+    cotree_real largest;
+    int i, status;
+    (void)is_new;
+    *length = COTREE_F(0.0);
+    if (a->left <= RESIDUAL_ROUNDING * size) return 0;
+    if (!(a->left <= COTREE_MAX)) return COTREE_NO_STEP;
+    status = compute_gradients(a, t, iteration->x);
+    if (status != 0) return status;
+    (void)factorise(a, &largest);
+    /* With vanishing gradients a step would amplify rounding. */
+    if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) return COTREE_NO_STEP;
+    cotree_least_solve(&a->least, a->values, a->step);
+    *length = largest_of(a->step, N_SPEEDS);
+    if (a->level == 0 && *length > MAX_ROTATION) {
+        for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= MAX_ROTATION / *length;
+    }
+    *length /= size;
+    status = move(a, a->level, a->step, iteration->x);
+    if (status == 0) status = compute_residuals(a, t, iteration->x, &a->left);
+    if (status != 0 || !(a->left < a->smallest)) return status;
+    copy(N_STATES, iteration->x, a->best);
+    a->smallest = a->left;
+    return 0;
+}
+
+/* Iterate until a step is rounding, or to the point of the smallest residual in x. */
 static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
                    cotree_real *residual)
 {
-    const cotree_real rounded = RESIDUAL_ROUNDING * size_of(a, x, level);
-    cotree_real before = COTREE_INFINITY, size;
-    int i, n, status = compute_residuals(a, t, x, residual);
-    size = *residual;
+    static const cotree_newton_limits limits = {MAX_STEPS, STEP_ROUNDING, COTREE_SMALL_CORRECTION,
+                                                COTREE_F(0.0), COTREE_F(0.0)};
+    cotree_iteration iteration = {take_step, NULL, a, t, x, &limits, COTREE_F(0.0)};
+    int status = compute_residuals(a, t, x, &a->left);
+    a->level = level;
+    a->smallest = a->left;
     copy(N_STATES, x, a->best);
-    for (n = 0; n < MAX_STEPS && status == 0; ++n) {
-        cotree_real length, largest;
-        int is_last;
-        if (size <= rounded || !(size <= COTREE_MAX)) break;
-        status = compute_gradients(a, t, x);
-        if (status != 0) break;
-        (void)factorise(a, &largest);
-        /* With vanishing gradients a step would amplify rounding. */
-        if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) break;
-        cotree_least_solve(&a->least, a->values, a->step);
-        length = largest_of(a->step, N_SPEEDS);
-        if (level == 0 && length > MAX_ROTATION) {
-            for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= MAX_ROTATION / length;
-        }
-        length /= size_of(a, x, level);
-        is_last =
-            length <= STEP_ROUNDING || (length < COTREE_SMALL_CORRECTION &&
-                                        length > COTREE_F(0.5) * before && before <= COTREE_MAX);
-        before = length;
-        status = move(a, level, a->step, x);
-        if (status == 0) status = compute_residuals(a, t, x, &size);
-        if (status != 0) break;
-        if (size < *residual || is_last) {
-            copy(N_STATES, x, a->best);
-            *residual = size;
-        }
-        if (is_last) break;
-    }
-    copy(N_STATES, a->best, x);
-    return status;
+    if (status == 0) status = cotree_iterate(&iteration);
+    if (status != 0) copy(N_STATES, a->best, x);
+    *residual = status == 0 ? a->left : a->smallest;
+    return status == COTREE_NO_STEP ? 0 : status;
 }
 
 /* Return pseudo-random numbers with mean zero and standard deviation one, uniformly distributed. */

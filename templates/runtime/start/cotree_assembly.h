@@ -14,6 +14,7 @@
 #ifndef COTREE_ASSEMBLY_H
 #define COTREE_ASSEMBLY_H
 
+#include "cotree_iteration.h"
 #include "cotree_least.h"
 #include "cotree_run.h"
 #include "cotree_start_tables.h"
@@ -37,6 +38,9 @@ typedef struct cotree_assembly {
     int column;         /* the sensitivity that does not exist */
     /* The rest is private. */
     int n_own, *places, *is_free;
+    int level; /* of an iteration */
+    cotree_real left,
+        smallest; /* its largest residual at the present point, and the smallest of those */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
     cotree_real *values, *step, *change, *best, *trial, *aside, *parts;
     cotree_least least;
