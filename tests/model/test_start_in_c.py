@@ -66,6 +66,17 @@ def contents() -> Scene:
     return scene
 
 
+def transformer() -> Scene:
+    """Draw two capacitors of which one follows from the other, with a value that agrees."""
+    scene = Scene("sides")
+    scene.parameter("r", 2.0)
+    scene.edge("T", "transformer", "p", "s", ratio="r")
+    scene.edge("P", "capacitor", "p", "ground", capacitance=1.0, initial={"v": 4.0})
+    scene.edge("S", "capacitor", "s", "ground", capacitance=1.0, initial={"v": "4/r"})
+    scene.edge("R", "resistor", "p", "ground", resistance=1.0)
+    return scene
+
+
 SCENES = {
     "contents": (contents, ["c", "C1.v", "R"]),
     "motor-linkage": (lambda: cotree.load("motor-linkage"), ["L"]),
@@ -73,6 +84,7 @@ SCENES = {
     "swing": (hanging_rod, ["L", "f.x"]),
     "conditions": (turning_joint, ["a"]),
     "ladder": (ladder, ["R"]),
+    "transformer": (transformer, ["r"]),
 }
 
 

@@ -25,12 +25,13 @@ int cotree_iterate(cotree_iteration *a)
     const cotree_newton_limits *const limits = a->limits;
     cotree_real before = COTREE_INFINITY;
     int n;
-    for (n = 0; n < limits->max_steps; ++n, before = a->size) {
+    for (n = 0; n < limits->max_steps; ++n) {
         int status = a->step(a, 1, &a->size);
         int is_last = a->size <= limits->rounding ||
                       (a->size < limits->small && a->size > COTREE_F(0.5) * before);
         if (status == 0 && a->move != NULL) status = take_damped(a, &is_last);
         if (status != 0 || is_last) return status;
+        before = a->size;
     }
     return COTREE_NO_STEP;
 }

@@ -43,7 +43,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     start->tables = tables;
     start->guess = NULL;
     start->is_found = NULL;
-    start->conditions = start->event_values = NULL;
+    start->event_values = NULL;
     start->n_set = 0;
     start->culprit = start->column = -1;
     start->is_chosen = 0;
@@ -57,7 +57,6 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     }
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
-        start->conditions = cotree_arena_reals(arena, tables->assembly->n_start);
     }
     if (tables->assembly != NULL && m > 0) {
         start->moved = cotree_arena_reals(arena, 2 * model->n_states);
@@ -444,34 +443,49 @@ static int choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
 
 /* Checks. */
 
-static int is_agreed(const cotree_start *start, const cotree_real *x, int row, cotree_real follows,
-                     cotree_real given)
+/* Return whether a redundant value agrees with what follows from the states x, or their
+ * sensitivities to a parameter of this size. */
+static int is_agreed(const cotree_start *start, int row, const cotree_real *values,
+                     const cotree_real *x, cotree_real parameter)
 {
     const cotree_start_tables *const tables = start->tables;
+    const cotree_real follows = parameter * values[row];
+    const cotree_real given = parameter * values[tables->n_redundant + row];
     cotree_real size = COTREE_FMAX(COTREE_FABS(follows), COTREE_FABS(given));
     int i;
     for (i = tables->redundant_starts[row]; i < tables->redundant_starts[row + 1]; ++i) {
         const int state = tables->redundant_states[i];
         if (start->is_set[state]) return 1; /* what follows from it is free */
-        size = COTREE_FMAX(size, COTREE_FABS(x[state]));
+        size = COTREE_FMAX(size, COTREE_FABS(parameter * x[state]));
     }
     return COTREE_FABS(follows - given) <= AGREED * size + ROUNDED;
 }
 
-static int check_redundant(cotree_start *start, cotree_real t, const cotree_real *x)
+static int check_redundant(cotree_start *start, cotree_real t, const cotree_real *z)
 {
     const cotree_start_tables *const tables = start->tables;
     const cotree_run *const run = start->run;
     const int n = tables->n_redundant;
-    const cotree_real *follows;
-    int i, status;
-    if (n == 0 || start->conditions == NULL) return 0;
-    status = MODEL->start(t, x, run->u, run->p, run->k, start->conditions);
-    follows = start->conditions + tables->assembly->n_start - 2 * n;
-    for (i = 0; i < n && status == 0; ++i) {
-        if (is_agreed(start, x, i, follows[i], follows[n + i])) continue;
-        start->culprit = i;
-        status = COTREE_START_CONTRADICTED;
+    const cotree_real *values = start->assembly.conditions;
+    int first, i, j, status;
+    if (n == 0 || tables->assembly == NULL) return 0;
+    first = tables->assembly->n_start - 2 * n;
+    status = MODEL->start(t, z, run->u, run->p, run->k, start->assembly.conditions);
+    if (status == 0 && N_SENSITIVITIES > 0)
+        status = MODEL->start_sensitivity(t, z, z + N_STATES, run->u, run->p, run->k,
+                                          start->assembly.start_slopes);
+    for (j = 0; j <= N_SENSITIVITIES && status == 0; ++j) {
+        const int seed = j > 0 ? tables->seeds[j - 1] : -1;
+        /* Zero: all agrees, since what is redundant follows a state's own initial value. */
+        const cotree_real size = j == 0     ? COTREE_F(1.0)
+                                 : seed < 0 ? COTREE_F(0.0)
+                                            : COTREE_FMAX(COTREE_FABS(run->p[seed]), LEAST_SIZE);
+        if (j > 0) values = start->assembly.start_slopes + (j - 1) * tables->assembly->n_start;
+        for (i = 0; i < n && status == 0; ++i) {
+            if (is_agreed(start, i, values + first, z + j * N_STATES, size)) continue;
+            start->culprit = i;
+            status = COTREE_START_CONTRADICTED;
+        }
     }
     return status;
 }

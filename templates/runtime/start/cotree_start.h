@@ -67,7 +67,7 @@ typedef struct cotree_start {
     /* The rest belongs to the start. */
     int *is_set, *is_found;
     cotree_real *rates, *given_slopes;
-    cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *new_values, *conditions;
+    cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *new_values;
 } cotree_start;
 
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
