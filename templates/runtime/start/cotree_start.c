@@ -468,7 +468,7 @@ static int check_redundant(cotree_start *start, cotree_real t, const cotree_real
     const int n = tables->n_redundant;
     const cotree_real *values = start->assembly.conditions;
     int first, i, j, status;
-    if (n == 0 || tables->assembly == NULL) return 0;
+    if (n == 0 || values == NULL) return 0;
     first = tables->assembly->n_start - 2 * n;
     status = MODEL->start(t, z, run->u, run->p, run->k, start->assembly.conditions);
     if (status == 0 && N_SENSITIVITIES > 0)
