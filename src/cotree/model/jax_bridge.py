@@ -45,10 +45,10 @@ def jax_function(rates: Rates) -> Any:
     blocks = tuple(jax.ShapeDtypeStruct((n, size), np.float64) for size in rates.sizes)
 
     def evaluate(x: Any, u: Any, p: Any) -> Any:
-        return rates(*map(_flat, (x, u, p)))
+        return rates(*map(_as_vector, (x, u, p)))
 
     def derive(x: Any, u: Any, p: Any) -> Any:
-        return rates.derivatives(*map(_flat, (x, u, p)))
+        return rates.derivatives(*map(_as_vector, (x, u, p)))
 
     def evaluated(x: Any, u: Any, p: Any) -> Any:
         return jax.pure_callback(evaluate, value, x, u, p, vmap_method="sequential")
@@ -69,5 +69,5 @@ def jax_function(rates: Rates) -> Any:
     return called
 
 
-def _flat(value: Any) -> Any:
+def _as_vector(value: Any) -> Any:
     return np.asarray(value, dtype=float).ravel()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import SingularSystemError
-from cotree.model.arrays import as_array
+from cotree.model.arrays import Array, as_array
 from cotree.model.columns import in_columns, is_many
 from cotree.model.limited_newton import Junctions
 from cotree.model.prepared import PreparedKernels
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from cotree.program import Program
     from cotree.program.counts import OperationCount
 
-Array = npt.NDArray[np.float64]
 
 #: ``rest(t, p, u, s)`` gives initial states and sensitivities in place of the scene's, s.
 Rest = Callable[[float, Array, "Array | None", Array], tuple[Array, Array]]

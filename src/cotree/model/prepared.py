@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.model.arrays import as_array, as_parameters
+from cotree.model.arrays import Array, as_array, as_parameters
 from cotree.model.packing import whole_kernel
 from cotree.model.structure import Structure
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Program
 
-Array = npt.NDArray[np.float64]
 
 #: A kernel as a function of time, states, flat sensitivities and inputs.
 Call = Callable[[float, Array, Array, Array], Array]
