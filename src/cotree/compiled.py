@@ -13,7 +13,7 @@ from cotree.ensemble.of_model import EnsembleMethods
 from cotree.errors import Error, SolveError
 from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
 from cotree.naming import c_identifier

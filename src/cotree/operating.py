@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from cotree.errors import Error
 from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
-from cotree.model.moment import Moment
+from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import find_start
 from cotree.sharing import formed_once
 

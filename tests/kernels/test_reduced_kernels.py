@@ -17,7 +17,7 @@ from test_embedded_algebraic import bridge
 from cotree import Scene, load
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, symbols_in
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.unknowns import of_model
 
 # Some hundred operations: 1e-12 leaves a factor of ten. Where equations are solved, each route may

@@ -8,7 +8,7 @@ import pytest
 import cotree
 from cotree import Scene
 from cotree.model import start as python_start
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.start_in_c import find_in_c
 
 pytestmark = pytest.mark.compiler

@@ -11,7 +11,7 @@ from fast_and_slow import seeds
 
 import cotree
 from cotree import Scene
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.start import constrained_start
 
 Z = [0, 0, 1]

@@ -18,8 +18,7 @@ from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
 from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
-from cotree.model.moment import Moment
+from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import scene_start
 from cotree.naming import c_identifier
 from cotree.solvers.jumps import ModelEvents

@@ -14,14 +14,11 @@ import numpy as np
 
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.arrays import Array
-from cotree.model.damped_newton import Equation, iterate
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
-from cotree.model.roots import NEAR, NEXT, find_root
+from cotree.model.roots import NEAR, NEXT, Equation, Root, find_root, iterate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from cotree.model.damped_newton import Root
 
 
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.

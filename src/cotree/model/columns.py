@@ -21,7 +21,7 @@ from cotree.sharing import made_once
 if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
-    from cotree.model.prepared import PreparedKernels
+    from cotree.model.model import PreparedKernels
 
 _NONE = np.zeros(0)
 

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cotree.errors import ParameterError, listed
-from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.finder import Finder, Level
 from cotree.model.lengths import spread
 from cotree.model.linear import SMALL
+from cotree.model.roots import NewtonLimits, iterate
 from cotree.quiet import level_of_user
 from cotree.tolerances import RANK
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from cotree.model.arrays import Array
     from cotree.model.finder import Way
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
 
 _LARGEST_ITERATIONS = 50
 

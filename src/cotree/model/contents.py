@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.model.arrays import Array
-    from cotree.model.model import CompiledModel
-    from cotree.model.moment import Moment
+    from cotree.model.model import CompiledModel, Moment
 
 #: A state and the algebraic unknown that follows from it, by their places.
 Pair = tuple[int, int]

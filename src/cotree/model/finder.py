@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.model.arrays import Array
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
 
 #: No step turns by more than this, [rad], which might leave the branch, nor shifts by so many
 #: lengths of the scene.
@@ -351,7 +351,7 @@ class Way(NamedTuple):
 
 
 class Level:
-    """The residuals of a level as :func:`cotree.model.damped_newton.iterate` takes them.
+    """The residuals of a level as :func:`cotree.model.roots.iterate` takes them.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from cotree.model.arrays import Array
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
 
 #: Runs and searches hold speeds and forces to their tolerances, which are rarely above this share.
 _CLOSE = 1e-6

@@ -18,8 +18,7 @@ from cotree.dag.multi_output import results
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
 from cotree.errors import BuildError, SingularSystemError, SolveError
 from cotree.model.arrays import Array
-from cotree.model.newton import load_newton
-from cotree.model.step_work import count_step_work
+from cotree.model.implicit_kernels import Newton, StepWork, count_step_work, load_newton
 from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
-    from cotree.model.newton import Newton
-    from cotree.model.step_work import StepWork
     from cotree.program import Kernel, Program
 
 

@@ -24,8 +24,8 @@ import numpy as np
 from cotree.dag.derivative import tangents_along
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import PIECE, dependent, reachable
-from cotree.model.damped_newton import NewtonLimits, iterate
 from cotree.model.linear import Linear, solve_entries
+from cotree.model.roots import NewtonLimits, iterate
 
 if TYPE_CHECKING:
     from cotree.dag.nodes import Node

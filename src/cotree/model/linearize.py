@@ -1,38 +1,139 @@
 """Linearisation of a model about a state, from the sensitivity graphs of its states and inputs.
 
 In: equations, their derivatives by states and inputs, and numbers. Out: x' = A x + B u,
-y = C x + D u for small deviations of all states or of independent ones. Algebraic unknowns are
-eliminated.
+y = C x + D u for small deviations of all states or of independent ones, and the derivatives of
+these matrices along any direction. Algebraic unknowns are eliminated. The nodes of a ``Linearizer``
+are differentiated once along a symbolic direction, which is evaluated for each parameter.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
-from cotree.dag.nodes import reachable, symbols_in
-from cotree.equations import spread
+from cotree.dag.nodes import (
+    INPUT,
+    INPUT_CHANGE,
+    PARAMETER,
+    STATE,
+    STATE_CHANGE,
+    TUNED_CHANGE,
+    Dag,
+    Node,
+    reachable,
+    symbols_in,
+)
+from cotree.equations import Derivative, Equations, spread
 from cotree.errors import Error, SingularSystemError
 from cotree.model.algebraic import eliminated
 from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
 from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.unknowns import solve_states
-from cotree.model.variation import Direction, Variation, eliminated_along
 from cotree.program.solved import SolvedSystem
 from cotree.sharing import formed_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from cotree.dag.nodes import Node
-    from cotree.equations import Derivative, Equations
     from cotree.model.arrays import Array
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
+
+
+_CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A change of states, inputs and parameters.
+
+    Attributes
+    ----------
+    y, u, p : ndarray, shapes (n_states,), (n_inputs,) and (n_parameters,)
+        Components of the direction; those of algebraic unknowns are recomputed and ignored.
+    """
+
+    y: Array
+    u: Array
+    p: Array
+
+
+class Variation:
+    """Directional derivatives of nodes, formed once for all directions.
+
+    Parameters
+    ----------
+    dag : Dag
+        The graph that owns the nodes.
+    nodes : sequence of Node
+        Functions of states, inputs, parameters and time.
+    """
+
+    def __init__(self, dag: Dag, nodes: Sequence[Node]) -> None:
+        seed = {
+            symbol: dag.symbol(_CHANGES[symbol.data[0]], symbol.data[1])
+            for symbol in sorted(symbols_in(nodes), key=lambda node: node.data)
+            if symbol.data[0] in _CHANGES
+        }
+        self._nodes = tangents(nodes, seed)
+        found = symbols_in(self._nodes)
+        changes = [symbol for symbol in found if symbol.data[0] in _CHANGES.values()]
+        self._changes = {symbol: symbol.data for symbol in changes}
+        #: Symbols other than the direction, whose values are needed for evaluation.
+        self.symbols = frozenset(found) - frozenset(changes)
+
+    def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
+        """Evaluate the derivatives along a direction.
+
+        Parameters
+        ----------
+        values : mapping of Node to float
+            Values of the symbols of states, inputs, parameters and time.
+        direction : Direction
+            The direction.
+
+        Returns
+        -------
+        ndarray, shape (n_nodes,)
+        """
+        by_kind = {
+            STATE_CHANGE: direction.y,
+            INPUT_CHANGE: direction.u,
+            TUNED_CHANGE: direction.p,
+        }
+        changes = {
+            symbol: float(by_kind[kind][place]) for symbol, (kind, place) in self._changes.items()
+        }
+        with np.errstate(all="ignore"):
+            found = evaluate(self._nodes, {**values, **changes})
+        return np.array([float(np.real(value)) for value in found])
+
+
+def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
+    """Differentiate the result of :func:`cotree.model.algebraic.eliminated`.
+
+    Parameters
+    ----------
+    moved, change : ndarray, shape (cut + n, m + n)
+        A matrix whose last block is eliminated, and its derivative.
+    cut : int
+        Number of rows before the block.
+
+    Returns
+    -------
+    ndarray, shape (cut, m)
+    """
+    n = len(moved) - cut
+    # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
+    x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
+    dx = np.linalg.solve(moved[cut:, -n:], change[cut:, :-n] - change[cut:, -n:] @ x)
+    found: Array = change[:cut, :-n] - change[:cut, -n:] @ x - moved[:cut, -n:] @ dx
+    return found
 
 
 #: Change of the fastest state over which a motion is followed to see whether it is steady.

@@ -8,13 +8,12 @@ import numpy as np
 
 from cotree.errors import ParameterError, nearest
 from cotree.model.arrays import as_array
+from cotree.model.bridges import rates_of
 from cotree.model.friction_modes import check_friction
-from cotree.model.model import CompiledModel
-from cotree.model.moment import Moment
-from cotree.model.rates import rates_of
+from cotree.model.linearize import Direction
+from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import find_start
 from cotree.model.unknowns import solve_states
-from cotree.model.variation import Direction
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
     from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
-    from cotree.model.trim_point import TrimPoint
+    from cotree.model.trim import TrimPoint
 
 
 class PointMethods(CompiledModel):
@@ -171,8 +170,7 @@ class PointMethods(CompiledModel):
         >>> round(held["M"], 6)
         9.406329
         """
-        from cotree.model.trim import find_trim
-        from cotree.model.trim_point import Conditions
+        from cotree.model.trim import Conditions, find_trim
 
         p = self.parameter_array(p)
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
@@ -236,7 +234,7 @@ class PointMethods(CompiledModel):
             If the model has algebraic unknowns or constraints, or needs a time; or if the package
             is missing.
         """
-        from cotree.model.casadi_bridge import casadi_function
+        from cotree.model.bridges import casadi_function
 
         return casadi_function(rates_of(self, t, "as_casadi"))
 
@@ -260,6 +258,6 @@ class PointMethods(CompiledModel):
             If the model has algebraic unknowns or constraints, or needs a time; if the package is
             missing; or if JAX computes in single precision.
         """
-        from cotree.model.jax_bridge import jax_function
+        from cotree.model.bridges import jax_function
 
         return jax_function(rates_of(self, t, "as_jax"))

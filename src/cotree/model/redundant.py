@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cotree.equations import RedundantRow
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
 
 #: Values agree when they differ by less than this share of the largest value that they follow from:
 #: the error of a step at the default tolerance.

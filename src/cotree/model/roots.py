@@ -1,7 +1,20 @@
-"""Roots of nonlinear equations g(z) = 0 from a poor guess: Newton's method from several sides.
+"""Roots of nonlinear equations g(z) = 0: a damped Newton iteration, and searches with it.
 
-In: g, its derivatives and a guess. Out: a ``Root``, found or not. What is tried, in this order, is
-always the iteration of :mod:`cotree.model.damped_newton`:
+In: residuals, what solves with their derivatives at a point, and limits of a step. Out: a ``Root``,
+found or not. What differs between searches is passed: equations say how residuals are linearised
+and where a step leads, ``NewtonLimits`` say how often, how much damping, and what accepts a step:
+
+- the natural monotonicity test: the step that follows with the same matrix must be shorter. It is
+  free of the units of the residuals, and that step is taken next where it converges fast enough;
+- the residual test: the residual, scaled row by row, must be smaller;
+- whole steps: the same as the natural test, but all are accepted;
+- none: whole steps are taken, as far as the equations' own limit lets them, each with a matrix of
+  its own point.
+
+An iteration has converged where a step is rounding, or small and no longer shrinking. See P.
+Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
+
+Searches from a poor guess take the same iteration, in this order:
 
 1. With whole steps, then a little damped by the natural monotonicity test.
 2. The same from a better guess, if :mod:`cotree.model.limited_newton` has one; then from the guess
@@ -16,25 +29,371 @@ Problems, Springer 2004, chapters 3 and 5.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from cotree.model.damped_newton import (
-    Equation,
-    NaturalTest,
-    NewtonLimits,
-    ResidualTest,
-    Root,
-    WholeSteps,
-    iterate,
-)
+from cotree.model.linear import ROUNDING, SMALL, Linear, Matrix, linearise, longest
+from cotree.tolerances import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from cotree.model.arrays import Array
-    from cotree.model.linear import Linear
+
+
+#: An old matrix is given up where it would take more than so many further steps: one of its own
+#: point squares the errors.
+_FEW = 3
+
+#: Of the decrease that a linear model promises, a step has to bring this share: Armijo's rule.
+_ARMIJO = 1e-4
+
+#: Neighbours and distances at which residuals are looked at for rounding.
+_NEIGHBOURS, _DISTANCES = 8, 5
+
+
+class Residuals(Protocol):
+    """Equations as an iteration sees them.
+
+    Attributes
+    ----------
+    n_carried : int
+        Number of values that are no residuals; they come first.
+    """
+
+    n_carried: int
+
+    def value(self, z: Array) -> Array:
+        """Evaluate at a point, shape (n_carried + n,), a fresh array; it need not be finite."""
+        ...
+
+    def linearised(self, z: Array) -> Linear:
+        """Give the linear equations of the last point evaluated; raise LinAlgError if singular."""
+        ...
+
+    def moved(self, z: Array, step: Array) -> Array:
+        """Give the point that a step leads to, after limiting the step."""
+        ...
+
+
+class Equation:
+    """Equations in n unknowns with their derivatives.
+
+    Parameters
+    ----------
+    value : callable
+        ``value(z)``, shape (n_carried + n,), a fresh array.
+    slope : callable
+        ``slope(z)``, shape (n, m + n): derivatives with respect to the held values, then to the
+        unknowns. A full matrix, or one of SciPy's matrices, compressed by rows.
+    held : ndarray, shape (m,)
+        The held values, which add to the size of the terms that cancel.
+    n_carried : int
+        Number of values that are no residuals.
+    """
+
+    def __init__(
+        self,
+        value: Callable[[Array], Array],
+        slope: Callable[[Array], Matrix],
+        held: Array,
+        n_carried: int = 0,
+    ) -> None:
+        self.value = value
+        self.slope = slope
+        self.held = held
+        self.n_carried = n_carried
+
+    def linearised(self, z: Array) -> Linear:
+        """Give the linear equations of a Newton step; see :class:`Residuals`."""
+        return linearise(self.slope(z), np.concatenate([self.held, z]))
+
+    def moved(self, z: Array, step: Array) -> Array:
+        """Take a step without a limit."""
+        return z + step
+
+    def by_unknowns(self, z: Array) -> Matrix:
+        """Give the derivatives by the unknowns."""
+        return self.slope(z)[:, -len(z) :]
+
+    def square(self, z: Array) -> Array:
+        """Give the derivatives by the unknowns as a full matrix."""
+        slope = self.by_unknowns(z)
+        found: Array = slope if isinstance(slope, np.ndarray) else slope.toarray()
+        return found
+
+
+class Root(NamedTuple):
+    """The point where an iteration came to rest.
+
+    Attributes
+    ----------
+    z : ndarray, shape (n,)
+        The point.
+    values : ndarray, shape (n_carried + n,)
+        Values of the equations there.
+    is_found : bool
+        Whether the residual is nothing but rounding.
+    linear : Linear, optional
+        The linear equations solved last, of this point or of one nearby.
+    n_carried : int
+        Number of values that are no residuals.
+    """
+
+    z: Array
+    values: Array
+    is_found: bool
+    linear: Linear | None = None
+    n_carried: int = 0
+
+    @property
+    def g(self) -> Array:
+        """The residual, shape (n,)."""
+        return self.values[self.n_carried :]
+
+    @property
+    def size(self) -> float:
+        """The length of the residual; infinite where it is not finite."""
+        size = math.sqrt(self.g.dot(self.g))
+        return size if math.isfinite(size) else math.inf
+
+
+class _Following(NamedTuple):
+    """The matrix and the next step that an iteration may keep after a step; None for a new one."""
+
+    linear: Linear | None = None
+    step: Array | None = None
+
+
+_ANEW = _Following()
+
+
+class NaturalTest:
+    """Accepts a step where the one that follows with the same matrix is shorter.
+
+    Attributes
+    ----------
+    share : float
+        The step must be shorter by this share of the damping factor.
+    """
+
+    share = 0.25  # as Deuflhard has it
+
+    def __init__(
+        self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
+    ) -> None:
+        self._linear = linear
+        self._units = units
+        self._before = max(length, TINY)
+
+    def following(self, g: Array, damping: float) -> _Following | None:
+        """Say what follows where the step is accepted; None where it is not."""
+        step = -self._linear.solve(g)
+        after = longest(step / self._units)
+        if not after <= (1.0 - self.share * damping) * self._before:
+            return None
+        ratio = after / self._before  # by which further steps with this matrix would shrink, too
+        # A few further steps with this matrix reach rounding, so no new one is formed.
+        is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
+        return _Following(self._linear, step) if is_fast else _ANEW
+
+
+class WholeSteps(NaturalTest):
+    """Accepts every step, and keeps matrices that converge fast."""
+
+    share = -math.inf
+
+
+class ResidualTest:
+    """Accepts a step where the residual, each row in units of its largest term, is shorter."""
+
+    def __init__(
+        self, equation: Equation, point: Root, linear: Linear, units: Array, length: float
+    ) -> None:
+        # Each row is divided by the largest change that a unit of any unknown makes in it.
+        largest = np.max(np.abs(equation.square(point.z) * units), axis=1)
+        self._weights = 1.0 / np.maximum(largest, TINY)
+        self._before = float(np.linalg.norm(self._weights * point.g))
+
+    def following(self, g: Array, damping: float) -> _Following | None:
+        """Say what follows where the step is accepted; None where it is not."""
+        after = float(np.linalg.norm(self._weights * g))
+        return _ANEW if after <= (1.0 - _ARMIJO * damping) * self._before else None
+
+
+@dataclass(frozen=True)
+class NewtonLimits:
+    """Limits of an iteration.
+
+    Attributes
+    ----------
+    most_steps : int
+        The most steps that are taken.
+    test : type, optional
+        The test that accepts a step; whole steps are taken where absent.
+    least_damping : float
+        The least share of a step that is tried.
+    settled : float
+        The last step is one below this share of the scales, or, with a test, one after which
+        another would be.
+    slow : float
+        So is one below this share that is no shorter than half the step before it.
+    met : float
+        No step is taken where all residuals are below this.
+    """
+
+    most_steps: int
+    test: type[NaturalTest] | type[ResidualTest] | None = None
+    least_damping: float = 1.0
+    settled: float = ROUNDING
+    slow: float = 0.0
+    met: float = -1.0
+
+
+def iterate(
+    equations: Residuals, z: Array, limits: NewtonLimits, linear: Linear | None = None
+) -> Root:
+    """Take Newton steps until one is nothing but rounding.
+
+    Parameters
+    ----------
+    equations : Residuals
+        The equations to solve; with a test they have to be an :class:`Equation`.
+    z : ndarray, shape (n,)
+        The point to begin from.
+    limits : NewtonLimits
+        Its budget, its damping and its test of steps.
+    linear : Linear, optional
+        Linear equations of a point nearby, kept for as long as they converge fast.
+
+    Returns
+    -------
+    Root
+        The root; or, where no step is accepted, a matrix is singular or the budget is spent, the
+        point with the least residual.
+    """
+    point = best = _at(equations, z)
+    least = best.size
+    kept, step = _Following(linear), None
+    for _ in range(limits.most_steps):
+        # Squares may overflow, which the slower test then sorts out.
+        if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
+            break  # no step leads away
+        if limits.met >= 0.0 and np.max(np.abs(point.g), initial=0.0) <= limits.met:
+            return point._replace(is_found=True)
+        is_old, before = kept.linear is not None, step
+        try:
+            linear = kept.linear or equations.linearised(point.z)
+            step = -linear.solve(point.g) if kept.step is None else kept.step
+        # A singular matrix gives no direction; the caller may begin elsewhere.
+        except np.linalg.LinAlgError:
+            break
+        units, length = linear.measured(step)
+        size = length
+        ratio = math.inf
+        if before is not None:
+            # Both steps are measured in the same units, those of the newer one.
+            ratio = size / max(longest(before / units), TINY)
+        # Newton's method squares its errors: a small step that no longer halves is rounding.
+        is_slow = size < limits.slow and 0.5 < ratio < math.inf
+        if limits.test is not None:  # the step after this one would shrink by as much
+            size *= min(ratio, 1.0)
+        # What a kept matrix leaves of a step adds up along chains.
+        allowed = limits.settled if kept.step is None else 0.25 * limits.settled
+        if (is_slow or size <= allowed) and linear.is_met(point.g):
+            # The last step is still taken, and it is its residuals that decide.
+            last = _at(equations, equations.moved(point.z, step))
+            if linear.is_met(last.g):
+                return last._replace(is_found=True, linear=linear)
+        if limits.test is None:
+            point, kept = _at(equations, equations.moved(point.z, step)), _ANEW
+            if point.size < least:
+                best, least = point, point.size
+            continue
+        assert isinstance(equations, Equation)
+        test = limits.test(equations, point, linear, units, length)
+        found = _damped(equations, point, limits.least_damping, test, linear, step, is_old=is_old)
+        if found is not None:
+            point, kept = found
+            # A test only accepts points that are better than those before.
+            best = point
+        elif is_old:
+            # An old matrix may be to blame, so the step is tried again with one of this point.
+            kept = _ANEW
+        else:
+            # A whole step that is refused leads to what is not finite: that says nothing.
+            is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
+            return point._replace(is_found=True, linear=linear) if is_found else best
+    return best
+
+
+def _at(equations: Residuals, z: Array) -> Root:
+    return Root(z, equations.value(z), False, n_carried=equations.n_carried)
+
+
+def _damped(
+    equation: Equation,
+    point: Root,
+    least: float,
+    test: NaturalTest | ResidualTest,
+    linear: Linear,
+    step: Array,
+    *,
+    is_old: bool,
+) -> tuple[Root, _Following] | None:
+    """Take the largest accepted share of a step, at least ``least``; None if none is accepted."""
+    damping = 1.0
+    while damping >= least:
+        trial = _at(equation, equation.moved(point.z, damping * step))
+        following = test.following(trial.g, damping)
+        if following is not None:
+            return trial, following
+        if is_old or _is_stalled(point, linear, step):
+            break
+        # Exponentials may need shares of 1e-20, which halving alone would take long to reach.
+        damping *= 0.5 if damping > 1e-3 else 0.1
+    return None
+
+
+def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
+    """Say whether a step that is not accepted may be taken for rounding."""
+    return linear.is_stalled(point.z, step) and linear.is_met(point.g)
+
+
+def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> bool:
+    """Say whether a point from which no step is accepted is exact up to rounding."""
+    if _is_stalled(point, linear, step):
+        return True
+    size = max(1.0, float(np.max(np.maximum(np.abs(point.z), linear.scale))))
+    is_short = bool(np.all(np.abs(step) <= SMALL * size))
+    return is_short and isinstance(equations, Equation) and _is_rounding(equations, point, step)
+
+
+def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
+    """Say whether a residual is nothing but rounding, where laws lose digits inside.
+
+    A difference of squares of two volts leaves 1e-18 A of a conductance without a voltage, which
+    neither the slopes nor the sizes of terms tell of. In that case, the values at neighbouring
+    points deviate from the tangent by similar amounts whether the points are near or four times as
+    far away. The deviation of a curve would be 16 times, that of a kink 4 times as large.
+    """
+    z, g, cut = point.z, point.g, equation.n_carried
+    slope, reach = equation.square(z).copy(), np.maximum(np.abs(step), ROUNDING * np.abs(z))
+    aside = reach * np.random.default_rng(0).uniform(-1.0, 1.0, (_NEIGHBOURS, len(z)))
+    away = np.array(
+        [
+            np.max(
+                [np.abs(equation.value(z + a)[cut:] - g - slope @ a) for a in 4.0**k * aside],
+                axis=0,
+            )
+            for k in range(_DISTANCES)
+        ]
+    )
+    is_flat = (away[1:] <= 2.0 * away[:-1]) & (np.abs(g) <= 2.0 * away[:-1])
+    return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
 # Far from the root of an exponential each step is one unit of its argument, and the argument may

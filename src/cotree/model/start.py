@@ -25,7 +25,7 @@ from cotree.errors import ParameterError, SingularSystemError, listed, nearest
 from cotree.model.consistent import Start, consistent_start
 from cotree.model.contents import check_followers, held_followers
 from cotree.model.friction_modes import settle_friction, without_sticking
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.redundant import check_redundant
 from cotree.model.start_in_c import find_in_c
 from cotree.model.unknowns import check_index, settle_jumps, solve_start

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.codegen.start_tables import StartTables
     from cotree.model.arrays import Array
-    from cotree.model.model import CompiledModel
-    from cotree.model.moment import Moment
+    from cotree.model.model import CompiledModel, Moment
 
 #: Of more algebraic unknowns than these, sparse factorisations, which C has none of, cost less.
 _MOST_UNKNOWNS = 200

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cotree.model.arrays import Array
     from cotree.model.contents import Pair
-    from cotree.model.moment import Moment
+    from cotree.model.model import Moment
 
 #: The most rounds in which jumps that decide each other may settle, and contents with unknowns that
 #: they depend on. Contents have settled when they change by less than this share of the terms of

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.model.consistent import consistent_start
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -30,7 +30,7 @@ from cotree.solvers.tested import as_tested, is_integrated
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from cotree.model.newton import Newton
+    from cotree.model.implicit_kernels import Newton
     from cotree.solvers.base import FloatArray
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method

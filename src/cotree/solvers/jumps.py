@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import ModelError, SolveError
-from cotree.model.moment import Moment
+from cotree.model.model import Moment
 from cotree.model.unknowns import solve_start
 
 if TYPE_CHECKING:

@@ -15,10 +15,9 @@ import numpy as np
 
 from cotree.errors import ParameterError, nearest
 from cotree.model.contents import content_sizes
-from cotree.model.moment import Moment
+from cotree.model.model import Moment, states_only
 from cotree.model.signals import read_signals
 from cotree.model.start import find_start
-from cotree.model.states_only import states_only
 from cotree.records import filled
 from cotree.scene.expressions import check_number
 from cotree.solvers.augmented import DENSE_LIMIT
