@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def as_a_pendulum(n: int, times: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.parametrize("method", ["DOP853", "cvode"])
+@pytest.mark.parametrize("method", ["DOP853", "dop853", "cvode"])
 def test_sensitivities_pass_singular_positions(method: str) -> None:
     model, times = windows(2).compile(["g", "v0"], optimize="-O0"), np.linspace(0.25, 3, 12)
     result = model.simulate((0, 3), times, method, 1e-8, 1e-8, throw=True, max_steps=1000)
@@ -71,14 +72,48 @@ def test_links_in_one_line_are_said_to_lose_rank() -> None:
     assert projection.singular(0.0, y) == ("Br0", "Br1")
 
 
+@pytest.mark.parametrize(
+    ("method", "rtol"),
+    [
+        ("dop853", 1e-8),
+        pytest.param("dop853", 1e-10, marks=pytest.mark.slow),
+        pytest.param("dop853", 1e-13, marks=pytest.mark.slow),
+        pytest.param("dopri5", 1e-11, marks=pytest.mark.slow),
+        pytest.param("rkf45", 1e-10, marks=pytest.mark.slow),
+    ],
+)
+def test_tight_tolerances_pass_singular_positions(method: str, rtol: float) -> None:
+    """A step that ends 1e-4 from a position loses eight digits of a sensitivity to rounding."""
+    model, times = windows(2).compile(["g", "v0"], optimize="-O0"), np.linspace(0.25, 3, 12)
+    result = model.simulate((0, 3), times, method, rtol, rtol, throw=True, max_steps=1000)
+    found = [result["thdot"], *(result.sensitivity("thdot", p) for p in ("g", "v0"))]
+    # A stretch as long as a step is crossed at 1e-9; elsewhere hundreds of errors of rtol add up.
+    for own, expected in zip(found, as_a_pendulum(2, times), strict=True):
+        assert np.max(np.abs(own - expected)) < max(1e-8, 300 * rtol) * np.max(np.abs(expected))
+    if "crossed with a looser tolerance" in result.message:
+        assert rtol < 1e-9
+        assert "the constraints of 'Br0', 'Br1' lose rank" in result.message
+
+
+@pytest.mark.slow
+def test_many_loops_pass_a_singular_position() -> None:
+    model, times = windows(5).compile(["g"], optimize="-O0"), np.linspace(0.25, 3, 12)
+    result = model.simulate((0, 3), times, "dop853", 1e-8, 1e-8, throw=True, max_steps=200)
+    rate, by_g, _ = as_a_pendulum(5, times)
+    # Some forty steps, whose errors add up.
+    assert np.max(np.abs(result["thdot"] - rate)) < 1e-6 * np.max(np.abs(rate))
+    assert np.max(np.abs(result.sensitivity("thdot", "g") - by_g)) < 1e-6 * np.max(np.abs(by_g))
+
+
 @pytest.mark.slow
 def test_sensitivities_that_rounding_decides_are_refused_by_name() -> None:
-    """A step ends 3e-3 from the position, where rounding becomes 1e-4 of a rate's derivative."""
+    """At 1e-12 rounding, a thousand times as large near the position, exceeds the tolerance."""
     model = windows(5).compile(["g"], optimize="-O0")
-    with pytest.warns(RuntimeWarning):
-        result = model.simulate((0, 3), np.linspace(0.25, 3, 12), "dop853", 1e-8, 1e-8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        result = model.simulate((0, 3), np.linspace(0.25, 3, 12), "dop853", 1e-12, 1e-12)
     if not result.success:  # rounding decides whether a step ends there
-        assert result.statistics.n_steps < 200  # it took 30,000 steps and more
+        assert result.statistics.n_steps < 6000  # it took 30,000 steps and more
         assert "constraints of 'Br0', 'Br1', 'Br2', 'Br3', 'Br4' nearly lose rank" in result.message
 
 

@@ -197,7 +197,7 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
     """Return the declarations of an engine and of the library functions that it calls, for cffi."""
-    headers = ["cotree_abi.h", "cotree_run.h", "cotree_job.h"]
+    headers = ["cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_job.h"]
     functions: Mapping[str, tuple[str, str]] = {}
     if name in SUNDIALS:
         headers.append("cotree_sundials.h")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.dag.nodes import Node
     from cotree.equations import Guard
-    from cotree.program import Kernel, Program
+    from cotree.program import Kernel, Layout, Program
 
 
 SINGULAR = 1
@@ -86,6 +86,8 @@ class NativeModel:
         Parameters and the values prepared from them.
     library : LoadedLibrary
         The library, which keeps the code loaded.
+    layout : Layout
+        Its layout.
     can_extend : bool
         Whether it has rates of its algebraic unknowns.
     newton : callable
@@ -99,6 +101,7 @@ class NativeModel:
     p: Array
     k: Array
     library: LoadedLibrary
+    layout: Layout
     can_extend: bool
     newton: Callable[[], Newton | None]
     work: Callable[[], StepWork | None]
@@ -204,6 +207,7 @@ class CKernels:
             np.zeros(0),
             np.zeros(0),
             library,
+            layout,
             program.can_extend,
             made_once(lambda: load_newton(program)),
             made_once(lambda: count_step_work(program)),

@@ -17,12 +17,13 @@ from cotree.model.shared_code import build_engine
 from cotree.sharing import made_once
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from cotree.build import LoadedLibrary
-    from cotree.codegen.start_tables import StartTables
+    from cotree.equations import Quantity
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel, Moment
+    from cotree.program import Layout
 
 #: Of more algebraic unknowns than these, sparse factorisations, which C has none of, cost less.
 _MOST_UNKNOWNS = 200
@@ -56,7 +57,7 @@ class StartInC:
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
         self._ffi, self._lib = library.ffi, library.lib
         self._kept: list[Any] = [library]
-        self.tables = self._filled(start_tables(model.layout))
+        self.tables = filled_tables(library.ffi, model.layout, self._kept)
         self.address = int(self._ffi.cast("uintptr_t", self.tables))
         self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
 
@@ -106,36 +107,47 @@ class StartInC:
             held.append(own)
         return rows, held
 
-    def _filled(self, tables: StartTables) -> Any:
-        """Return a structure of C with the numbers of tables, which is kept alive here."""
-        c = self._new("cotree_start_tables *")
-        if tables.has_assembly:
-            c.assembly = rows = self._new("cotree_assembly_tables *")
-            for name in ("n_coordinates", "n_speeds", "n_values", "n_rows", "n_start", "n_groups"):
-                setattr(rows, name, getattr(tables, name))
-            rows.n_quaternions, rows.n_conditions = len(tables.quaternions), len(tables.is_rate)
-            for name in ("value_rows", "quaternions", "is_rate", "groups"):
-                setattr(rows, name, self._ints(getattr(tables, name)))
-            rows.rows = self._quantities(tables.rows)
-        for name in ("given", "seeds", "contents", "redundant_starts", "redundant_states"):
-            setattr(c, name, self._ints(getattr(tables, name)))
-        c.n_contents, c.n_redundant = len(tables.contents) // 2, len(tables.redundant)
-        c.redundant = self._quantities(tables.redundant)
-        return c
 
-    def _new(self, *what: Any) -> Any:
-        self._kept.append(self._ffi.new(*what))
-        return self._kept[-1]
+def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
+    """Return a model's ``cotree_start_tables``.
 
-    def _ints(self, values: tuple[int, ...]) -> Any:
-        return self._new("int[]", list(values) or [0])
+    Parameters
+    ----------
+    ffi : FFI
+        That of a library which declares the structure.
+    layout : Layout
+        The model's.
+    kept : list
+        What keeps the structure alive is appended here.
+    """
 
-    def _quantities(self, rows: Any) -> Any:
-        found = self._new("cotree_quantity[]", max(1, len(rows)))
+    def new(*what: Any) -> Any:
+        kept.append(ffi.new(*what))
+        return kept[-1]
+
+    def ints(values: tuple[int, ...]) -> Any:
+        return new("int[]", list(values) or [0])
+
+    def quantities(rows: Sequence[Quantity]) -> Any:
+        found = new("cotree_quantity[]", max(1, len(rows)))
         for row, own in zip(rows, found, strict=False):
-            own.name = self._new("char[]", row.name.encode())
-            own.unit = self._new("char[]", row.unit.encode())
+            own.name, own.unit = (new("char[]", text.encode()) for text in (row.name, row.unit))
         return found
+
+    tables, c = start_tables(layout), new("cotree_start_tables *")
+    if tables.has_assembly:
+        c.assembly = rows = new("cotree_assembly_tables *")
+        for name in ("n_coordinates", "n_speeds", "n_values", "n_rows", "n_start", "n_groups"):
+            setattr(rows, name, getattr(tables, name))
+        rows.n_quaternions, rows.n_conditions = len(tables.quaternions), len(tables.is_rate)
+        for name in ("value_rows", "quaternions", "is_rate", "groups"):
+            setattr(rows, name, ints(getattr(tables, name)))
+        rows.rows = quantities(tables.rows)
+    for name in ("given", "seeds", "contents", "redundant_starts", "redundant_states"):
+        setattr(c, name, ints(getattr(tables, name)))
+    c.n_contents, c.n_redundant = len(tables.contents) // 2, len(tables.redundant)
+    c.redundant = quantities(tables.redundant)
+    return c
 
 
 def start_in_c(model: CompiledModel) -> StartInC | None:

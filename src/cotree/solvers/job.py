@@ -14,6 +14,7 @@ import numpy as np
 from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.errors import Error
 from cotree.model.kernels import SINGULAR
+from cotree.model.start_in_c import filled_tables
 from cotree.solvers.augmented import Tolerances
 from cotree.solvers.budgets import most_rows
 from cotree.solvers.callbacks import Callbacks
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Native, Problem
+
+# Singular positions of a run whose edges are named.
+_MOST_CROSSINGS = 5
 
 # Sentences by status.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
@@ -102,6 +106,13 @@ class Job:
         c.is_held = int(problem.project is not None)
         c.is_extended = int(is_extended)
         self._set_model(problem, problem.native)
+        self._crossings: FloatArray = np.zeros((0, 1 + problem.n_states))
+        if problem.singular is not None:
+            tables = filled_tables(self._ffi, problem.native.model.layout, self._kept)
+            c.constraints = tables.assembly
+            self._crossings = np.zeros((_MOST_CROSSINGS, 1 + problem.n_states))
+            c.crossings = self._doubles(self._crossings)
+            c.most_crossings = _MOST_CROSSINGS
         is_left = is_integrated(row, problem, is_extended=is_extended)
         self._places = problem.integrated[is_left]  # positions in z
         known = as_tested(row, problem)
@@ -293,6 +304,12 @@ class Job:
     def happened(self) -> FloatArray:
         """The events that happened; see :attr:`Trajectory.events`."""
         return self.records[: self.job.n_records].copy()
+
+    @property
+    def crossings(self) -> list[tuple[float, FloatArray]]:
+        """Times and states at the first singular positions that were crossed."""
+        rows = self._crossings[: self.job.n_crossed].copy()
+        return [(float(row[0]), row[1:]) for row in rows]
 
     def _let_turn(self, problem: Problem, corners: FloatArray) -> None:
         """Say how the times of corners depend on the parameters, where any does."""

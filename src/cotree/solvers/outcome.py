@@ -12,8 +12,10 @@ import numpy as np
 from cotree.codegen.statuses import NUMBERS
 from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.evaluate import FAILED
 from cotree.solvers.event_messages import rest_note
 from cotree.solvers.messages import summary
+from cotree.solvers.singularity_crossing import singular_positions
 
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
@@ -79,6 +81,7 @@ def trajectory_of(
         "began_with": "",
     }
     sentences = summary(problem, method, c.t, ended.reason)
+    sentences[1:1] = singular_positions(problem, job, has_failed=ended.status == FAILED)
     happened = job.happened
     rested = rest_note(problem.events.rows, happened) if problem.events is not None else ""
     jammed = ""

@@ -17,7 +17,6 @@ from cotree.records import changed
 from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
-from cotree.solvers.evaluate import FAILED
 from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
 from cotree.solvers.methods import METHODS, method_row, refusal
 from cotree.solvers.native import begin_in_c, check_available
@@ -150,14 +149,7 @@ def _solve(
     attempt = begun or begin_in_c(problem, method)
     if isinstance(attempt, str):
         return _stand_in(problem, row, attempt)
-    found = attempt.finish(successor)
-    if found.status != FAILED or problem.singular is None or beyond_scipy(problem):
-        return found
-    # Around SciPy's methods Python crosses singular positions with a looser tolerance.
-    # What C did counts in the budget.
-    taken = problem.steps_taken + found.statistics.n_steps
-    left = changed(problem, steps_taken=taken)
-    return _stand_in(left, row, found.message.rstrip("."))
+    return attempt.finish(successor)
 
 
 def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:

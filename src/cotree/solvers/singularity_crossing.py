@@ -10,6 +10,13 @@ step is crossed with a looser tolerance.
 from __future__ import annotations
 
 from collections import deque
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from cotree.solvers.job import Job
+    from cotree.solvers.problem import Problem
 
 # Steps below this share of the longest of the last ones are short: those of methods with a memory
 # vary more.
@@ -76,20 +83,46 @@ class Passage:
 
     def summary(self) -> str:
         """Say what was crossed, and what ended the run; nothing where nothing was."""
-        sentences = []
-        if self.lost:
-            sentences.append(
-                f"There the constraints of {_listed(self.lost)} nearly lose rank, which enlarges "
-                "rounding, most of all in sensitivities: loosen rtol, or take cvode."
-            )
-        if self.crossed:
-            places = ", ".join(f"{t:.6g}" for t in self.crossed[:4])
-            more = ", ..." if len(self.crossed) > 4 else ""
-            sentences.append(
-                f"Singular configurations were crossed with a looser tolerance after t = {places}"
-                f"{more}: there the constraints of {_listed(self.names)} lose rank."
-            )
-        return " ".join(sentences)
+        return " ".join(crossing_sentences(self.crossed, self.names, self.lost))
+
+
+def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
+    """Return sentences on the singular positions that a job in C crossed, or at which it failed."""
+    if problem.singular is None:
+        return []
+    names = tuple(name for t, y in job.crossings for name in problem.singular(t, y))
+    lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
+    return crossing_sentences([t for t, _ in job.crossings], tuple(dict.fromkeys(names)), lost)
+
+
+def crossing_sentences(
+    crossed: Sequence[float], names: tuple[str, ...], lost: tuple[str, ...]
+) -> list[str]:
+    """Return sentences on singular positions.
+
+    Parameters
+    ----------
+    crossed : sequence of float
+        Times where stretches with a looser tolerance began, [s].
+    names : tuple of str
+        The edges whose constraints lose rank there.
+    lost : tuple of str
+        The same at a position at which a run failed.
+    """
+    sentences = []
+    if lost:
+        sentences.append(
+            f"There the constraints of {_listed(lost)} nearly lose rank, which enlarges "
+            "rounding, most of all in sensitivities: loosen rtol."
+        )
+    if crossed:
+        places = ", ".join(f"{t:.6g}" for t in crossed[:4])
+        more = ", ..." if len(crossed) > 4 else ""
+        sentences.append(
+            f"Singular configurations were crossed with a looser tolerance after t = {places}"
+            f"{more}: there the constraints of {_listed(names)} lose rank."
+        )
+    return sentences
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -140,6 +140,7 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     job->has_sensitivities = N_SENSITIVITIES > 0;
     job->is_held = 1;
     job->is_strict = tables->is_strict;
+    job->constraints = tables->start_tables->assembly;
     job->is_extended = tables->is_extended;
     job->stepper = tables->stepper();
     job->aid = tables->aid == NULL ? NULL : tables->aid();

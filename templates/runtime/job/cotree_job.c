@@ -72,6 +72,17 @@ static void init_events(cotree_job *job, cotree_engine *e, cotree_arena *arena)
 }
 #endif
 
+#if COTREE_HAS_CONSTRAINTS
+static void lay_out_singularity(cotree_job *job, cotree_engine *e, cotree_arena *arena)
+{
+    cotree_singularity spare;
+    e->singularity = NULL;
+    if (job->constraints == NULL || job->constraints->n_rows == 0 || !job->is_held) return;
+    e->singularity = (cotree_singularity *)cotree_arena_alloc(arena, sizeof(spare), &spare);
+    cotree_singularity_init(e->singularity, job, e->of_states, arena);
+}
+#endif
+
 /* Allocate the memory of the job, or count its bytes. */
 static void lay_out_job(cotree_job *job, cotree_arena *arena)
 {
@@ -86,13 +97,16 @@ static void lay_out_job(cotree_job *job, cotree_arena *arena)
     e->is_running = 0;
     e->is_helped = 0;
     e->n_short = 0;
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
     e->before = cotree_arena_reals(arena, job->n);
 #endif
 #if COTREE_HAS_EVENTS
     copy_prepared(job, arena);
 #endif
     STEPPER->lay_out(job, e, arena);
+#if COTREE_HAS_CONSTRAINTS
+    lay_out_singularity(job, e, arena);
+#endif
 #if COTREE_HAS_EVENTS
     if (has_events(job)) init_events(job, e, arena);
 #endif
@@ -438,7 +452,7 @@ static int apply_found_events(cotree_job *job)
 }
 #endif
 
-static int restart(cotree_job *job)
+static int restart_stepper(cotree_job *job)
 {
     int status;
     ENGINE->n_short = 0;
@@ -446,6 +460,16 @@ static int restart(cotree_job *job)
     ENGINE->is_running = status == COTREE_OK;
     ENGINE->is_helped = 0;
     return status;
+}
+
+/* Restart after a corner or an event. */
+static int restart(cotree_job *job)
+{
+#if COTREE_HAS_CONSTRAINTS
+    cotree_singularity *const s = ENGINE->singularity;
+    if (s != NULL) cotree_singularity_restart(s, STEPPER->is_multistep);
+#endif
+    return restart_stepper(job);
 }
 
 #if COTREE_HAS_ALGEBRAIC && COTREE_HAS_HELPER
@@ -560,26 +584,165 @@ static int reject_step(cotree_job *job, cotree_real start, int status)
 }
 #endif
 
+#if COTREE_HAS_CONSTRAINTS
+/* Restart within another stretch. Wanted points are stored before, from the last step. */
+static int change_stretch(cotree_job *job, cotree_stretch stretch)
+{
+    int status = COTREE_OK;
+    if (job->wanted != NULL && ENGINE->is_running) status = store_wanted(job, job->t);
+    if (status != COTREE_OK) return fail(job, status);
+    cotree_singularity_enter(ENGINE->singularity, job, stretch, cotree_job_ahead(job));
+    status = restart_stepper(job);
+    return status == COTREE_OK ? COTREE_JOB_MORE : fail(job, status);
+}
+
+/* Return whether the job is near a singular position. */
+static int is_near_singularity(cotree_job *job)
+{
+    cotree_engine *const e = ENGINE;
+    if (STEPPER->complete(job, job->t, e->w, 1) != COTREE_OK) return 0;
+    return cotree_singularity_is_near(e->singularity, job->t, e->run->full);
+}
+
+/* Record that tolerances are loosened from here on. */
+static void record_crossing(cotree_job *job)
+{
+    const int n = job->model->n_states;
+    if (job->crossings != NULL && job->n_crossed < job->most_crossings) {
+        cotree_real *const row = job->crossings + job->n_crossed * (1 + n);
+        int i;
+        row[0] = job->t;
+        for (i = 0; i < n; ++i) row[1 + i] = ENGINE->run->full[i];
+    }
+    ++job->n_crossed;
+}
+
+/* Return the nearer end: that of the segment, or of a stretch. */
+static cotree_real goal_of_step(const cotree_job *job, cotree_real end)
+{
+    const cotree_singularity *const s = ENGINE->singularity;
+    if (s == NULL || s->stretch == COTREE_ORDINARY) return end;
+    return cotree_job_ahead(job) * (end - s->end) > COTREE_F(0.0) ? s->end : end;
+}
+
+/* Move the job back to an earlier point. */
+static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
+{
+    int i;
+    for (i = 0; i < job->n; ++i) ENGINE->w[i] = w[i];
+    job->t = t;
+    while (job->n_kept > 0 &&
+           cotree_job_ahead(job) * (job->times[job->n_kept - 1] - t) > COTREE_F(0.0)) {
+        --job->n_kept;
+    }
+}
+
+/* Enter another stretch near a singular position: one with looser tolerances where that with rates
+ * on the constraints began, since rounding is smaller there. */
+static int enter_stretch(cotree_job *job, cotree_stretch stretch)
+{
+    cotree_singularity *const s = ENGINE->singularity;
+    int i;
+    if (stretch == COTREE_STRICT) {
+        s->start = job->t;
+        for (i = 0; i < job->n; ++i) s->w[i] = ENGINE->w[i];
+        s->has_start = 1;
+        return change_stretch(job, stretch);
+    }
+    if (s->has_start) move_back(job, s->start, s->w);
+    record_crossing(job);
+    return change_stretch(job, stretch);
+}
+
+/* After a failed step: enter another stretch near a singular position, or fail. */
+static int retry_near_singularity(cotree_job *job, int status)
+{
+    const cotree_singularity *const s = ENGINE->singularity;
+    if (s != NULL && status != COTREE_RATE_STOPPED) {
+        const cotree_stretch next = cotree_singularity_next(s, job);
+        if (next != s->stretch && is_near_singularity(job)) return enter_stretch(job, next);
+    }
+    return fail(job, status);
+}
+
+/* After a step from start that is short near a singular position: take it back, and enter a stretch
+ * with rates on the constraints. Return COTREE_JOB_DONE if the step stays. */
+static int take_back(cotree_job *job, cotree_real start)
+{
+    cotree_engine *const e = ENGINE;
+    cotree_singularity *const s = e->singularity;
+    s->next = cotree_singularity_watch(s, job, STEPPER->is_multistep);
+    if (s->next != COTREE_STRICT || s->stretch == COTREE_STRICT) return COTREE_JOB_DONE;
+    if (!is_near_singularity(job)) return COTREE_JOB_DONE;
+    move_back(job, start, e->before);
+    --job->n_steps;
+    ++job->n_rejected;
+    return enter_stretch(job, COTREE_STRICT);
+}
+
+/* After a step that stays: loosen the tolerances if steps stay short near a singular position, or
+ * leave a stretch at its end. Return COTREE_JOB_DONE if nothing changes. */
+static int change_at_end(cotree_job *job)
+{
+    const cotree_singularity *const s = ENGINE->singularity;
+    if (s->next == COTREE_LOOSE && s->stretch != COTREE_LOOSE && is_near_singularity(job)) {
+        return enter_stretch(job, COTREE_LOOSE);
+    }
+    if (s->stretch == COTREE_ORDINARY) return COTREE_JOB_DONE;
+    if (cotree_job_ahead(job) * (s->end - job->t) > COTREE_F(0.0)) return COTREE_JOB_DONE;
+    return change_stretch(job, COTREE_ORDINARY);
+}
+#endif
+
+#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
+/* Return whether a step may be taken back, or its start read by the events. */
+static int is_start_stored(const cotree_job *job)
+{
+#if COTREE_HAS_CONSTRAINTS
+    if (ENGINE->singularity != NULL) return 1;
+#endif
+#if COTREE_HAS_EVENTS
+    if (has_events(job)) return 1;
+#endif
+    return 0;
+}
+#endif
+
 /* Take one step, and enter the next segment if it ends at a corner. */
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
+#if COTREE_HAS_CONSTRAINTS
+    const cotree_real goal = goal_of_step(job, end);
+#else
+    const cotree_real goal = end;
+#endif
     int status, is_last;
-#if COTREE_HAS_EVENTS
-    if (has_events(job)) {
+#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
+    if (is_start_stored(job)) {
         int i;
         for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
     }
 #endif
-    status = STEPPER->step(job, end);
+    status = STEPPER->step(job, goal);
+#if COTREE_HAS_CONSTRAINTS
+    if (status != COTREE_OK) return retry_near_singularity(job, status);
+#else
     if (status != COTREE_OK) return fail(job, status);
+#endif
     ++job->n_steps;
     job->last_step = COTREE_FABS(job->t - start);
     is_last = job->t == end;
     e->n_short = is_short(start, job->t, e->origin) ? e->n_short + 1 : 0;
     if (e->n_short == 0)
         job->entry = job->row = job->column = -1; /* an earlier failure is resolved */
+#if COTREE_HAS_CONSTRAINTS
+    if (!is_last && e->singularity != NULL) {
+        const int result = take_back(job, start);
+        if (result != COTREE_JOB_DONE) return result;
+    }
+#endif
 #if COTREE_HAS_EVENTS
     if (has_events(job)) {
         const int found = find_events(job, start, end);
@@ -590,6 +753,12 @@ static int advance(cotree_job *job)
     status = store_step(job, is_last);
     if (status != COTREE_OK) return fail(job, status);
     if (!is_last && e->n_short >= STALL_STEPS) return fail(job, COTREE_STEP_TOO_SMALL);
+#if COTREE_HAS_CONSTRAINTS
+    if (!is_last && e->singularity != NULL) {
+        const int result = change_at_end(job);
+        if (result != COTREE_JOB_DONE) return result;
+    }
+#endif
     if (!is_last && is_worth_leaving(job)) return return_stiff(job);
     return end_step(job);
 }

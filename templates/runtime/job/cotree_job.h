@@ -7,6 +7,9 @@
 #define COTREE_JOB_H
 
 #include "cotree_run.h"
+#if COTREE_HAS_CONSTRAINTS
+#include "cotree_start_tables.h"
+#endif
 
 #include <stddef.h>
 
@@ -41,6 +44,13 @@ typedef struct cotree_job {
     int is_held;   /* 1: constraints are satisfied by projection */
     int is_strict; /* 1: rates are evaluated on the constraints, as redundant ones require */
     cotree_real correction; /* the largest one, as a share of a state or of 1 */
+    /* Tables of the constraints, by which singular positions are detected; NULL: none are. */
+    const cotree_assembly_tables *constraints;
+    /* Records of singular positions that were crossed: time and states where each stretch began.
+     * NULL: none are written. n_crossed counts all. */
+    cotree_real *crossings;
+    int most_crossings;
+    int n_crossed;
 #endif
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: algebraic unknowns are integrated */

@@ -12,6 +12,9 @@
 #if COTREE_HAS_EVENTS
 #include "cotree_events.h"
 #endif
+#if COTREE_HAS_CONSTRAINTS
+#include "cotree_singularity.h"
+#endif
 
 #ifdef __cplusplus
 extern "C" {
@@ -26,11 +29,14 @@ typedef struct cotree_engine {
 #if COTREE_HAS_EVENTS
     cotree_events events;
 #endif
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER || COTREE_HAS_CONSTRAINTS
     cotree_real *before; /* the start of the last step */
 #endif
 #if COTREE_HAS_MOVING_CORNERS
     cotree_real *work[4]; /* work between segments; left must persist */
+#endif
+#if COTREE_HAS_CONSTRAINTS
+    cotree_singularity *singularity; /* NULL: singular positions are not detected */
 #endif
     cotree_real *w;     /* the present point, n numbers */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
@@ -41,6 +47,7 @@ typedef struct cotree_engine {
 } cotree_engine;
 
 struct cotree_stepper {
+    int is_multistep; /* 1: steps build on those before */
     /* Allocate engine->own and the runs. cotree_engine_of is not available yet. */
     void (*lay_out)(cotree_job *job, cotree_engine *engine, cotree_arena *arena);
     /* Initialise the runs, and write the start of the job to engine->w. */

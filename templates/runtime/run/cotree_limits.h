@@ -10,6 +10,10 @@
  * mean. */
 #define COTREE_MAX_PROJECTION COTREE_F(10.0)
 
+/* The relative tolerance below which more tolerances are allowed near singular positions, where the
+ * projection enlarges rounding. */
+#define COTREE_ENLARGED_ROUNDING COTREE_SELECT(1e-8, 3.5e-04f)
+
 /* A correction opposes the residual from which it is computed if their cosine is below minus
  * this. */
 #define COTREE_OPPOSED_COSINE COTREE_F(0.7)

@@ -222,6 +222,14 @@ static int status_of(cotree_job *job, int flag)
     }
 }
 
+static int set_tolerances(cotree_job *job)
+{
+    cotree_bdf *const c = bdf_of(job);
+    c->rtol = job->rtol;
+    memcpy(vector_of(job, ATOLS), job->atols, (size_t)job->n * sizeof(double));
+    return c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->atols);
+}
+
 /* Create the integrator. */
 static int make_integrator(cotree_job *job)
 {
@@ -238,7 +246,7 @@ static int make_integrator(cotree_job *job)
     flag = s->IDAInit(c->integrator, residual, 0.0, c->y, c->slopes);
 #endif
     if (flag == 0) flag = c->sundials->OF(SetUserData)(c->integrator, job);
-    if (flag == 0) flag = c->sundials->OF(SVtolerances)(c->integrator, job->rtol, c->atols);
+    if (flag == 0) flag = set_tolerances(job);
 #if COTREE_SENSITIVITIES
     if (flag == 0) flag = cotree_bdf_start_sensitivities(job);
 #else
@@ -268,7 +276,7 @@ static int make_parts(cotree_job *job)
     c->slopes = s->N_VMake_Serial(VECTOR(job), vector_of(job, SLOPES), c->context);
     c->between = s->N_VMake_Serial(VECTOR(job), vector_of(job, BETWEEN), c->context);
     c->kinds = s->N_VMake_Serial(VECTOR(job), vector_of(job, KINDS), c->context);
-    c->atols = s->N_VMake_Serial(VECTOR(job), (double *)job->atols, c->context);
+    c->atols = s->N_VMake_Serial(VECTOR(job), vector_of(job, ATOLS), c->context);
     c->solver = cotree_bdf_make_solver(job, solver_solve);
     if (c->y == NULL || c->slopes == NULL || c->between == NULL || c->kinds == NULL ||
         c->atols == NULL || c->solver == NULL) {
@@ -320,6 +328,7 @@ static int start(cotree_job *job, double end)
 #else
         flag = s->CVodeReInit(c->integrator, 0.0, c->y);
 #endif
+        if (flag == 0 && c->rtol != job->rtol) flag = set_tolerances(job);
 #if COTREE_SENSITIVITIES
         if (flag == 0) flag = cotree_bdf_restart_sensitivities(job);
 #endif
@@ -434,6 +443,16 @@ static int has_cheap_matrices(const cotree_job *job)
 #endif
 }
 
+/* Steps end on the constraints. Rates are evaluated there only if constraints are redundant, or
+ * near singular positions. */
+static void hold_rates(const cotree_job *job)
+{
+    cotree_engine *const e = cotree_engine_of(job);
+    if (e->watched != e->run) e->watched->is_strict = job->is_strict;
+    e->run->is_held = e->run->is_strict = job->is_held && job->is_strict;
+    e->of_states->is_held = e->of_states->is_strict = e->run->is_held;
+}
+
 static void open(cotree_job *job)
 {
     cotree_engine *const e = cotree_engine_of(job);
@@ -443,11 +462,8 @@ static void open(cotree_job *job)
 #if COTREE_SIMULTANEOUS
     if (is_together(job)) bdf_of(job)->is_fresh = 0;
 #endif
-    /* Steps end on the constraints. Rates are evaluated there only if constraints are redundant. */
-    e->run->is_held = e->run->is_strict = job->is_held && job->is_strict;
-    e->of_states->is_held = e->of_states->is_strict = e->run->is_held;
+    hold_rates(job);
     if (e->watched != e->run) {
-        e->watched->is_strict = job->is_strict;
         e->watched->rtol = job->rtol;
         cotree_run_narrow(e->watched, job->t, job->z, w);
     }
@@ -484,6 +500,7 @@ static int begin(cotree_job *job)
     double *const y = vector_of(job, Y);
     const double end = job->corners[job->corner + 1];
     int i, status;
+    hold_rates(job);
     c->has_jacobian = c->has_matrix = c->has_failed = 0;
     c->step_of_solution = -1;
     c->bend = 1.0;
@@ -532,8 +549,8 @@ static int step(cotree_job *job, double end)
     return COTREE_OK;
 }
 
-static const cotree_stepper stepper = {lay_out, open, begin,    step, known,
-                                       between, NULL, complete, NULL, close};
+static const cotree_stepper stepper = {1,       lay_out, open,     begin, step, known,
+                                       between, NULL,    complete, NULL,  close};
 
 #if COTREE_IDA
 #if COTREE_SENSITIVITIES

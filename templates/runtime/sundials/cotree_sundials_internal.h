@@ -71,7 +71,8 @@ typedef struct cotree_shares {
     double of_own, of_rates;
 } cotree_shares;
 
-/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes. Then work
+/* Vectors of SUNDIALS: values, slopes, interpolated values, 1 for entries with slopes,
+ * absolute tolerances. Then work
  * of the iteration; with COTREE_SENSITIVITIES also copies of the sensitivity vectors, after
  * those of the states. */
 enum {
@@ -79,6 +80,7 @@ enum {
     SLOPES,
     BETWEEN,
     KINDS,
+    ATOLS,
     MOVED,
     RATES,
     STEP,
@@ -119,6 +121,7 @@ typedef struct cotree_bdf {
     void *slopes;
     void *between;
     void *atols;
+    double rtol; /* that the integrator has */
     void *kinds;
 #if COTREE_SENSITIVITIES
     double *apart;      /* memory of the sensitivity vectors */

@@ -1,0 +1,105 @@
+/* cotree_singularity.c: detection of singular positions, and the tolerances near them.
+ * Part of the runtime of cotree, the same for every model. */
+#include "cotree_singularity.h"
+
+#if COTREE_HAS_CONSTRAINTS
+/* A step is short if it is below this share of the longest of the last ones; steps of multistep
+ * methods vary more. MANY short steps in a row are not due to the step size control alone. Rates on
+ * the constraints cost little: the first short step suffices. */
+#define SHORT COTREE_F(0.3)
+#define SHORT_MULTISTEP COTREE_F(0.03)
+#define MANY 15
+
+/* The factor of the tolerances within a stretch, and the largest result, such that rounding,
+ * enlarged by the inverse of the distance, has no effect. */
+#define LOOSENED COTREE_F(1e3)
+#define LOOSEST COTREE_SELECT(1e-9, 1e-4f)
+
+void cotree_singularity_init(cotree_singularity *s, const cotree_job *job, cotree_run *run,
+                             cotree_arena *arena)
+{
+    cotree_assembly_init(&s->assembly, run, job->constraints, arena);
+    s->loose = cotree_arena_reals(arena, job->n);
+    s->stretch = s->next = COTREE_ORDINARY;
+    s->w = cotree_arena_reals(arena, job->n);
+    cotree_singularity_restart(s, 1);
+}
+
+void cotree_singularity_restart(cotree_singularity *s, int is_multistep)
+{
+    int i;
+    s->has_start = 0;
+    if (!is_multistep) return;
+    for (i = 0; i < COTREE_SINGULARITY_STEPS; ++i) s->lengths[i] = COTREE_F(0.0);
+    s->n_lengths = s->n_short = 0;
+}
+
+/* Return the length of an ordinary step. */
+static cotree_real longest_of(const cotree_singularity *s)
+{
+    cotree_real longest = COTREE_F(0.0);
+    int i;
+    for (i = 0; i < COTREE_SINGULARITY_STEPS; ++i) longest = COTREE_FMAX(longest, s->lengths[i]);
+    return longest;
+}
+
+static int is_power_of_two(int n) { return (n & (n - 1)) == 0; }
+
+cotree_stretch cotree_singularity_next(const cotree_singularity *s, const cotree_job *job)
+{
+    if (s->stretch == COTREE_ORDINARY && !job->is_strict) return COTREE_STRICT;
+    return s->stretch != COTREE_LOOSE && job->rtol < LOOSEST ? COTREE_LOOSE : s->stretch;
+}
+
+cotree_stretch cotree_singularity_watch(cotree_singularity *s, const cotree_job *job,
+                                        int is_multistep)
+{
+    const cotree_real share = is_multistep ? SHORT_MULTISTEP : SHORT;
+    cotree_stretch next;
+    if (!(job->last_step < share * longest_of(s))) {
+        s->n_short = 0;
+        s->lengths[s->n_lengths++ % COTREE_SINGULARITY_STEPS] = job->last_step;
+        return s->stretch;
+    }
+    ++s->n_short;
+    next = cotree_singularity_next(s, job);
+    if (next == COTREE_STRICT) return is_power_of_two(s->n_short) ? next : s->stretch;
+    return s->n_short % MANY == 0 ? next : s->stretch;
+}
+
+int cotree_singularity_is_near(cotree_singularity *s, cotree_real t, const cotree_real *x)
+{
+    if (!(longest_of(s) > COTREE_F(0.0))) return 0;
+    if (cotree_run_inputs(s->assembly.run, t) != 0) return 0;
+    return cotree_assembly_is_dependent(&s->assembly, t, x);
+}
+
+cotree_real cotree_singularity_loosened(cotree_real tolerance)
+{
+    return COTREE_FMAX(tolerance, COTREE_FMIN(LOOSENED * tolerance, LOOSEST));
+}
+
+void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_stretch stretch,
+                              cotree_real ahead)
+{
+    int i;
+    if (s->stretch == COTREE_ORDINARY) {
+        s->rtol = job->rtol;
+        s->atols = job->atols;
+        s->is_strict = job->is_strict;
+        for (i = 0; i < job->n; ++i) s->loose[i] = cotree_singularity_loosened(job->atols[i]);
+    }
+    s->stretch = stretch;
+    if (stretch == COTREE_ORDINARY) s->has_start = 0;
+    s->n_short = 0;
+    s->end = job->t + ahead * longest_of(s);
+    job->rtol = stretch == COTREE_LOOSE ? cotree_singularity_loosened(s->rtol) : s->rtol;
+    job->atols = stretch == COTREE_LOOSE ? s->loose : s->atols;
+    job->is_strict = s->is_strict || stretch != COTREE_ORDINARY;
+}
+
+cotree_real cotree_singularity_length(const cotree_singularity *s, cotree_real t)
+{
+    return s->stretch == COTREE_ORDINARY ? COTREE_F(0.0) : COTREE_FABS(s->end - t);
+}
+#endif
