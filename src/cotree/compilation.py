@@ -25,7 +25,7 @@ from cotree.codegen.render import template_folder
 from cotree.components import OWN
 from cotree.model.kernels import CKernels, PythonKernels
 from cotree.scene.checks import impossible_inertias
-from cotree.sharing import formed_once
+from cotree.sharing import locked_cached_property
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Compiled:
         self.text, self.kernels, self.cached, self.times = text, kernels, cached, times
         self._form = form
 
-    @formed_once
+    @locked_cached_property
     def formed(self) -> Formed:
         """The first graph, the formulations that were tried, and what the passes did."""
         return self._form()

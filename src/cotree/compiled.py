@@ -22,7 +22,7 @@ from cotree.quiet import level_of_user
 from cotree.runner import RunnableModel
 from cotree.scene.simulation import OPERATING_POINT
 from cotree.scene.variants import expressions_among
-from cotree.sharing import formed_once, forming
+from cotree.sharing import forming, locked_cached_property
 from cotree.solvers.methods import METHODS
 from cotree.variants import Variants
 
@@ -82,7 +82,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         """Hash of its C text, names and default values: equal for models that compute the same."""
         return digest(self._compiled.text, self._program_at_rest)
 
-    @formed_once
+    @locked_cached_property
     def _variants(self) -> Variants[Model]:
         recipe = self._recipe
         return Variants(recipe.scene, lambda other: recipe.of(other, self.first_graph).made())
@@ -202,7 +202,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         # Guards look at the parameters as soon as a kernel is called.
         return find_start(Moment(self, t, self.parameter_array(p), u), initial or {})
 
-    @formed_once
+    @locked_cached_property
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
         from cotree.pipeline import equations_of_deviations

@@ -17,7 +17,7 @@ from cotree.errors import Error
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import find_start
-from cotree.sharing import formed_once
+from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,12 +67,12 @@ class OperatingPoint:
     def __init__(self, model: CompiledModel, program: Callable[[], Program]) -> None:
         self._model, self._program = model, program
 
-    @formed_once
+    @locked_cached_property
     def program(self) -> Program:
         """The program of the network at rest."""
         return self._program()
 
-    @formed_once
+    @locked_cached_property
     def at_rest(self) -> CompiledModel:
         """The network at rest, whose outputs are the model's states except for contents."""
         return CompiledModel(self.program, PythonKernels(self.program))  # a few evaluations

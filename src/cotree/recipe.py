@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.errors import Error, ModelError
-from cotree.sharing import formed_once
+from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
     from cotree.build import BuildOptions
@@ -100,7 +100,7 @@ class CarriedRecipe:
     def __init__(self, data: bytes, defaults: Simulation, options: BuildOptions) -> None:
         self.data, self.defaults, self.options = data, defaults, options
 
-    @formed_once
+    @locked_cached_property
     def opened(self) -> Recipe:
         """The recipe itself.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -23,24 +23,17 @@ _T = TypeVar("_T")
 forming = threading.RLock()
 
 
-def made_once(make: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Cache the results of a function, and let one thread at a time compute them.
-
-    ``functools.cache`` lets two threads compute the same value. ``cache_clear`` forgets everything.
-    """
-    lock, made = threading.RLock(), {}
+def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Cache the results of a function as ``functools.cache`` does; other threads wait for them."""
+    lock, found = threading.RLock(), functools.cache(make)
 
     @functools.wraps(make)
-    def given(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        key = (args, tuple(kwargs.items()))
-        if key not in made:
-            with lock:
-                if key not in made:
-                    made[key] = make(*args, **kwargs)
-        return made[key]
+    def call(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with lock:
+            return found(*args, **kwargs)  # type: ignore[arg-type]  # keys are hashable
 
-    given.cache_clear = made.clear  # type: ignore[attr-defined]
-    return given
+    call.cache_clear = found.cache_clear  # type: ignore[attr-defined]
+    return call
 
 
 class Kept(Generic[_T]):
@@ -86,30 +79,13 @@ class _Entry(Generic[_T]):
     is_asked_for: bool = False
 
 
-class formed_once(Generic[_T]):  # a decorator, as cached_property is
-    """A property formed at its first use, by one thread at a time; see :data:`forming`."""
+class locked_cached_property(functools.cached_property[_T]):  # a decorator, as its base is
+    """A property computed at its first use, by one thread at a time; see :data:`forming`."""
 
-    def __init__(self, form: Callable[[Any], _T]) -> None:
-        self._form = form
-        self._name = ""
-        self.__doc__ = form.__doc__
+    # For type checkers it is its base.
+    if not TYPE_CHECKING:
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> formed_once[_T]: ...
-
-    @overload
-    def __get__(self, instance: object, owner: type | None = None) -> _T: ...
-
-    def __get__(self, instance: object | None, owner: type | None = None) -> formed_once[_T] | _T:
-        if instance is None:
-            return self
-        kept = instance.__dict__  # where Python finds the value from the second time on
-        if self._name not in kept:
+        def __get__(self, instance: Any, owner: type | None = None) -> Any:
+            """Return the value; from the second time on Python finds it in the instance itself."""
             with forming:
-                if self._name not in kept:
-                    kept[self._name] = self._form(instance)
-        value: _T = kept[self._name]
-        return value
+                return super().__get__(instance, owner)

@@ -21,7 +21,7 @@ import cotree
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.quiet import without_warnings
-from cotree.sharing import formed_once, made_once
+from cotree.sharing import locked_cache, locked_cached_property
 from cotree.solvers import engine
 from cotree.solvers.progress import is_watched
 
@@ -202,7 +202,7 @@ def test_compiling_in_four_threads():
 def test_one_thread_makes_and_the_others_wait():
     made = []
 
-    @made_once
+    @locked_cache
     def make(name):
         time.sleep(0.01)
         made.append(name)
@@ -216,7 +216,7 @@ def test_one_thread_makes_and_the_others_wait():
     assert made == ["a", "b", "a"]
 
     class Owner:
-        @formed_once
+        @locked_cached_property
         def value(self):
             """Give something new."""
             time.sleep(0.01)

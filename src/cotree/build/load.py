@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.build.compile import ATTEMPTS, BuiltLibrary, build_library
 from cotree.errors import BuildError
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -57,7 +57,7 @@ def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
     return _load(os.path.abspath(path), cdef)
 
 
-@made_once
+@locked_cache
 def _load(path: str, cdef: str) -> LoadedLibrary:
     import cffi
 

@@ -37,7 +37,7 @@ from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
 from cotree.model.shared_code import build_engine
 from cotree.quiet import without_warnings
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 from cotree.solvers.base import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
@@ -73,7 +73,7 @@ _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 ALONE = 100
 
 
-@made_once
+@locked_cache
 def load_batch() -> LoadedLibrary:
     """Build and load the loop over members, once."""
     files = batch_files()

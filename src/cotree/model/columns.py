@@ -16,7 +16,7 @@ from cotree.model.arrays import as_array
 from cotree.model.shared_code import build_engine
 from cotree.program.kernels import KERNELS
 from cotree.scene.expressions import check_number
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
@@ -34,7 +34,7 @@ def is_many(y: Any) -> bool:
         return False
 
 
-@made_once
+@locked_cache
 def _load() -> LoadedLibrary | None:
     files = columns_files()
     return build_engine(files, columns_declarations(files))

@@ -22,7 +22,7 @@ from cotree.model.implicit_kernels import Newton, StepWork, count_step_work, loa
 from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
@@ -209,8 +209,8 @@ class CKernels:
             library,
             layout,
             program.can_extend,
-            made_once(lambda: load_newton(program)),
-            made_once(lambda: count_step_work(program)),
+            locked_cache(lambda: load_newton(program)),
+            locked_cache(lambda: count_step_work(program)),
         )
 
     def prepare(self, p: Array) -> None:

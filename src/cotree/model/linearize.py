@@ -36,7 +36,7 @@ from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, 
 from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.unknowns import solve_states
 from cotree.program.solved import SolvedSystem
-from cotree.sharing import formed_once
+from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -180,19 +180,19 @@ class Linearizer:
         self.is_timed = equations.dag.symbol("t", 0) in found
         self.has_timed_inputs = equations.dag.symbol("t", 0) in reachable(equations.input_values)
 
-    @formed_once
+    @locked_cached_property
     def _variation(self) -> Variation:
         """Directional derivatives of the matrices of a linearisation."""
         return Variation(self._equations.dag, [*self._nodes, *self._others])
 
-    @formed_once
+    @locked_cached_property
     def _first(self) -> Variation:
         """Directional derivatives of rates, outputs and constraints."""
         n = len(self._equations.states)
         rows = [*self._others[:n], *self._outputs, *self._values_held]
         return Variation(self._equations.dag, rows)
 
-    @formed_once
+    @locked_cached_property
     def _inputs(self) -> Variation:
         """Directional derivatives of the scene's inputs."""
         return Variation(self._equations.dag, self._equations.input_values)

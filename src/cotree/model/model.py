@@ -29,7 +29,7 @@ from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
-from cotree.sharing import Kept, formed_once
+from cotree.sharing import Kept, locked_cached_property
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -313,13 +313,13 @@ class CompiledModel(PreparedKernels):
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
 
-    @formed_once
+    @locked_cached_property
     def constant_inputs(self) -> frozenset[str]:
         """Inputs that the scene gives as functions of parameters alone."""
         own = zip(self.inputs, self._program.kernels["inputs"].results, strict=True)
         return frozenset(name for name, node in own if TIME not in kinds_in([node]))
 
-    @formed_once
+    @locked_cached_property
     def begins_alike(self) -> bool:
         """Whether runs begin in the same states at all times and values of parameters."""
         kernels = self._program.kernels
@@ -389,12 +389,12 @@ class CompiledModel(PreparedKernels):
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self._program.longest_step(p.tolist(), replaced)
 
-    @formed_once
+    @locked_cached_property
     def start_in_c(self) -> StartInC | None:
         """What finds starts in C; None where Python has to."""
         return start_in_c(self)
 
-    @formed_once
+    @locked_cached_property
     def slopes(self) -> dict[str, tuple[int, int]]:
         """Places of the sensitivities of states by their names, ``d(STATE)/d(PARAMETER)``."""
         rows, columns = list(enumerate(self.states)), list(enumerate(self.sensitivities))
@@ -422,7 +422,7 @@ class CompiledModel(PreparedKernels):
         y, s = self.initial(p), self.initial_sensitivity(p)
         return (y, s) if self._rest is None or not self.states else self._rest(t, p, u, s)
 
-    @formed_once
+    @locked_cached_property
     def junctions(self) -> Junctions:
         """The exponentials of the algebraic equations."""
         return Junctions.of(self._program)

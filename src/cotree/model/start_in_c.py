@@ -14,7 +14,7 @@ import numpy as np
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
 from cotree.model.consistent import Start
 from cotree.model.shared_code import build_engine
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _MOST_UNKNOWNS = 200
 
 
-@made_once
+@locked_cache
 def load_start() -> LoadedLibrary | None:
     """Build and load the start, once; None without a compiler."""
     files = start_files()

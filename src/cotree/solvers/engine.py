@@ -15,7 +15,7 @@ from cotree.build import abandon
 from cotree.codegen.integrators import SUNDIALS, engine_declarations, engine_files
 from cotree.errors import Error
 from cotree.model.shared_code import build_engine
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 from cotree.solvers.methods import METHODS
 from cotree.solvers.sundials_library import library_path, open_sundials
 
@@ -111,12 +111,12 @@ def load_engine(stepper: str) -> Engine | str:
     return found.why_not or _opened(stepper, found.path)
 
 
-@made_once
+@locked_cache
 def _text_of(stepper: str) -> Mapping[str, str]:
     return engine_files(stepper)
 
 
-@made_once
+@locked_cache
 def _opened(stepper: str, path: str) -> Engine | str:
     """Build an engine, and open the library of SUNDIALS that a path names, if any."""
     files = _text_of(stepper)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cotree.codegen.integrators import sweep_declarations, sweep_files
 from cotree.model.shared_code import build_engine
-from cotree.sharing import made_once
+from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,7 +73,7 @@ def sweep(
     return _in_python(model, p, u, t, z)
 
 
-@made_once
+@locked_cache
 def load_sweep() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
     files = sweep_files()
