@@ -244,7 +244,7 @@ def wrong(**changed):
         ),
         (
             wrong(observables=OBSERVABLES.replace("*A", "*f(A)")),
-            "observables.tsv:2: 'f.A.' is not a function",
+            "observables.tsv:2: .*calls 'f', which",
         ),
         (
             wrong(measurements=MEASUREMENTS.replace("many 3", "more 3")),

@@ -281,13 +281,65 @@ def number_tree(value: float) -> ast.expr:
     return ast.Constant(value) if value >= 0.0 else ast.UnaryOp(ast.USub(), ast.Constant(-value))
 
 
+def name_tree(name: str) -> ast.expr:
+    """Make the tree of a name, which may have dots."""
+    first, *rest = name.split(".")
+    tree: ast.expr = ast.Name(first)
+    for step in rest:
+        tree = ast.Attribute(tree, step)
+    return tree
+
+
 def dotted(tree: ast.expr) -> str:
-    """Give the name that a chain of attributes is, as ``edge.variable``; else nothing."""
+    """Return the name that a chain of attributes is, as ``edge.variable``; else nothing."""
     steps: list[str] = []
     while isinstance(tree, ast.Attribute):
         steps.append(tree.attr)
         tree = tree.value
     return ".".join([tree.id, *reversed(steps)]) if isinstance(tree, ast.Name) and steps else ""
+
+
+def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> ast.expr:
+    """Copy a tree, with what ``change`` returns in the place of a part, unless that is None."""
+    if (found := change(tree)) is not None:
+        return found
+    match tree:
+        case ast.BinOp():
+            return ast.BinOp(map_tree(tree.left, change), tree.op, map_tree(tree.right, change))
+        case ast.UnaryOp():
+            return ast.UnaryOp(tree.op, map_tree(tree.operand, change))
+        case ast.BoolOp():
+            return ast.BoolOp(tree.op, [map_tree(part, change) for part in tree.values])
+        case ast.Compare():
+            sides = [map_tree(part, change) for part in (tree.left, *tree.comparators)]
+            return ast.Compare(sides[0], tree.ops, sides[1:])
+        case ast.Call():
+            return ast.Call(tree.func, [map_tree(part, change) for part in tree.args], [])
+    return tree
+
+
+def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
+    """Copy a tree with other names, those of its tables included, or trees in their place."""
+
+    def named(name: str) -> ast.expr:
+        found = new(name)
+        return name_tree(found) if isinstance(found, str) else found
+
+    def change(part: ast.expr) -> ast.expr | None:
+        if isinstance(part, ast.Name):
+            return named(part.id)
+        if isinstance(part, ast.Attribute):
+            return named(dotted(part))
+        if not isinstance(part, ast.Call):
+            return None
+        own = part.func.id if isinstance(part.func, ast.Name) else dotted(part.func)
+        if own in FUNCTIONS or own == WHERE or (name := str(new(own))) == own:
+            return None
+        table = known_tables().get(name)
+        args = [map_tree(arg, change) for arg in part.args]
+        return ast.Call(name_of(name, table) if table else name_tree(name), args, [])
+
+    return map_tree(tree, change)
 
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
@@ -334,6 +386,21 @@ class Expression:
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
         """Make the expression of a tree that needs no check."""
         return cls(ast.unparse(tree), where, tree, names_in(tree))
+
+    def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:
+        """Return the expression with other names, or trees in their place; see :func:`map_names`.
+
+        Parameters
+        ----------
+        new : callable
+            Returns what stands for a name, which may have dots.
+        where : str, optional
+            What the new expression belongs to; else that of this one.
+        """
+        where = where or self.where
+        if not self.names:
+            return Expression(self.text, where, self.tree, self.names)
+        return Expression.of_tree(map_names(self.tree, new), where)
 
     @property
     def told(self) -> str | float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import brief
 from cotree.readers.sbml.document import SbmlContent, SbmlEvent, located
-from cotree.readers.sbml.formulas import RELATIONS, FormulaReader, children, kind_of, number
+from cotree.readers.sbml.formulas import RELATIONS, FormulaReader, children, kind_of
 from cotree.readers.sbml.roles import TIME, Role, Roles, names_of, rate_dependencies
 from cotree.scene.parameters import make_parameter, parameter_values
 
@@ -228,9 +228,9 @@ def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
             a, b = b, a
         # Two values that change continuously become equal where their difference crosses zero.
         is_either = relation == "EQ"
-        text = reader.make.operate(a, "-", b).text
+        text = reader.make.form("a - b", a, b).text
         return Crossing(text, 0 if is_either else 1, relation in ("LEQ", "GEQ", "EQ"))
-    made = reader.make.where(reader.condition(node), number(1.0), number(-1.0))
+    made = reader.make.form("where(a, 1, -1)", reader.condition(node))
     return Crossing(made.text, 1, holds_at_zero=False)
 
 

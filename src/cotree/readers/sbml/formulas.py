@@ -17,7 +17,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.scene.expressions import number_tree
+from cotree.readers.formulas import FORMS, is_condition
+from cotree.scene.expressions import map_tree, name_tree, number_tree, read_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,14 +27,6 @@ if TYPE_CHECKING:
 #: Nodes and levels of a tree above which a part is cut off. The text of a scene's expression has
 #: at most 4000 characters and 100 levels; a node takes a name of up to 60 letters.
 _LARGEST, _HIGHEST = 50, 30
-
-_OPERATORS: dict[str, type[ast.operator]] = {
-    "+": ast.Add,
-    "-": ast.Sub,
-    "*": ast.Mult,
-    "/": ast.Div,
-    "**": ast.Pow,
-}
 
 
 @dataclass(frozen=True)
@@ -75,9 +68,10 @@ def number(value: float) -> Term:
 
 def name(identifier: str) -> Term:
     """Make a name, which may contain a dot."""
-    edge, _, variable = identifier.partition(".")
-    tree: ast.expr = ast.Name(edge)
-    return Term(ast.Attribute(tree, variable) if variable else tree)
+    return Term(name_tree(identifier))
+
+
+_form = cache(read_tree)
 
 
 @dataclass
@@ -92,54 +86,34 @@ class TermMaker:
 
     cut: Callable[[str, str], str]
 
-    def _made(self, tree: ast.expr, *parts: Term) -> Term:
+    def form(self, form: str, *terms: Term) -> Term:
+        """Put terms in the place of a, b and c in an expression, or in a condition."""
+        return self._filled(_form(form), dict(zip("abc", terms, strict=False)))
+
+    def _filled(self, tree: ast.expr, given: Mapping[str, Term]) -> Term:
+        if not isinstance(tree, (ast.BinOp, ast.UnaryOp, ast.Call, ast.Compare, ast.BoolOp)):
+            return given[tree.id] if isinstance(tree, ast.Name) else Term(tree)
+        parts: list[Term] = []
+
+        def filled(part: ast.expr) -> ast.expr | None:
+            if part is tree:
+                return None
+            parts.append(self._filled(part, given))
+            return parts[-1].tree
+
+        made = map_tree(tree, filled)
         size, height = 1 + sum(p.size for p in parts), 1 + max(p.height for p in parts)
-        made = Term(tree, size, height)
-        return name(self.cut(made.text, "part")) if size > _LARGEST or height > _HIGHEST else made
+        # Only values can be cut off: a condition has no name.
+        is_large = not is_condition(made) and (size > _LARGEST or height > _HIGHEST)
+        return name(self.cut(ast.unparse(made), "part")) if is_large else Term(made, size, height)
 
-    def operate(self, left: Term, symbol: str, right: Term) -> Term:
-        """Join two terms by an operator."""
-        return self._made(ast.BinOp(left.tree, _OPERATORS[symbol](), right.tree), left, right)
-
-    def negated(self, term: Term) -> Term:
-        """Change the sign of a term."""
-        return self._made(ast.UnaryOp(ast.USub(), term.tree), term)
-
-    def call(self, function: str, *terms: Term) -> Term:
-        """Call a function of scenes."""
-        return self._made(ast.Call(ast.Name(function), [t.tree for t in terms], []), *terms)
-
-    def balanced(self, join: Callable[[Term, Term], Term], terms: Sequence[Term]) -> Term:
-        """Join many terms in a tree whose height is the logarithm of their number."""
+    def balanced(self, form: str, terms: Sequence[Term]) -> Term:
+        """Join many terms by a form of two, in a tree of the least height."""
         # A sum of a thousand terms that is nested to the left would be a thousand levels deep.
         if len(terms) == 1:
             return terms[0]
         half = (len(terms) + 1) // 2
-        return join(self.balanced(join, terms[:half]), self.balanced(join, terms[half:]))
-
-    def where(self, condition: Term, accepted: Term, refused: Term) -> Term:
-        """Choose between two terms."""
-        parts = (condition, accepted, refused)
-        return self._made(ast.Call(ast.Name("where"), [p.tree for p in parts], []), *parts)
-
-
-def compare(left: Term, operator: type[ast.cmpop], right: Term) -> Term:
-    """Compare two terms, to a condition."""
-    tree = ast.Compare(left.tree, [operator()], [right.tree])
-    return Term(tree, left.size + right.size + 1, max(left.height, right.height) + 1)
-
-
-def combine(operator: type[ast.boolop], conditions: Sequence[Term]) -> Term:
-    """Join conditions by ``and`` or ``or``."""
-    if len(conditions) == 1:
-        return conditions[0]
-    tree = ast.BoolOp(operator(), [c.tree for c in conditions])
-    return Term(tree, sum(c.size for c in conditions), 1 + max(c.height for c in conditions))
-
-
-def contrary(condition: Term) -> Term:
-    """Negate a condition."""
-    return Term(ast.UnaryOp(ast.Not(), condition.tree), condition.size + 1, condition.height + 1)
+        return self.form(form, self.balanced(form, terms[:half]), self.balanced(form, terms[half:]))
 
 
 @cache
@@ -167,49 +141,35 @@ _DEEPEST = 200  # levels, with the functions of the model expanded
 _MOST, _MOST_OF_ALL = 20_000, 2_000_000
 _AVOGADRO = 6.02214179e23  # 1/mol, the value that SBML Level 3 prescribes
 
-#: Functions that scenes have, by the name of libsbml's node.
-_SAME = {
-    "ABS": "abs",
-    "ARCCOS": "acos",
-    "ARCSIN": "asin",
-    "ARCTAN": "atan",
-    "COS": "cos",
-    "COSH": "cosh",
-    "EXP": "exp",
-    "FLOOR": "floor",
-    "LN": "log",
-    "SIN": "sin",
-    "SINH": "sinh",
-    "TAN": "tan",
-    "TANH": "tanh",
-}
-#: Reciprocals of functions, and functions of reciprocals.
-_RECIPROCAL = {
-    "COT": "tan",
-    "COTH": "tanh",
-    "CSC": "sin",
-    "CSCH": "sinh",
-    "SEC": "cos",
-    "SECH": "cosh",
-}
-_OF_RECIPROCAL = {
-    "ARCCSC": "ARCSIN",
-    "ARCSEC": "ARCCOS",
-    "ARCCOTH": "ARCTANH",
-    "ARCSECH": "ARCCOSH",
-    "ARCCSCH": "ARCSINH",
-    "ARCCOT": "ARCTAN",
+#: Comparisons, by the name of libsbml's node.
+RELATIONS = {"LT": "a < b", "LEQ": "a <= b", "GT": "a > b", "GEQ": "a >= b"}
+_RELATIONS = RELATIONS | {"EQ": "a <= b and a >= b", "NEQ": "a < b or a > b"}
+#: Logical operations of one and two conditions.
+_LOGICAL = {
+    ("NOT", 1): "not a",
+    ("IMPLIES", 2): "not a or b",
+    ("XOR", 2): "a and not b or not a and b",
 }
 
-#: Comparisons, by the name of libsbml's node.
-RELATIONS: dict[str, type[ast.cmpop]] = {
-    "LT": ast.Lt,
-    "LEQ": ast.LtE,
-    "GT": ast.Gt,
-    "GEQ": ast.GtE,
+#: Other operations, by the name of libsbml's node and the number of their arguments.
+_SAME = ("ABS", "COS", "COSH", "EXP", "FLOOR", "SIN", "SINH", "TAN", "TANH")
+_FORMS = {
+    **{(name, 1): f"{name.lower()}(a)" for name in _SAME},
+    **{
+        (name.upper(), 1): FORMS[name] for name in FORMS if name[:3] in ("arc", "sec", "csc", "cot")
+    },
+    **{("CEILING", 1): FORMS["ceil"], ("LN", 1): "log(a)", ("MINUS", 1): "-a"},
+    **{("MINUS", 2): "a - b", ("DIVIDE", 2): "a/b", ("POWER", 2): "a**b"},
+    **{("ROOT", 1): "sqrt(a)", ("ROOT", 2): "b**(1/a)"},
+    **{("LOG", 1): "log(a)/log(10)", ("LOG", 2): "log(b)/log(a)"},
+    # Rounded towards zero, so that the remainder has the sign of the dividend.
+    ("QUOTIENT", 2): "where(a/b < 0, -floor(-(a/b)), floor(a/b))",
+    ("REM", 2): "a - b*where(a/b < 0, -floor(-(a/b)), floor(a/b))",
 }
+_JOINED = {"PLUS": "a + b", "TIMES": "a*b", "MAX": "max(a, b)", "MIN": "min(a, b)"}
 
 #: Operations that are not supported, with the text of the message.
+_BOOLEAN = ("CONSTANT_TRUE", "CONSTANT_FALSE")
 _REFUSED = {
     "FUNCTION_DELAY": (
         "delay, which is not supported: approximate it by a chain of species or rate rules"
@@ -307,7 +267,7 @@ class FormulaReader:
             case "CONSTANT_PI":
                 return name("pi")
             case "CONSTANT_E":
-                return self.make.call("exp", number(1.0))
+                return self.make.form("exp(1)")
             case "NAME_AVOGADRO":
                 return number(_AVOGADRO)
             case "NAME_TIME":
@@ -318,7 +278,7 @@ class FormulaReader:
         return None
 
     def _operation(self, kind: str, node: Any) -> Term:
-        parts, make = children(node), self.make
+        parts = children(node)
         if kind in _REFUSED:
             raise ExpressionError(f"contains {_REFUSED[kind]}")
         if kind == "FUNCTION_RATE_OF":
@@ -326,80 +286,25 @@ class FormulaReader:
         if kind == "FUNCTION_PIECEWISE":
             return self._piecewise(parts)
         if kind == "FUNCTION":
-            return self._call(node.getName(), [self._value(part) for part in parts])
-        if kind.startswith(("RELATIONAL_", "LOGICAL_")) or kind in (
-            "CONSTANT_TRUE",
-            "CONSTANT_FALSE",
-        ):
+            reader, body = self._called(node, parts)
+            return reader._value(body)
+        if kind.startswith(("RELATIONAL_", "LOGICAL_")) or kind in _BOOLEAN:
             # A Boolean counts as one or zero if a number is expected.
-            return make.where(self._condition_of(kind, node), number(1.0), number(0.0))
+            return self.make.form("where(a, 1, 0)", self._condition_of(kind, node))
         if kind in ("PLUS", "TIMES"):
             parts = _chain(node, kind)
         terms = [self._value(part) for part in parts]
         function = kind.removeprefix("FUNCTION_")
-        match function, terms:
-            case "PLUS" | "TIMES", []:
-                return number(0.0 if kind == "PLUS" else 1.0)
-            case "PLUS" | "TIMES", _:
-                sign = "+" if kind == "PLUS" else "*"
-                return make.balanced(lambda a, b: make.operate(a, sign, b), terms)
-            case "MINUS", [one]:
-                return make.negated(one)
-            case "MINUS", [left, right]:
-                return make.operate(left, "-", right)
-            case "DIVIDE", [left, right]:
-                return make.operate(left, "/", right)
-            case "POWER", [left, right]:
-                return make.operate(left, "**", right)
-            case "ROOT", [one] | [Term(tree=ast.Constant(value=2)), one]:
-                return make.call("sqrt", one)
-            case "ROOT", [degree, one]:
-                return make.operate(one, "**", make.operate(number(1.0), "/", degree))
-            case "LOG", [one]:
-                return self._logarithm(number(10.0), one)
-            case "LOG", [base, one]:
-                return self._logarithm(base, one)
-            case "QUOTIENT", [left, right]:
-                return self._quotient(left, right)
-            case "REM", [left, right]:
-                whole = make.operate(right, "*", self._quotient(left, right))
-                return make.operate(left, "-", whole)
-            case "MAX" | "MIN", [_, *_]:
-                return make.balanced(lambda a, b: make.call(function.lower(), a, b), terms)
-            case _, [one]:
-                return self._of_one(function, one)
-        raise ExpressionError(f"contains '{_told(kind, node)}', which is not supported")
-
-    def _quotient(self, left: Term, right: Term) -> Term:
-        """Divide, and round towards zero: the remainder has the sign of the dividend."""
-        make = self.make
-        ratio = make.operate(left, "/", right)
-        up = make.negated(make.call("floor", make.negated(ratio)))
-        return make.where(compare(ratio, ast.Lt, number(0.0)), up, make.call("floor", ratio))
-
-    def _logarithm(self, base: Term, one: Term) -> Term:
-        make = self.make
-        return make.operate(make.call("log", one), "/", make.call("log", base))
-
-    def _of_one(self, function: str, one: Term) -> Term:
-        make = self.make
-        if function in _SAME:
-            return make.call(_SAME[function], one)
-        if function in _RECIPROCAL:
-            return make.operate(number(1.0), "/", make.call(_RECIPROCAL[function], one))
-        if function in _OF_RECIPROCAL:
-            return self._of_one(_OF_RECIPROCAL[function], make.operate(number(1.0), "/", one))
-        if function == "CEILING":
-            return make.negated(make.call("floor", make.negated(one)))
-        unit, square = number(1.0), make.operate(one, "*", one)
-        if function in ("ARCSINH", "ARCCOSH"):
-            sign = "+" if function == "ARCSINH" else "-"
-            root = make.call("sqrt", make.operate(square, sign, unit))
-            return make.call("log", make.operate(one, "+", root))
-        if function == "ARCTANH":
-            ratio = make.operate(make.operate(unit, "+", one), "/", make.operate(unit, "-", one))
-            return make.operate(make.call("log", ratio), "/", number(2.0))
-        raise ExpressionError(f"contains '{function.lower()}', which is not supported")
+        if function in ("PLUS", "TIMES") and not terms:
+            return number(0.0 if kind == "PLUS" else 1.0)
+        if function in _JOINED and terms:
+            return self.make.balanced(_JOINED[function], terms)
+        form = _FORMS.get((function, len(terms)))
+        if form is None:
+            raise ExpressionError(f"contains '{_shown(kind, node)}', which is not supported")
+        if function == "ROOT" and getattr(terms[0].tree, "value", None) == 2 and len(terms) == 2:
+            return self.make.form("sqrt(a)", terms[1])
+        return self.make.form(form, *terms)
 
     def _rate(self, parts: list[Any]) -> Term:
         identifier = parts[0].getName() if len(parts) == 1 else None
@@ -423,13 +328,17 @@ class FormulaReader:
             )
         found = self._value(parts[-1])
         for value, condition in reversed(list(zip(parts[:-1:2], parts[1::2], strict=True))):
-            found = self.make.where(self._condition(condition), self._value(value), found)
+            terms = (self._condition(condition), self._value(value), found)
+            found = self.make.form("where(a, b, c)", *terms)
         return found
 
-    def _call(self, function: str, arguments: list[Term]) -> Term:
+    def _called(self, node: Any, given: list[Any]) -> tuple[FormulaReader, Any]:
+        """Return the reader of the body of a function that is called, and the body."""
+        function = node.getName()
         if function not in self.functions:
             hint = nearest(function, self.functions)
             raise ExpressionError(f"calls '{brief(function)}', which is not a function{hint}")
+        arguments = [self._value(part) for part in given]
         if function in self._calls:
             raise ExpressionError(f"calls '{function}', which calls itself")
         *names, body = children(self.functions[function])
@@ -438,7 +347,7 @@ class FormulaReader:
                 f"calls '{function}' with {len(arguments)} arguments instead of {len(names)}"
             )
         bound = dict(zip((n.getName() for n in names), arguments, strict=True))
-        return self._inner(bound, function)._value(body)
+        return self._inner(bound, function), body
 
     def _condition(self, node: Any) -> Term:
         kind = self._descend(node)
@@ -448,42 +357,33 @@ class FormulaReader:
             self._depth -= 1
 
     def _condition_of(self, kind: str, node: Any) -> Term:
-        parts = children(node)
-        if kind in ("CONSTANT_TRUE", "CONSTANT_FALSE"):
-            value = number(1.0 if kind == "CONSTANT_TRUE" else 0.0)
-            return compare(value, ast.Gt, number(0.0))
+        parts, make = children(node), self.make
+        if kind in _BOOLEAN:
+            return make.form("a > 0", number(float(kind == "CONSTANT_TRUE")))
         if kind == "FUNCTION" and node.getName() in self.functions:
-            bound_body = children(self.functions[node.getName()])
-            return self._called_condition(node.getName(), bound_body, parts)
-        relation = kind.removeprefix("RELATIONAL_")
-        if kind != relation and len(parts) >= 2:
+            reader, body = self._called(node, parts)
+            return reader._condition(body)
+        prefix, _, name = kind.partition("_")
+        if prefix == "RELATIONAL" and len(parts) >= 2:
             terms = [self._value(part) for part in parts]
-            return combine(ast.And, [_relate(relation, a, b) for a, b in pairwise(terms)])
-        match kind, [self._condition(part) for part in parts] if "LOGICAL" in kind else []:
-            case "LOGICAL_AND", [_, *_] as conditions:
-                return combine(ast.And, conditions)
-            case "LOGICAL_OR", [_, *_] as conditions:
-                return combine(ast.Or, conditions)
-            case "LOGICAL_NOT", [one]:
-                return contrary(one)
-            case "LOGICAL_IMPLIES", [a, b]:
-                return combine(ast.Or, [contrary(a), b])
-            case "LOGICAL_XOR", [a, b]:
-                sides = [combine(ast.And, [a, contrary(b)]), combine(ast.And, [contrary(a), b])]
-                return combine(ast.Or, sides)
+            return _combined(
+                ast.And, [make.form(_RELATIONS[name], *two) for two in pairwise(terms)]
+            )
+        conditions = [self._condition(part) for part in parts] if prefix == "LOGICAL" else []
+        if name in ("AND", "OR") and conditions:
+            return _combined(ast.And if name == "AND" else ast.Or, conditions)
+        if (name, len(conditions)) in _LOGICAL:
+            return make.form(_LOGICAL[name, len(conditions)], *conditions)
         raise ExpressionError(
-            f"contains '{_told(kind, node)}' instead of a condition: compare two values"
+            f"contains '{_shown(kind, node)}' instead of a condition: compare two values"
         )
 
-    def _called_condition(self, function: str, lambda_parts: list[Any], given: list[Any]) -> Term:
-        *names, body = lambda_parts
-        if function in self._calls or len(names) != len(given):
-            raise ExpressionError(
-                f"calls '{function}' recursively or with the wrong number of arguments"
-            )
-        terms = [self._value(part) for part in given]
-        bound = dict(zip((n.getName() for n in names), terms, strict=True))
-        return self._inner(bound, function)._condition(body)
+
+def _combined(operator: type[ast.boolop], conditions: Sequence[Term]) -> Term:
+    if len(conditions) == 1:
+        return conditions[0]
+    tree = ast.BoolOp(operator(), [c.tree for c in conditions])
+    return Term(tree, sum(c.size for c in conditions), 1 + max(c.height for c in conditions))
 
 
 def _chain(node: Any, kind: str) -> list[Any]:
@@ -499,13 +399,5 @@ def _chain(node: Any, kind: str) -> list[Any]:
     return found if found != [node] else []
 
 
-def _relate(relation: str, a: Term, b: Term) -> Term:
-    if relation == "EQ":
-        return combine(ast.And, [compare(a, ast.LtE, b), compare(a, ast.GtE, b)])
-    if relation == "NEQ":
-        return combine(ast.Or, [compare(a, ast.Lt, b), compare(a, ast.Gt, b)])
-    return compare(a, RELATIONS[relation], b)
-
-
-def _told(kind: str, node: Any) -> str:
+def _shown(kind: str, node: Any) -> str:
     return brief(node.getName() or kind.removeprefix("FUNCTION_").lower())

@@ -303,7 +303,7 @@ class Rates:
             with explained(formula):
                 return reader.read(formula.node)
         if role is Role.CONCENTRATION:
-            return make.operate(self._flow(id, reader), "/", reader.symbol(quantity.compartment))
+            return make.form("a/b", self._flow(id, reader), reader.symbol(quantity.compartment))
         if role is Role.AMOUNT and quantity.is_amount:
             return self._flow(id, reader)
         if role not in (Role.AMOUNT, Role.DILUTED):
@@ -311,11 +311,10 @@ class Rates:
         # c = n/V: c' = (n' - c V')/V.
         size = reader.symbol(quantity.compartment)
         growth = self.of(quantity.compartment, reader)
-        diluted = make.operate(reader.symbol(id), "*", growth)
+        diluted = make.form("a*b", reader.symbol(id), growth)
         if role is Role.DILUTED:
-            return make.operate(make.negated(diluted), "/", size)
-        flow = make.operate(self._flow(id, reader), "-", diluted)
-        return make.operate(flow, "/", size)
+            return make.form("-a/b", diluted, size)
+        return make.form("(a - b)/c", self._flow(id, reader), diluted, size)
 
     def _flow(self, id: str, reader: FormulaReader) -> Term:
         """Return the sum of the molar flows of all reactions to a species."""
@@ -325,13 +324,13 @@ class Rates:
                 if part.species != id:
                     continue
                 count = self._stoichiometry(part.stoichiometry, reader)
-                term = make.operate(count, "*", reader.symbol(reaction.id))
-                terms.append(make.negated(term) if part.sign < 0 else term)
+                form = "-(a*b)" if part.sign < 0 else "a*b"
+                terms.append(make.form(form, count, reader.symbol(reaction.id)))
         if not terms:
             return number(0.0)
-        total = make.balanced(lambda a, b: make.operate(a, "+", b), terms)
+        total = make.balanced("a + b", terms)
         conversion = self._content.quantities[id].conversion
-        return make.operate(reader.symbol(conversion), "*", total) if conversion else total
+        return make.form("a*b", reader.symbol(conversion), total) if conversion else total
 
     def _stoichiometry(self, given: float | str | Formula, reader: FormulaReader) -> Term:
         if isinstance(given, Formula):

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, parse
+from cotree.errors import ExpressionError, brief
+from cotree.readers.formulas import GROUP, Rewriter, called, python_text
+from cotree.scene.expressions import FUNCTIONS, WHERE, parse, read_tree
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.readers.names import SourceLine
+    from cotree.scene.expressions import Expression
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
@@ -26,10 +29,22 @@ ParameterRow = tuple[str, str, "SourceLine"]
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"([+-]?{_DIGITS})([A-Za-zµ]*)\Z", re.ASCII)
 _TOKEN = re.compile(
-    rf"\s*(?:(?P<number>{_DIGITS})(?P<suffix>[A-Za-zµ]*)|(?P<name>[A-Za-z_]\w*)"
-    r"|(?P<sign>\*\*|[-+*/^(),]))",
+    rf"\s*(?:(?P<number>{_DIGITS}[A-Za-zµ]*\d*)"
+    r"|(?P<signal>[vViI]\s*\(\s*[^\s(),]+\s*(?:,\s*[^\s(),]+\s*)?\))"
+    r"|(?P<call>[A-Za-z_][\w.]*)\s*\(|(?P<name>[A-Za-z_][\w.]*)"
+    r"|(?P<sign>\*\*|<=|>=|==|!=|&&|\|\||[-+*/^(),<>?:!]))",
     re.ASCII,
 )
+_SIGNAL = re.compile(r"([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)", re.I | re.ASCII)
+#: Signs as Python has them.
+_SPELT = {"^": "**", "&&": "and", "||": "or", "!": "~", "?": "if (", ":": ") else"}
+_SPELT |= {"(": f"{GROUP}("}
+#: Functions of other names or forms than those of scenes.
+_FORMS = (
+    *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
+    *("u", "uramp", "ceil", "pwr", "limit"),
+)
+_CHOICES = ("if", "ternary_fcn")
 #: A factor in the place of the point, as resistors are printed.
 _PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
@@ -38,8 +53,7 @@ _SUFFIXES = {
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
 }
 _WORD = re.compile(r"[a-z_]\w*", re.ASCII)
-_OTHER_NAMES = {"ln": "log", "sgn": "sign", "arctan": "atan"}
-_LONGEST = 3000  # characters of an expression, parameters put in
+_LONGEST = 6000  # characters of an expression, parameters put in
 
 
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
@@ -214,51 +228,129 @@ class Scope:
             )
 
     def _expression(self, body: str) -> Value:
-        made, i = [], 0
-        while body[i:].strip():
-            match = _TOKEN.match(body, i)
-            if match is None:
-                raise ExpressionError("is neither a number nor an expression of parameters")
-            i = match.end()
-            # A name before a parenthesis is a function, any other a parameter, whose value or text
-            # is put in.
-            made.append(self._piece(match, body[i:].lstrip()[:1] == "("))
-            # Parameters are put in as text, which may double with each level of definitions.
-            if sum(map(len, made)) > _LONGEST:
-                raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
-        text = " ".join(made)
+        text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
         # Names in the text are parameters of the scene, on which the value is to depend.
-        return text if expression.names else _folded(text)
+        return text if expression.names else _folded(expression)
 
-    def _piece(self, match: re.Match[str], is_call: bool) -> str:
-        if match["number"] is not None:
-            value = _scaled(match["number"], match["suffix"])
-            if not math.isfinite(value):
-                raise ExpressionError("holds a number that is not finite")
-            # Digits that read back as the same number: the text is parsed again by the scene.
-            return repr(value)
-        if match["sign"] is not None:
-            return "**" if match["sign"] == "^" else match["sign"]
-        name = match["name"].lower()
-        if is_call:
-            own = _OTHER_NAMES.get(name, name)
-            if own not in FUNCTIONS:
-                hint = nearest(own, FUNCTIONS)
-                raise ExpressionError(f"calls '{brief(name)}', which is no function here{hint}")
-            return own
-        found = self.find(name)
+
+class SpiceFormula(Rewriter):
+    """Rewrites expressions of a netlist.
+
+    Parameters
+    ----------
+    scope : Scope
+        Gives the values of parameters.
+    signal : callable, optional
+        Writes a voltage or a current, of the letter, one name or two; without it there are none.
+    """
+
+    def __init__(
+        self, scope: Scope, signal: Callable[[str, str, str | None], str] | None = None
+    ) -> None:
+        super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS, *_CHOICES, "pow"))
+        self._scope, self._signal = scope, signal
+        #: What stands for names, by marks that keep it from being rewritten.
+        self._put: dict[str, ast.expr] = {}
+        self._length = 0
+
+    def text(self, formula: str) -> str:
+        """Rewrite an expression as it is written in a netlist.
+
+        Raises
+        ------
+        ExpressionError
+            If it is none, or holds what scenes do not know.
+        """
+        if not formula.strip():
+            raise ExpressionError("ends where a value should stand")
+        return super().text(python_text(formula, _TOKEN, self._spelt, _LONGEST))
+
+    def _spelt(self, match: re.Match[str]) -> str:
+        word = match[0].strip()
+        if match["number"]:
+            return number_text(word)
+        if match["sign"]:
+            if word in ("==", "!="):
+                raise ExpressionError(f"compares by '{word}': compare by < <= > >=")
+            return _SPELT.get(word, word)
+        if match["call"]:
+            name = match["call"].lower()
+            if name in ("v", "i") and self._signal is not None:
+                raise ExpressionError(
+                    f"calls '{name}', which takes a name in parentheses: V(node), V(node, node) "
+                    "or I(source)"
+                )
+            return f"{'ternary_fcn' if name == 'if' else name}("
+        text = self._named(word) if match["name"] else self._signal_text(word)
+        # Parameters may double with each level of definitions.
+        self._length += len(text)
+        if self._length > _LONGEST:
+            raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
+        mark = f"{GROUP}{len(self._put)}"
+        self._put[mark] = read_tree(text)
+        return mark
+
+    def _signal_text(self, word: str) -> str:
+        match = _SIGNAL.fullmatch(word)
+        assert match is not None
+        if self._signal is None:
+            raise ExpressionError(f"calls '{match[1]}', which is no function of parameters")
+        if match[3] and match[1] in "iI":
+            raise ExpressionError(f"takes a current of two names: '{brief(word)}'")
+        return self._signal(match[1].lower(), match[2], match[3])
+
+    def _named(self, word: str) -> str:
+        name = word.lower()
+        found = self._scope.find(name)
         # A parameter may be called pi, too, and goes before the constant.
-        if found is None and name == "pi":
-            return repr(math.pi)
-        if found is None:
-            raise ExpressionError(f"names '{brief(name)}', which is no parameter")
-        return text_of(found)
+        if found is not None:
+            return text_of(found)
+        known = {"pi": repr(math.pi)}
+        if self._signal is not None:
+            known |= {"time": "t", "temper": "27.0"}
+        if name not in known:
+            raise ExpressionError(f"names '{brief(word)}', which is no parameter")
+        return known[name]
+
+    def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
+        """Rewrite a choice or a power."""
+        if name in _CHOICES and len(args) == 3:
+            return called(WHERE, self.condition(args[0]), *map(self.value, args[1:]))
+        if name == "pow" and len(args) == 2:
+            return self._power(*map(self.value, args))
+        return None
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        """Rewrite an operation; powers in laws group from the left, as in ngspice."""
+        if not isinstance(node.op, ast.Pow):
+            return super().visit_BinOp(node)
+        base, exponent = self.value(node.left), node.right
+        while self._signal is not None:
+            has_sign = isinstance(exponent, ast.UnaryOp)
+            inner = exponent.operand if isinstance(exponent, ast.UnaryOp) else exponent
+            if not (isinstance(inner, ast.BinOp) and isinstance(inner.op, ast.Pow)):
+                break
+            first = ast.UnaryOp(ast.USub(), inner.left) if has_sign else inner.left
+            base, exponent = self._power(base, self.value(first)), inner.right
+        return self._power(base, self.value(exponent))
+
+    def _power(self, base: ast.expr, exponent: ast.expr) -> ast.expr:
+        """Raise a value; in laws that of voltages and currents is of their size, as in ngspice."""
+        power = exponent.value if isinstance(exponent, ast.Constant) else None
+        is_even = isinstance(power, float) and power % 2.0 == 0.0
+        # An even power needs no sign removed, nor does the power of a number.
+        if self._signal is not None and not (is_even or isinstance(base, ast.Constant)):
+            self._scope.remark(
+                "powers of voltages and currents are those of their sizes, as in ngspice: write "
+                "products where signs are to stay"
+            )
+            base = called("abs", base)
+        return ast.BinOp(base, ast.Pow(), exponent)
 
 
-def _folded(text: str) -> float:
-    """Give the value of an expression without parameters."""
-    node = parse(text, "an expression").lower(Dag(), _unknown)
+def _folded(expression: Expression) -> float:
+    node = expression.lower(Dag(), _unknown)
     if node.value is None or not math.isfinite(node.value):
         raise ExpressionError("has no finite value")
     return node.value

@@ -1,0 +1,207 @@
+"""Formulas of other tools, rewritten in the grammar of expressions.
+
+A reader spells the tokens of its grammar as Python does. Python parses that text, which nothing
+evaluates, and the tree is rewritten: names, conditions, powers, and functions of other names or
+forms. The result is checked like every expression of a scene.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from typing import TYPE_CHECKING
+
+from cotree.errors import ExpressionError, brief, nearest
+from cotree.scene.expressions import FUNCTIONS, WHERE, map_names, names_in, read_tree
+
+if TYPE_CHECKING:
+    import re
+    from collections.abc import Callable, Iterable, Sequence
+
+#: What readers write before a parenthesis that only groups; no tool has such a function.
+GROUP = "ö"
+
+_LONGEST = 6000  # characters of a formula with its functions expanded
+
+#: Functions of other tools in terms of those of scenes.
+FORMS = {
+    "ln": "log(a)",
+    "log10": "log(a)/2.302585092994046",
+    "log2": "log(a)/0.6931471805599453",
+    "sgn": "sign(a)",
+    "ceil": "-floor(-a)",
+    **{f"arc{name}": f"a{name}(a)" for name in ("sin", "cos", "tan")},
+    **{"sec": "1/cos(a)", "csc": "1/sin(a)", "cot": "1/tan(a)"},
+    **{"sech": "1/cosh(a)", "csch": "1/sinh(a)", "coth": "1/tanh(a)"},
+    **{"arcsec": "acos(1/a)", "arccsc": "asin(1/a)", "arccot": "atan(1/a)"},
+    "arcsinh": "log(a + sqrt(a*a + 1))",
+    "arccosh": "log(a + sqrt(a*a - 1))",
+    "arctanh": "log((1 + a)/(1 - a))/2",
+    "arccsch": "log(1/a + sqrt(1/a*(1/a) + 1))",
+    "arcsech": "log(1/a + sqrt(1/a*(1/a) - 1))",
+    "arccoth": "log((1 + 1/a)/(1 - 1/a))/2",
+    "u": "where(a > 0, 1, 0)",
+    "uramp": "max(a, 0)",
+    "pwr": "sign(a)*abs(a)**b",
+    "limit": "min(max(a, b), c)",
+}
+FORMS |= {f"a{name}": FORMS[f"arc{name}"] for name in ("sinh", "cosh", "tanh")}
+
+
+@cache
+def form_of(name: str) -> tuple[ast.expr, int]:
+    """Return the tree of a form, in which a, b and c are the arguments, and their number."""
+    tree = read_tree(FORMS[name])
+    return tree, len(names_in(tree))
+
+
+def python_text(
+    text: str, token: re.Pattern[str], spell: Callable[[re.Match[str]], str], longest: int
+) -> str:
+    """Spell a formula as Python does, token by token.
+
+    Raises
+    ------
+    ExpressionError
+        If it holds something else than tokens, or is too long.
+    """
+    text, parts, at = text.strip(), [], 0
+    if len(text) > longest:
+        raise ExpressionError(f"is longer than {longest} characters")
+    while at < len(text):
+        match = token.match(text, at)
+        if match is None:
+            raise ExpressionError(f"contains '{brief(text[at:].strip()[:1])}', which is not known")
+        at = match.end()
+        parts.append(spell(match))
+    return " ".join(parts)
+
+
+def called(function: str, *args: ast.expr) -> ast.Call:
+    """Return the tree of a call."""
+    return ast.Call(ast.Name(function), list(args), [])
+
+
+def compared(a: ast.expr, operator: type[ast.cmpop], b: ast.expr) -> ast.expr:
+    """Return the comparison of two trees; the grammar has no equality, which is a <= b <= a."""
+    if operator in (ast.Eq, ast.NotEq):
+        both = ast.BoolOp(ast.And(), [ast.Compare(a, [op()], [b]) for op in (ast.LtE, ast.GtE)])
+        return both if operator is ast.Eq else ast.UnaryOp(ast.Not(), both)
+    return ast.Compare(a, [operator()], [b])
+
+
+def is_condition(tree: ast.expr) -> bool:
+    """Return whether a tree is a condition, and no value."""
+    is_not = isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)
+    return is_not or isinstance(tree, (ast.Compare, ast.BoolOp))
+
+
+def as_condition(tree: ast.expr) -> ast.expr:
+    """Refuse a value in the place of a condition."""
+    if not is_condition(tree):
+        raise ExpressionError(
+            f"takes '{brief(ast.unparse(tree))}' for a condition, which is no comparison: write "
+            "x > 0"
+        )
+    return tree
+
+
+class Rewriter(ast.NodeTransformer):
+    """Rewrites the tree of a formula.
+
+    Parameters
+    ----------
+    name : callable
+        Returns the tree that a name stands for.
+    functions : iterable of str
+        The functions of the tool: those of scenes, and keys of :data:`FORMS`.
+    """
+
+    def __init__(self, name: Callable[[str], ast.expr], functions: Iterable[str]) -> None:
+        self._name, self._functions = name, tuple(functions)
+
+    def text(self, formula: str) -> str:
+        """Rewrite a formula that is spelt as Python does.
+
+        Raises
+        ------
+        ExpressionError
+            If it is none, or the grammar of expressions has no equivalent of it.
+        """
+        try:
+            return ast.unparse(self.value(read_tree(formula)))
+        except RecursionError:
+            raise ExpressionError("is nested deeper than expressions may be: split it") from None
+
+    def value(self, tree: ast.expr) -> ast.expr:
+        """Rewrite what is to be a number; a condition counts one where it holds, else zero."""
+        found: ast.expr = self.visit(tree)
+        if not is_condition(found):
+            return found
+        return called(WHERE, found, ast.Constant(1), ast.Constant(0))
+
+    def condition(self, tree: ast.expr) -> ast.expr:
+        """Rewrite what is to be a condition."""
+        return as_condition(self.visit(tree))
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """Replace a name."""
+        return self._name(node.id)
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        """Rewrite the operands."""
+        return ast.BinOp(self.value(node.left), node.op, self.value(node.right))
+
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
+        """Rewrite a sign or a negation, which readers spell ``~``."""
+        if isinstance(node.op, ast.Invert):
+            return ast.UnaryOp(ast.Not(), self.condition(node.operand))
+        return ast.UnaryOp(node.op, self.value(node.operand))
+
+    def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:
+        """Rewrite joined conditions."""
+        return ast.BoolOp(node.op, [self.condition(part) for part in node.values])
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
+        """Rewrite ``a ? b : c``, which readers spell ``a if (b) else c``."""
+        condition, value = self.condition(node.body), self.value(node.test)
+        return called(WHERE, condition, value, self.value(node.orelse))
+
+    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+        """Rewrite a comparison, or a chain of them."""
+        sides = [self.value(side) for side in (node.left, *node.comparators)]
+        parts = [
+            compared(a, type(op), b)
+            for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        """Rewrite a call of a function, or what is in parentheses."""
+        name = node.func.id if isinstance(node.func, ast.Name) else ""
+        if name == GROUP and len(node.args) == 1:
+            inner: ast.expr = self.visit(node.args[0])
+            return inner
+        found = self.own_call(name, node.args)
+        return found or self._call(name, [self.value(arg) for arg in node.args])
+
+    def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
+        """Rewrite a call that only one tool has; None for any other."""
+        return None
+
+    def _call(self, name: str, args: list[ast.expr]) -> ast.expr:
+        if name not in self._functions:
+            shown = brief(name.replace(GROUP, "(...)"))
+            hint = nearest(name, self._functions)
+            raise ExpressionError(f"calls '{shown}', which is no function here{hint}")
+        is_form = name in FORMS
+        form, count = form_of(name) if is_form else (None, FUNCTIONS[name])
+        if len(args) != count:
+            raise ExpressionError(f"gives {name} {len(args)} arguments, not {count}")
+        if form is None:
+            return called(name, *args)
+        tree = map_names(form, dict(zip("abc", args, strict=False)).__getitem__)
+        # A form may hold an argument several times, so that nested calls would grow without bound.
+        if len(ast.unparse(tree)) > _LONGEST:
+            raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")
+        return tree
