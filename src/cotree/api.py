@@ -13,10 +13,11 @@ from cotree.errors import ParameterError, SingularSystemError, TopologyError
 from cotree.model.start import check_start
 from cotree.readers import load_source
 from cotree.recipe import Recipe
+from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
-from cotree.scene.methods import ComponentMethods, PartMethods
 from cotree.scene.part_adding import origins_told
+from cotree.scene.part_methods import PartMethods
 from cotree.scene.table_methods import TableMethods
 from cotree.scene.variants import keep_tunable, listed_names, with_inputs
 

@@ -11,9 +11,9 @@ import pytest
 import cotree
 from cotree import Scene, SceneError
 from cotree.components import COMPONENTS, OWN
+from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.edge import examples, usage_of
-from cotree.scene.methods import ComponentMethods
 from cotree.scene.usage_text import edge_call
 
 

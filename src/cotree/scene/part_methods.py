@@ -1,99 +1,18 @@
-"""Methods of scenes that add components and parts.
-
-Types and docstrings for editors and type checkers stand in ``component_methods.pyi``, which a test
-compares with the table of components.
-"""
+"""The method of scenes that adds a part to them."""
 
 from __future__ import annotations
 
-import inspect
-from functools import lru_cache
 from os import PathLike
-from types import MethodType
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.components import OWN
 from cotree.errors import SceneError, brief
 from cotree.scene.description import SceneDescription
 from cotree.scene.part_adding import add_part
 from cotree.scene.toml_file import load_part
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from cotree.scene.edge import Entry, Usage
-
-
-class ComponentMethod:
-    """The method of one component, made when it is first used."""
-
-    # Descriptions of ninety components would take longer to make than a scene to read.
-    def __init__(self, type: str) -> None:
-        self.type = type
-
-    def __get__(self, scene: object, owner: object = None) -> Callable[..., None]:
-        function = _function(self.type)
-        return function if scene is None else MethodType(function, scene)
-
-
-class ComponentMethods:
-    """Methods that add an edge of each component: ``scene.revolute("h", "D", "B", axis=...)``.
-
-    Each stands for a call of :meth:`cotree.Scene.edge` with the name of the component. Fields take
-    numbers in SI, names of parameters, expressions in quotes, and values with a unit, as in
-    ``{"value": 35, "unit": "mm"}``. Types that :func:`cotree.register_component` made are added by
-    that method itself.
-    """
-
-
-for _type in sorted(OWN):
-    # A defect of the table, which the first import would show: methods must not hide each other.
-    assert not hasattr(ComponentMethods, _type)
-    setattr(ComponentMethods, _type, ComponentMethod(_type))
-
-
-@lru_cache(maxsize=256)
-def _function(type: str) -> Callable[..., None]:
-    """Make the function that adds an edge of a type."""
-    from cotree.scene.edge import usage_of
-    from cotree.scene.usage_text import docstring_of
-
-    def add(
-        scene: Any,
-        name: str,
-        /,
-        *nodes: str,
-        initial: Mapping[str, Any] | None = None,
-        **fields: Any,
-    ) -> None:
-        # What a caller leaves open by None is not given; defaults are those of the table.
-        given = {key: value for key, value in fields.items() if value is not None}
-        scene.edge(name, type, *nodes, initial=initial, **given)
-
-    usage = usage_of(type)
-    add.__name__, add.__qualname__ = type, f"Scene.{type}"
-    add.__doc__ = docstring_of(usage)
-    add.__signature__ = _signature(usage)  # type: ignore[attr-defined]
-    return add
-
-
-def _signature(usage: Usage) -> inspect.Signature:
-    """Form the signature that help and notebooks show."""
-    alone, keyword = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.KEYWORD_ONLY
-    needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
-    rows = [inspect.Parameter(name, alone) for name in ("scene", "name", *needed)]
-    rows += [inspect.Parameter(name, alone, default=None) for name in rest]
-    if usage.has_ports:
-        rows.append(inspect.Parameter("nodes", inspect.Parameter.VAR_POSITIONAL))
-    rows += [inspect.Parameter(e.name, keyword, default=_default(e)) for e in usage.entries]
-    if usage.initial:
-        rows.append(inspect.Parameter("initial", keyword, default=None))
-    return inspect.Signature(rows)
-
-
-def _default(entry: Entry) -> Any:
-    return inspect.Parameter.empty if entry.required else entry.default
 
 
 class PartMethods:
