@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, version
 
 #: Layout of the structure in ``cotree_abi.h``; a change there changes this number.
-ABI_VERSION = 9
+ABI_VERSION = 10
 
 try:
     #: Version of the installed package.

@@ -66,7 +66,7 @@ EVERY_RUN += [("motor-linkage", "valgrind", "double"), ("bouncing-ball", "saniti
 
 
 def written(folder: Path, names: Iterable[str], methods: Iterable[str], real: str) -> list[Path]:
-    """Write projects; give one place of each C text, since many share theirs."""
+    """Write projects; return one place of each C text, since many share theirs."""
     found: dict[str, Path] = {}
     for name in names:
         scene = cotree.load(name)
@@ -79,7 +79,7 @@ def written(folder: Path, names: Iterable[str], methods: Iterable[str], real: st
                 with contextlib.suppress(CodegenError):
                     made = write_c_project(program, to, Kit(integrator, real), **RUN, step=step)
                     for file in made.files:
-                        if file.suffix == ".c":
+                        if file.suffix in {".c", ".h"}:
                             found.setdefault(file.name + file.read_text(), file)
     return list(found.values())
 
@@ -108,8 +108,12 @@ def complaints(command: list[str], files: Iterable[Path]) -> list[str]:
         return done.stderr or ("" if done.returncode == 0 else f"{line} failed")
 
     need(command[0])
+    # Programs in C++ include the headers, and are linked with objects of C.
+    suffix = ".h" if "c++" in command else ".c"
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [text for text in pool.map(compiled, files) if text]
+        return [
+            text for text in pool.map(compiled, (f for f in files if f.suffix == suffix)) if text
+        ]
 
 
 @pytest.mark.slow

@@ -187,31 +187,20 @@ int main(void)
 {
     const cotree_model *m = %(prefix)s_abi();
     const int n = m->n_states, ns = n * m->n_sensitivities;
-    /* Those that vanish are left out. */
-    const int nr = ns ? m->sensitivity_starts[m->n_sensitivities] : 0;
-    const int ny = m->n_outputs, nys = ny * m->n_sensitivities;
     double *x = array(n), *s = array(ns > n ? ns : n);
     double *u = array(m->n_inputs), *p = array(m->n_parameters);
-    double *k = array(m->n_prepared), *dx = array(n), *ds = array(ns), *dz = array(n + ns);
-    double *values = array(m->n_nonzeros), *y = array(ny), *dy = array(nys);
-    double *x0 = array(n), *s0 = array(ns), *u0 = array(m->n_inputs);
+    double *k = array(m->n_prepared), *dx = array(n), *values = array(m->n_nonzeros);
+    double *x0 = array(n);
     int failed = 0, i;
     for (i = 0; i < m->n_parameters; ++i) p[i] = m->parameter_values[i];
     failed |= show("prepare", m->prepare(p, k), k, m->n_prepared);
     failed |= show("initial", m->initial(p, k, x0), x0, n);
-    failed |= show("initial_sensitivity", m->initial_sensitivity(p, k, s0), s0, ns);
-    failed |= show("inputs", m->inputs_of_time(0.7, p, k, u0), u0, m->n_inputs);
     failed |= show("rhs", m->rhs(0.7, x, u, p, k, dx), dx, n);
     failed |= show("jacobian", m->jacobian(0.7, x, u, p, k, values), values, m->n_nonzeros);
-    failed |= show("sensitivity_rhs", m->sensitivity_rhs(0.7, x, s, u, p, k, ds), ds, nr);
-    failed |= show("augmented_rhs", m->augmented_rhs(0.7, x, s, u, p, k, dz), dz, ns ? n + nr : 0);
-    failed |= show("outputs", m->outputs_of_state(0.7, x, u, p, k, y), y, ny);
-    failed |= show("output_sensitivity", m->output_sensitivity(0.7, x, s, u, p, k, dy), dy, nys);
 %(optional)s
     for (i = 0; i < n; ++i) printf("# %%s %%s\n", m->states[i].name, m->states[i].unit);
     for (i = 0; i < m->n_guards; ++i) printf("# %%s\n", m->guards[i]);
-    free(x); free(s); free(u); free(p); free(k); free(dx); free(ds); free(dz); free(values);
-    free(y); free(dy); free(x0); free(s0); free(u0);
+    free(x); free(s); free(u); free(p); free(k); free(dx); free(values); free(x0);
     return failed;
 }
 """
@@ -221,12 +210,13 @@ def _call_optional(program):
     """Write the calls of optional kernels: those without results have no pointer."""
     lines = []
     for name, kernel in program.kernels.items():
-        n, arguments = len(kernel.results), ", ".join(["0.7", *kernel.spec.arguments[1:], "r"])
-        if not kernel.spec.is_optional:
+        spec, n = kernel.spec, len(kernel.results)
+        if spec.is_required:
             continue
-        lines += [f"    if (m->{name} {'==' if n else '!='} NULL) return 2;"]
+        arguments = ", ".join("0.7" if key == "t" else key for key in (*spec.arguments, "r"))
+        lines += [f"    if (m->{spec.field} {'==' if n else '!='} NULL) return 2;"]
         if n:
-            call = f'failed |= show("{name}", m->{name}({arguments}), r, {n});'
+            call = f'failed |= show("{name}", m->{spec.field}({arguments}), r, {n});'
             lines += [f"    {{ double *r = array({n}); {call} free(r); }}"]
     lines.append(f"    if (m->n_constraints != {len(program.layout.constraints)}) return 3;")
     return "\n".join(lines)
@@ -302,7 +292,8 @@ def test_calls_run_clean_under_sanitizers(made_up, run_compiler):
 def test_a_scene_with_constraints_runs_clean_under_sanitizers(run_compiler, sensitivities):
     program = _closed(sensitivities)
     found = _sanitized(program, "closed", run_compiler)
-    optional = {name for name, spec in KERNELS.items() if spec.is_optional} - OF_UNKNOWNS
+    names = list(KERNELS)
+    optional = {*names[names.index("constraints") :]} - OF_UNKNOWNS
     # Of events, s stands for rates of states, or for how far these reach.
     of_sensitivities = {name for name in optional if "s" in KERNELS[name].arguments}
     of_sensitivities -= {"event_rates", "event_ranges"}

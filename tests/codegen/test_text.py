@@ -193,6 +193,8 @@ def test_contexts_are_plain_data(program_of, scene_name):
         if isinstance(value, list):
             for item in value:
                 check(item)
+        elif isinstance(value, dict):
+            check([*value, *value.values()])
         elif dataclasses.is_dataclass(value):
             for field in dataclasses.fields(value):
                 check(getattr(value, field.name))

@@ -340,7 +340,7 @@ class ModelContext(KernelFile):
     maps: list[MapContext]
     constants: list[Constants]  # of maps: what columns do not share, and where they begin
     clears_columns: bool
-    kernel_pointers: list[str]
+    kernel_pointers: dict[str, str]
     states: list[QuantityContext]
     parameters: list[QuantityContext]
     inputs: list[QuantityContext]
@@ -436,10 +436,11 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         constants=[*columns.values(), *starts.values()],
         # Columns that are no constants are filled at each call, between zeros that are set before.
         clears_columns=any(node not in columns for node in maps),
-        # The structure of a model has a place for each kernel of the registry, in its order.
-        kernel_pointers=[
-            f"{prefix}_{k.spec.name}" if k in present else "NULL" for k in program.kernels.values()
-        ],
+        # The structure of a model has a place for each kernel of the registry.
+        kernel_pointers={
+            k.spec.field: f"{prefix}_{k.spec.name}" if k in present else "NULL"
+            for k in program.kernels.values()
+        },
         states=[_quantity(row) for row in layout.states],
         parameters=[_quantity(row) for row in layout.parameters],
         inputs=[_quantity(row) for row in layout.inputs],

@@ -164,8 +164,9 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 
     def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
         kernel = self._program.kernels[name]
-        if not kernel.is_present:
-            raise KeyError(name)
+        if not kernel.is_present:  # it has no results: no call is needed
+            self[name] = absent = (lambda *_: 0), (), np.zeros(0), True
+            return absent
         # Pointers to all arguments are bound here once; time is passed by value.
         spec, result = KERNELS[name], np.zeros(len(kernel.results))
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
@@ -249,8 +250,10 @@ class CKernels:
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
-    def address(self, name: str) -> int:
-        """Give the address of a kernel; see :class:`Kernels`."""
+    def address(self, name: str) -> int | None:
+        """Return the address of a kernel; see :class:`Kernels`."""
+        if not self._program.kernels[name].is_present:
+            return None
         return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
 
     def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:

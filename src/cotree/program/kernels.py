@@ -33,8 +33,8 @@ class KernelSpec:
     tail_of : str
         The kernel whose last results are this one's, if there is one: C then calls it and keeps
         those, since computing them alone would save next to nothing.
-    is_optional : bool
-        Whether it is left out of C where it has no results.
+    is_required : bool
+        Whether every model has it. Others are left out of C where they have no results.
     is_packed : bool
         Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
     of : str
@@ -46,7 +46,7 @@ class KernelSpec:
     result: str
     doc: str
     tail_of: str = ""
-    is_optional: bool = False
+    is_required: bool = False
     is_packed: bool = False
     of: str = ""
 
@@ -74,13 +74,23 @@ _TYPES = {
 }
 
 _ROWS = (
-    KernelSpec("prepare", ("p",), "k", "what depends on parameters only, n_prepared values"),
-    KernelSpec("initial", ("p", "k"), "x", "initial states"),
+    KernelSpec(
+        "prepare",
+        ("p",),
+        "k",
+        "what depends on parameters only, n_prepared values",
+        is_required=True,
+    ),
+    KernelSpec("initial", ("p", "k"), "x", "initial states", is_required=True),
     KernelSpec("initial_sensitivity", ("p", "k"), "s", "sensitivities of the initial states"),
     KernelSpec("inputs", ("t", "p", "k"), "u", "the scene's own inputs", of="_of_time"),
-    KernelSpec("rhs", _STATE, "dx", "rates of the states"),
+    KernelSpec("rhs", _STATE, "dx", "rates of the states", is_required=True),
     KernelSpec(
-        "jacobian", _STATE, "values", "derivatives of rhs by the states: its n_nonzeros, by columns"
+        "jacobian",
+        _STATE,
+        "values",
+        "derivatives of rhs by the states: its n_nonzeros, by columns",
+        is_required=True,
     ),
     KernelSpec(
         "augmented_rhs",
@@ -105,67 +115,56 @@ _ROWS = (
         _STATE,
         "c",
         "what is to be zero: constraints, their rates, norms of quaternions less one",
-        is_optional=True,
     ),
     KernelSpec(
         "constraint_sensitivity",
         _SENSITIVITY,
         "dc",
         "sensitivities of the constraints",
-        is_optional=True,
     ),
     KernelSpec(
         "gradient",
         _STATE,
         "g",
         "derivatives of the constraints' rates by the speeds, row by row",
-        is_optional=True,
     ),
     KernelSpec(
         "start",
         _STATE,
         "c",
         "conditions on the initial state: residuals, then what others follow as and are",
-        is_optional=True,
     ),
     KernelSpec(
         "start_gradient",
         _STATE,
         "g",
         "derivatives of these by the speeds, row by row",
-        is_optional=True,
     ),
-    KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of these", is_optional=True),
+    KernelSpec("start_sensitivity", _SENSITIVITY, "dc", "sensitivities of these"),
     KernelSpec(
         "projection",
         _STATE,
         "dx",
         "a Newton step from the states towards the constraints",
-        is_optional=True,
     ),
     KernelSpec(
         "sensitivity_projection",
         _SENSITIVITY,
         "ds",
         "the step that makes sensitivities satisfy the differentiated constraints",
-        is_optional=True,
     ),
     KernelSpec(
         "events",
         _STATE,
         "g",
         "what events look at for zeros, then corners; the numbers of pieces of tables; quantities",
-        is_optional=True,
     ),
-    KernelSpec(
-        "jumps", _STATE, "r", "what each event sets its targets to, in turn", is_optional=True
-    ),
+    KernelSpec("jumps", _STATE, "r", "what each event sets its targets to, in turn"),
     KernelSpec(
         "event_sensitivity",
         _SENSITIVITY,
         "dg",
         "sensitivities of events, zeros of corners, then of jumps, parameter by parameter",
-        is_optional=True,
     ),
     KernelSpec(
         "event_rates",
@@ -173,7 +172,6 @@ _ROWS = (
         "dg",
         "time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns, "
         "where s holds those of the states",
-        is_optional=True,
     ),
     KernelSpec(
         "event_ranges",
@@ -181,7 +179,6 @@ _ROWS = (
         "r",
         "four ends for each event or corner that is not linear: of its range, and of the range of "
         "its rate; s holds the least values of all quantities, the largest, and those of rates",
-        is_optional=True,
     ),
     KernelSpec(
         "algebraic_step",
@@ -190,18 +187,14 @@ _ROWS = (
         "from a guess of the algebraic unknowns: rates of the others after a step, this step and "
         "its last part, n_algebraic each, how far it reaches, of the order of 1 where series fail, "
         "and how much pivots lost",
-        is_optional=True,
     ),
-    KernelSpec(
-        "extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns", is_optional=True
-    ),
+    KernelSpec("extended_rhs", _STATE, "dx", "rates of states and algebraic unknowns"),
     KernelSpec(
         "extended_augmented_rhs",
         _SENSITIVITY,
         "dz",
         "rates of states and algebraic unknowns, then of the states' sensitivities, which alone s "
         "holds",
-        is_optional=True,
         is_packed=True,
     ),
     KernelSpec(
@@ -209,7 +202,6 @@ _ROWS = (
         _SENSITIVITY,
         "ds",
         "sensitivities of the algebraic unknowns, where s holds those of states alone",
-        is_optional=True,
         is_packed=True,
     ),
 )

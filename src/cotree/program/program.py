@@ -55,8 +55,8 @@ class Kernel:
 
     @property
     def is_present(self) -> bool:
-        """Whether the kernel is written in C: an optional one without results is left out."""
-        return bool(self.results) or not self.spec.is_optional
+        """Whether the kernel is written in C: without results only where every model has it."""
+        return bool(self.results) or self.spec.is_required
 
     @cached_property
     def order(self) -> list[Node]:

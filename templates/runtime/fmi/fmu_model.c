@@ -334,12 +334,14 @@ static int evaluate(fmu *m, int what)
     case FMU_HAS_RATES:
         return model->rhs(t, m->z, m->u, m->p, m->k, m->dx);
     case FMU_HAS_OUTPUTS:
+        if (model->outputs_of_state == NULL) return 0;
         return model->outputs_of_state(t, m->z, m->u, m->p, m->k, m->y);
     case FMU_HAS_INDICATORS:
         return model->events(t, m->z, m->u, m->p, m->k, m->g);
     case FMU_HAS_PARTIALS:
         return m->tables->find_partials(t, m->z, m->u, m->p, m->k, m->partials);
     default:
+        if (model->output_sensitivity == NULL) return 0;
         return model->output_sensitivity(t, m->z, m->z + N_STATES, m->u, m->p, m->k, m->dy);
     }
 }

@@ -52,7 +52,7 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
     run->atol = COTREE_F(1e-10);
     run->low = -COTREE_INFINITY;
     run->high = COTREE_INFINITY;
-    run->n_blocks = has_sensitivities ? 1 + model->n_sensitivities : 1;
+    run->n_blocks = has_sensitivities && model->n_states > 0 ? 1 + model->n_sensitivities : 1;
     run->n_rates = model->n_states - m;
     run->n_lead = run->n_rates;
     run->n = run->n_rates;

@@ -95,8 +95,8 @@ static int write_states(const cotree_start *start, cotree_real *z)
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
-    const int status = MODEL->initial_sensitivity(run->p, run->k, s);
-    int i, j;
+    int i, j, status = 0;
+    if (N_STATES > 0) status = MODEL->initial_sensitivity(run->p, run->k, s);
     for (i = 0; i < start->n_set && status == 0; ++i) {
         const int state = start->set[i];
         for (j = 0; j < N_SENSITIVITIES; ++j) {
