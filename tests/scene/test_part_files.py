@@ -72,7 +72,7 @@ def test_a_scene_may_stand_in_the_same_file(tmp_path) -> None:
     ports, rest = 'ports = ["a", "b"]\n', _LEG.split("\n", 2)[2]
     inner = f"[scenes.leg]\n{ports}" + re.sub(r"^\[", "[scenes.leg.", rest, flags=re.M)
     path = _written(tmp_path, _PART.replace("leg.toml", "leg") + _SOURCE + inner)
-    assert cotree.load(path).outputs["x.p"].text == "x.r.v*x.r.i"
+    assert cotree.load(path).outputs["x.p"].text == "x.r.v * x.r.i"
 
 
 def _refused(path: str) -> str:

@@ -311,9 +311,9 @@ def test_names_in_texts_are_replaced_as_the_parser_reads_them() -> None:
     outer = cotree.Scene("outer")
     outer.add("is", part, a="a")
     value = outer.edges["is.in"].fields["voltage"]
-    assert value.text == "min(is.min, 1e1) * is.e1 + exp (t)"
+    assert value.text == "min(is.min, 10.0) * is.e1 + exp(t)"
     assert outer.outputs["is.w"].text == (
-        "is.in.v + where(is.in.v > 0 and not is.in.v > 5, 1, 0) + ground.v*0"
+        "is.in.v + where(is.in.v > 0 and (not is.in.v > 5), 1, 0) + ground.v * 0"
     )
     assert outer.compile().simulate((0, 1))["is.w"][-1] == pytest.approx(2 + np.e + 1)
 

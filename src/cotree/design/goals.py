@@ -22,15 +22,7 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.errors import Error, ExpressionError, ParameterError, brief, nearest
 from cotree.quiet import without_warnings
-from cotree.scene.expressions import (
-    FUNCTIONS,
-    WHERE,
-    Expression,
-    dotted,
-    names_in,
-    parse,
-    read_tree,
-)
+from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, map_tree, parse, read_tree
 from cotree.scene.simulation import OPERATING_POINT
 
 if TYPE_CHECKING:
@@ -203,80 +195,66 @@ class Goals:
     def _formula(self, tree: ast.expr, where: str) -> Expression:
         """Replace the quantities in an expression by placeholders."""
         try:
-            marked = ast.unparse(_Marking(self, where).visit(tree))
+            marked = ast.unparse(map_tree(tree, lambda part: self._marked(part, where)))
         except RecursionError:
             raise ExpressionError(f"{where} is nested too deeply: split it") from None
         return parse(marked, where)
 
-    def add(self, quantity: Quantity) -> ast.Name:
+    def _add(self, kind: str, text: str, t: float = 0.0) -> ast.Name:
         """Register a quantity and return its placeholder."""
+        quantity = Quantity(kind, text, t)
         if quantity not in self.quantities:
             self.quantities.append(quantity)
         return ast.Name(f"{_MARK}{self.quantities.index(quantity)}")
 
-    def is_varied(self, name: str) -> bool:
-        """Tell whether a name denotes a varied parameter."""
-        return name in self._varied
-
-
-class _Marking(ast.NodeTransformer):
-    """Replaces the quantities in a syntax tree by placeholders."""
-
-    def __init__(self, goals: Goals, where: str) -> None:
-        self._goals, self._where = goals, where
-
-    def visit_Call(self, node: ast.Call) -> ast.expr:
-        name = _called(node)
+    def _marked(self, part: ast.expr, where: str) -> ast.expr | None:
+        """Return the placeholder of a quantity; None for other parts of a goal."""
+        if isinstance(part, (ast.Name, ast.Attribute)):
+            # Parameters of parts have dots in their names, just as variables do.
+            name = ast.unparse(part)
+            return part if name == "pi" or name in self._varied else self._add("end", name)
+        if not isinstance(part, ast.Call):
+            return None
+        name, where = _called(part), f"{where}: "
         if name not in QUANTITIES:
             if name in _JUMPING or name == WHERE:
-                self._refuse(
-                    f"'{name}' is discontinuous, so its gradient is useless to the search: use it "
-                    "inside integral(...) only"
+                raise ExpressionError(
+                    f"{where}'{name}' is discontinuous, so its gradient is useless to the search: "
+                    "use it inside integral(...) only"
                 )
             if name not in FUNCTIONS:
                 known = nearest(name, [*FUNCTIONS, *QUANTITIES])
-                self._refuse(f"calls '{brief(ast.unparse(node.func))}', which is unknown{known}")
-            node.args = [self.visit(arg) for arg in node.args]
-            return node
-        if node.keywords or len(node.args) != QUANTITIES[name]:
-            self._refuse(
-                f"{name} takes {QUANTITIES[name]} argument{'s' * (QUANTITIES[name] > 1)}"
+                shown = brief(ast.unparse(part.func))
+                raise ExpressionError(f"{where}calls '{shown}', which is unknown{known}")
+            return None
+        if part.keywords or len(part.args) != QUANTITIES[name]:
+            raise ExpressionError(
+                f"{where}{name} takes {QUANTITIES[name]} argument{'s' * (QUANTITIES[name] > 1)}"
                 + (": a time and an expression" if name == "at" else "")
             )
-        inner, t = node.args[-1], 0.0
-        for part in ast.walk(inner):
-            called = _called(part)
+        inner = part.args[-1]
+        for own in ast.walk(inner):
+            called = _called(own)
             if called in QUANTITIES:
-                self._refuse(f"{called}(...) is nested inside {name}(...), which is not supported")
+                raise ExpressionError(
+                    f"{where}{called}(...) is nested inside {name}(...), which is not supported"
+                )
             if called in _JUMPING and name not in SUMMED:
-                self._refuse(f"{called} is discontinuous, so {name}(...) of it has no derivative")
-        if name == "at":
-            t = self._time(node.args[0])
-        expression = parse(ast.unparse(inner), f"{self._where}: {name}")
-        return self._goals.add(Quantity(name, expression.text, t))
+                raise ExpressionError(
+                    f"{where}{called} is discontinuous, so {name}(...) of it has no derivative"
+                )
+        t = _time(part.args[0], where) if name == "at" else 0.0
+        return self._add(name, parse(ast.unparse(inner), f"{where}{name}").text, t)
 
-    def _time(self, tree: ast.expr) -> float:
-        expression = parse(ast.unparse(tree), f"{self._where}: the time of at")
-        if names_in(expression.tree) - {"pi"}:
-            self._refuse("the time of at(...) must be a number")
-        dag = Dag()
-        found = expression.lower(dag, lambda name: dag.zero).value
-        assert found is not None  # constant expressions are folded
-        return float(found)
 
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        return node if self._is_kept(node.id) else self._goals.add(Quantity("end", node.id))
-
-    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        # Parameters of parts have dots in their names, just as variables do.
-        kept = self._is_kept(dotted(node))
-        return node if kept else self._goals.add(Quantity("end", ast.unparse(node)))
-
-    def _is_kept(self, name: str) -> bool:
-        return name == "pi" or self._goals.is_varied(name)
-
-    def _refuse(self, why: str) -> None:
-        raise ExpressionError(f"{self._where}: {why}")
+def _time(tree: ast.expr, where: str) -> float:
+    expression = parse(ast.unparse(tree), f"{where}the time of at")
+    if expression.names - {"pi"}:
+        raise ExpressionError(f"{where}the time of at(...) must be a number")
+    dag = Dag()
+    found = expression.lower(dag, lambda name: dag.zero).value
+    assert found is not None  # constant expressions are folded
+    return float(found)
 
 
 def _called(part: ast.AST) -> str:

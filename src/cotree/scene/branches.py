@@ -8,7 +8,6 @@ of a ``Piecewise`` become events, too, so that each smooth side is integrated as
 from __future__ import annotations
 
 import ast
-import copy
 from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,15 @@ from cotree.dag.continuity import may_jump, meets
 from cotree.dag.nodes import PARAMETER, STATE, Dag, Node
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
-from cotree.scene.expressions import COMPARISONS, FUNCTIONS, Expression, names_in, number_tree
+from cotree.scene.expressions import (
+    COMPARISONS,
+    FUNCTIONS,
+    Expression,
+    map_tree,
+    name_tree,
+    names_in,
+    number_tree,
+)
 
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
@@ -75,28 +82,15 @@ def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str])
         # A sign jumps from -1 to 1; its value 0 in between is met at the event only.
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
-        above, below = (lowered(_Replaced(part, side).visit(whole)) for side in sides)
+        above, below = (lowered(_with(whole, part, side)) for side in sides)
         return meets(above, below, lowered(looked_at))
     except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
         return False
 
 
-class _Replaced(ast.NodeTransformer):
-    """Copies a tree with one part replaced; the part is told by identity, not by its text."""
-
-    def __init__(self, part: ast.expr, by: ast.expr) -> None:
-        self._part, self._by = part, by
-
-    def visit(self, node: ast.AST) -> Any:
-        """Give the replacement for the part, and a copy of any other node."""
-        return self._by if node is self._part else super().visit(copy.copy(node))
-
-    def generic_visit(self, node: ast.AST) -> ast.AST:
-        """Copy the lists of a node before what is in them changes."""
-        for name, value in ast.iter_fields(node):
-            if isinstance(value, list):
-                setattr(node, name, list(value))
-        return super().generic_visit(node)
+def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
+    """Copy a tree with one part replaced; the part is told by identity, not by its text."""
+    return map_tree(whole, lambda own: by if own is part else None)
 
 
 #: Takes the tree of a jump and a description of what it belongs to; gives the name of the mode that
@@ -261,8 +255,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
 
 
 def _dotted(first: str, port: str, last: str) -> ast.expr:
-    own: ast.expr = ast.Name(first)
-    return ast.Attribute(ast.Attribute(own, port) if port else own, last)
+    return name_tree(".".join(filter(None, (first, port, last))))
 
 
 def _branched(

@@ -314,7 +314,8 @@ def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> a
             sides = [map_tree(part, change) for part in (tree.left, *tree.comparators)]
             return ast.Compare(sides[0], tree.ops, sides[1:])
         case ast.Call():
-            return ast.Call(tree.func, [map_tree(part, change) for part in tree.args], [])
+            args = [map_tree(part, change) for part in tree.args]
+            return ast.Call(tree.func, args, tree.keywords)
     return tree
 
 

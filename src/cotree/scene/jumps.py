@@ -30,11 +30,16 @@ from cotree.scene.branches import (
     with_branches,
 )
 from cotree.scene.events import Event, Mode
-from cotree.scene.expressions import COMPARISONS, Expression, names_in, number_tree
+from cotree.scene.expressions import (
+    COMPARISONS,
+    Expression,
+    map_names,
+    map_tree,
+    names_in,
+    number_tree,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from cotree.scene.description import Edge, SceneDescription
 
 # A longer text makes no name that a reader takes in.
@@ -82,20 +87,10 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
     # A mode comes after those of jumps within its own.
     for name, mode in with_jumps(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
-            tree = _Put(found).visit(copy.deepcopy(mode.initial.tree))
-            found[name] = Expression.of_tree(tree, mode.doc)
+            found[name] = mode.initial.map_names(
+                lambda own: found[own].tree if own in found else own, mode.doc
+            )
     return found
-
-
-class _Put(ast.NodeTransformer):
-    """Puts expressions in the place of names."""
-
-    def __init__(self, values: Mapping[str, Expression]) -> None:
-        self._values = values
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Replace a name that has a value."""
-        return copy.deepcopy(self._values[node.id].tree) if node.id in self._values else node
 
 
 def _may_jump(expression: Expression) -> bool:
@@ -186,8 +181,7 @@ class _Rewriting:
         return with_branches(edge, self._rewritten, self._old.parameters)
 
     def _rewritten(self, tree: ast.expr, where: str) -> ast.expr:
-        found: ast.expr = _Tree(self, where, frozenset()).visit(copy.deepcopy(tree))
-        return found
+        return _Tree(self, where, frozenset()).rewritten(tree)
 
     def _value(self, value: Any, *, is_stored: bool = False) -> Any:
         if isinstance(value, Expression):
@@ -205,13 +199,12 @@ class _Rewriting:
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
-        # Expressions of one text share their tree, which must not change.
-        whole = copy.deepcopy(expression.tree)
+        whole = expression.tree
         corners = [] if is_stored else jumps_in(whole)
         kept = frozenset(
             id(part) for part in corners if has_only_corner(whole, part, self._old.parameters)
         )
-        tree = _Tree(self, expression.where, kept).visit(whole)
+        tree = _Tree(self, expression.where, kept).rewritten(whole)
         if ast.dump(tree) == ast.dump(expression.tree):
             return expression
         return replace(expression, tree=tree, names=names_in(tree))
@@ -270,7 +263,7 @@ class _Rewriting:
             for direction, looked_at, value in rows:
                 event = f"{name} {'up' if direction > 0 else 'down'}"
                 when, new = (
-                    Expression.of_tree(_Renamed(name).visit(copy.deepcopy(tree)), where)
+                    Expression.of_tree(map_names(tree, lambda own: own or ast.Name(name)), where)
                     for tree in (looked_at, value)
                 )
                 self._events[event] = Event(
@@ -293,17 +286,6 @@ class _Rewriting:
         return name
 
 
-class _Renamed(ast.NodeTransformer):
-    """Replaces the empty name by the name of a mode."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Replace the empty name."""
-        return ast.Name(self._name) if node.id == "" else node
-
-
 _ITSELF = ast.Name("")
 _HALF = ast.Constant(0.5)
 
@@ -320,32 +302,34 @@ def _floor(a: ast.expr) -> ast.expr:
     return ast.Call(ast.Name("floor"), [a], [])
 
 
-class _Tree(ast.NodeTransformer):
+class _Tree:
     """Rewrites the jumps of one expression, from the inside out."""
 
     def __init__(self, scene: _Rewriting, where: str, kept: frozenset[int]) -> None:
         self._scene, self._where, self._kept = scene, where, kept
 
-    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        """Leave ``edge.coordinate`` as it is."""
-        return node
+    def rewritten(self, tree: ast.expr) -> ast.expr:
+        """Return a copy with modes in the place of jumps."""
+        return map_tree(tree, self._change)
 
-    def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Put modes in the place of signs and floors."""
-        assert isinstance(node.func, ast.Name)  # it was checked when it was parsed
-        node.args = [self.visit(arg) for arg in node.args]
-        if node.func.id == "mod":
-            a, b = node.args
+    def _change(self, node: ast.expr) -> ast.expr | None:
+        if isinstance(node, ast.Compare):
+            return self._compare(node)
+        return self._call(node) if isinstance(node, ast.Call) else None
+
+    def _call(self, given: ast.Call) -> ast.expr:
+        assert isinstance(given.func, ast.Name)  # it was checked when it was parsed
+        function, args = given.func.id, [self.rewritten(arg) for arg in given.args]
+        node = ast.Call(given.func, args, [])
+        if function == "mod":
+            a, b = args
             ratio = ast.BinOp(a, ast.Div(), b)
             if self._scene.is_located(ratio):
                 return _less(a, ast.BinOp(b, ast.Mult(), self._floor(ratio)))
-        if node.func.id == "floor" and self._scene.is_located(node.args[0]):
-            return self._floor(node.args[0])
-        if id(node) in self._kept:
-            return node
-        if node.func.id == "sign" and self._scene.is_located(node.args[0]):
-            looked_at = node.args[0]
-            rows = [(side, looked_at, number_tree(float(side))) for side in (1, -1)]
+        if function == "floor" and self._scene.is_located(args[0]):
+            return self._floor(args[0])
+        if id(given) not in self._kept and function == "sign" and self._scene.is_located(args[0]):
+            rows = [(side, args[0], number_tree(float(side))) for side in (1, -1)]
             return self._scene.mode(ast.unparse(node), node, self._where, tuple(rows))
         return node
 
@@ -362,9 +346,9 @@ class _Tree(ast.NodeTransformer):
         call = _floor(value)
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
-    def visit_Compare(self, node: ast.Compare) -> ast.expr:
+    def _compare(self, node: ast.Compare) -> ast.expr:
         """Replace each comparison by a mode, which is one where it holds, else zero."""
-        sides = [self.visit(side) for side in (node.left, *node.comparators)]
+        sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])
         # A chain of comparisons is their conjunction, each with a mode of its own.

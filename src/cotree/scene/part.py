@@ -1,8 +1,7 @@
 """Parts of a scene: scenes within it, each once or as an array.
 
 In: the scene of a part, its name, and what its nodes, parameters and inputs are. Out: parameters,
-inputs, modes, edges, outputs and events, made by the same functions as those of any scene. Names
-are replaced in texts, which are then parsed again: an expression and its text cannot differ.
+inputs, modes, edges, outputs and events, made by the same functions as those of any scene.
 
 Names of nodes hold expressions in braces, ``n{i - 1}``; expressions hold the name itself,
 ``R0*(1 + 0.1*i)``. Both are of the grammar of expressions, which nothing evaluates as Python.
@@ -14,11 +13,10 @@ the outer scene holds beside its own (`part_rows.py`).
 
 from __future__ import annotations
 
-import keyword
+import ast
 import re
-import unicodedata
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -28,48 +26,26 @@ from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, SceneError, brief
 from cotree.naming import RESERVED
 from cotree.scene.edge import Edge, make_edge
-from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, knowing, parse
+from cotree.scene.expressions import Expression, knowing, map_names, parse, read_tree
 from cotree.scene.fields import Input, make_input
 from cotree.scene.parameters import Parameter, make_parameter
 from cotree.scene.tables import LookupTable, parse_signal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from cotree.scene.description import SceneDescription
     from cotree.scene.events import Event
     from cotree.scene.origin import Origin
 
 
-_NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 #: Entries of tables in fields that hold words, and no expressions.
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
-_CALLED = frozenset({*FUNCTIONS, WHERE})
 #: What counts a whole scene, and no part of it.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
 
 
-def replace_names(text: str, new: Callable[[str], str]) -> str:
-    """Replace the names in an expression; functions, words and reserved names stay.
-
-    Parameters
-    ----------
-    text : str
-        The expression.
-    new : callable
-        Gives the text that stands for a name, which may have dots.
-    """
-    # Python's parser reads letters of other forms, as of full width, as those that they are like.
-    text = text if text.isascii() else unicodedata.normalize("NFKC", text)
-
-    def one(match: re.Match[str]) -> str:
-        name = re.sub(r"\s", "", match[0])
-        is_called = name in _CALLED and text[match.end() :].lstrip().startswith("(")
-        if is_called or name in RESERVED or keyword.iskeyword(name):
-            return match[0]
-        return new(name)
-
-    return _NAME.sub(one, text)
+_tree = lru_cache(maxsize=1024)(read_tree)
 
 
 @dataclass(frozen=True)
@@ -96,6 +72,8 @@ class Renaming:
 
     def name(self, name: str) -> str:
         """Rename a name of expressions."""
+        if name in RESERVED:
+            return name
         if name in _OF_SCENES and "energy" not in self.scene.edges:
             raise SceneError(
                 f"uses '{name}', which counts all of the outer scene and not the part: declare it "
@@ -119,15 +97,16 @@ class Renaming:
     def text(self, text: str, where: str) -> str:
         """Rename what an expression is made of."""
         try:
-            return replace_names(text, self.name)
+            return ast.unparse(map_names(_tree(text), self.name))
         except SceneError as error:
             raise SceneError(f"{where} {error}") from None
 
     def expression(self, value: Expression, where: str) -> Expression:
         """Rename what an expression is made of, and what it belongs to."""
-        if not value.names:
-            return replace(value, where=where)
-        return parse(self.text(value.text, where), where)
+        try:
+            return value.map_names(self.name, where)
+        except SceneError as error:
+            raise SceneError(f"{where} {error}") from None
 
     def field(self, value: Any, where: str) -> Any:
         """Rename the expressions in the value of a field, as it was stated."""
@@ -353,12 +332,14 @@ def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
     if not isinstance(value, str):
         return value
     text = in_name(value, index, what)
-    used = parse(text, what).names
-    if not used & index.keys():
+    given = parse(text, what)
+    if not given.names & index.keys():
         return text
-    filled = replace_names(text, lambda name: str(index.get(name, name)))
     # A value that the index alone decides is a number, which runs may change.
-    return _number(filled, {}, what) if used <= {*index, "pi"} else filled
+    if given.names <= {*index, "pi"}:
+        return _number(text, index, what)
+    trees = {name: ast.Constant(number) for name, number in index.items()}
+    return given.map_names(lambda name: trees.get(name, name)).text
 
 
 def _whole(text: str, index: Mapping[str, int], what: str) -> int:
