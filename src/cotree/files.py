@@ -46,7 +46,7 @@ def read_text(source: str | Path, largest: int) -> str:
 
 
 def is_number(text: str) -> bool:
-    """Tell whether a cell of a table is a number."""
+    """Return whether a cell of a table is a number."""
     try:
         float(text)
     except ValueError:
@@ -55,7 +55,7 @@ def is_number(text: str) -> bool:
 
 
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
-    """Give the suffix of a file that is to be written, in small letters.
+    """Return the suffix of a file that is to be written, in small letters.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
-    """Give the path of what is to be written, if a file can have that name.
+    """Return the path of what is to be written, if a file can have that name.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
 
 @contextlib.contextmanager
 def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Iterator[Path]:
-    """Give a draft to write, which takes a file's place once it is complete.
+    """Return a draft to write, which takes a file's place once it is complete.
 
     A reader never sees a file half written, and what fails leaves an older file as it was.
 

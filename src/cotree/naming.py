@@ -96,7 +96,7 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def owner_among(name: str, owners: Container[str]) -> str:
-    """Give the node or edge that a name begins with; empty where there is none.
+    """Return the node or edge that a name begins with; empty where there is none.
 
     Variables of components with several ports have a dot of their own: ``M.shaft.tau``.
     """

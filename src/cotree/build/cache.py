@@ -132,7 +132,7 @@ def cache_key(
 
 
 def find_published(key: str, end: str = LIBRARY) -> Path | None:
-    """Give the file of a key, or None if it is absent or not what was published."""
+    """Return the file of a key, or None if it is absent or not what was published."""
     library, checksum = _published_paths(key, end)
     try:
         # A damaged library would crash the process when it is loaded, not raise.
@@ -167,7 +167,7 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
 
 
 def find_bytes(key: str, end: str) -> bytes | None:
-    """Give the bytes kept by a key, or None; a cache that cannot be used counts as empty."""
+    """Return the bytes kept by a key, or None; a cache that cannot be used counts as empty."""
     with contextlib.suppress(BuildError, OSError):
         found = find_published(key, end)
         return None if found is None else found.read_bytes()

@@ -177,7 +177,7 @@ def processor_name() -> str:
 
 @cache
 def _processor_entry(*labels: str) -> str:
-    """Give the first entry of some labels that Linux has of a processor; empty if there is none."""
+    """Return the first entry of some labels that Linux has of a processor; empty if there is none."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             for line in lines:
@@ -327,7 +327,7 @@ def build_library(
 
 
 def _source_names(files: Mapping[str, str]) -> tuple[str, ...]:
-    """Give the names of the C files, in an order that does not depend on the mapping's."""
+    """Return the names of the C files, in an order that does not depend on the mapping's."""
     for name in files:
         # A name must stay inside its folder, and must not read as a compiler's option.
         if not _FILE_NAME.fullmatch(name):
@@ -429,7 +429,7 @@ def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_full(directory: Path, outcome: Outcome) -> bool:
-    """Tell whether a compiler failed for lack of disk space; it may have died without a message."""
+    """Return whether a compiler failed for lack of disk space; it may have died without a message."""
     if _FULL.search(outcome.output):
         return True
     with contextlib.suppress(OSError):

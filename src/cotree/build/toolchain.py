@@ -144,7 +144,7 @@ def _check_wanted(thread: threading.Thread) -> None:
 
 
 def _with_memory_limit(command: Sequence[str]) -> list[str]:
-    """Let a shell set the limit and become the command.
+    """Return a shell command that sets the limit and then runs the command.
 
     A preexec_fn is unsafe in a process with threads, which NumPy's libraries start. A system that
     refuses the limit runs the command without one.
@@ -267,7 +267,7 @@ def _candidate_commands() -> Iterator[tuple[str, ...]]:
 
 
 def _find_program(name: str) -> str | None:
-    """Give the absolute path of a program.
+    """Return the absolute path of a program.
 
     Relative entries of PATH (and, on Windows, the current directory) are passed over: nothing is
     ever run from the current directory unless its path is spelled out.

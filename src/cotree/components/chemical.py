@@ -109,7 +109,7 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
 
 
 def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Give a reaction a port for each of its species."""
+    """Add a port for each species of a reaction."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
     # A catalyst, taken as often as made, keeps a port: the rate depends on its concentration.

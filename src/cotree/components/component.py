@@ -242,7 +242,7 @@ class Component:
         return None
 
     def field(self, name: str) -> Field | None:
-        """Give the field called ``name``, if there is one."""
+        """Return the field called ``name``, if there is one."""
         return next((field for field in self.fields if field.name == name), None)
 
 

@@ -36,12 +36,12 @@ from cotree.errors import SceneError
 
 
 def rebound(across: Any, restitution: Any) -> Any:
-    """Give what an impact changes a relative speed by."""
+    """Return what an impact changes a relative speed by."""
     return -(1 + restitution) * across
 
 
 def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
-    """Give the speed that an impact leaves, less that at which it leaves none."""
+    """Return the speed that an impact leaves, less that at which it leaves none."""
     import sympy
 
     return restitution * sympy.Abs(across) - rest_speed
@@ -175,7 +175,7 @@ def spots_of(edge: str, given: Given) -> int:
 
 
 def box_edges(size: Any) -> tuple[int, ...]:
-    """Give the directions in which a box extends: a size that is written as 0 is that of a plate.
+    """Return the directions in which a box extends: a size that is written as 0 is that of a plate.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def box_edges(size: Any) -> tuple[int, ...]:
 
 
 def _is_written_zero(edge: Any) -> bool:
-    """Tell whether an edge of a box is the number zero, also in quotes or with a unit."""
+    """Return whether an edge of a box is the number zero, also in quotes or with a unit."""
     if isinstance(edge, Mapping):
         return _is_written_zero(edge.get("value"))
     try:
@@ -200,7 +200,7 @@ def _is_written_zero(edge: Any) -> bool:
 
 
 def suffix_of(spot: int, n_spots: int) -> str:
-    """Give the ending of the names of a place's ports: none where there is one place."""
+    """Return the ending of the names of a place's ports: none where there is one place."""
     return f"_{spot + 1}" if n_spots > 1 else ""
 
 
@@ -218,7 +218,7 @@ def slide_name(direction: int, suffix: str) -> str:
 
 
 def geometry_of(given: Given) -> Component:
-    """Give the part of a contact that belongs to the multibody system, by its fields."""
+    """Return the part of a contact that belongs to the multibody system, by its fields."""
     # A force through the second node leaves its rotation alone.
     is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
@@ -242,7 +242,7 @@ class _Pushing:
         self._has_friction = has_friction
 
     def _push(self) -> Any:
-        """Give the force, which never pulls.
+        """Return the force, which never pulls.
 
         The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the
         force of the spring times one plus a share that is proportional to the rate of approach.

@@ -48,7 +48,7 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
 
 
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
-    """Give C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
+    """Return C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
 
     The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
     undefined.
@@ -126,7 +126,7 @@ def split_extras(
 
 
 def is_absent(value: Any) -> bool:
-    """Say whether a field is not given, or zero as a number."""
+    """Return whether a field is not given, or zero as a number."""
     return value is None or (isinstance(value, (int, float)) and value == 0)
 
 

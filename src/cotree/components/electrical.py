@@ -108,7 +108,7 @@ THREE_TERMINAL_CAPACITOR = scalar(
 
 
 def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
-    """Give the resistance of a contact, interpolated logarithmically between open and closed."""
+    """Return the resistance of a contact, interpolated logarithmically between open and closed."""
     import sympy
 
     # Resistances differ by many decades: between them their logarithms are interpolated, so that
@@ -368,7 +368,7 @@ def _winding(i: int, n: int) -> Terminal:
 
 
 def _determinant(n: int, *couplings: Any) -> Any:
-    """Give the determinant of the matrix of n windings' couplings, in the order of their pairs."""
+    """Return the determinant of the matrix of n windings' couplings, in the order of their pairs."""
     import sympy
 
     matrix = sympy.eye(n)

@@ -26,7 +26,7 @@ _Expression = Callable[[Callable[[str], Any]], Any]
 
 
 def _is_positive(given: object) -> bool:
-    """Tell whether a field is a number above zero, whatever parameters are."""
+    """Return whether a field is a number above zero, whatever parameters are."""
     return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
 
 

@@ -27,7 +27,7 @@ RESISTOR = resistance(
 
 
 def _root(pressure: Any, transition: Any) -> Any:
-    """Give the square root with the sign of the pressure; below the transition a polynomial.
+    """Return the square root with the sign of the pressure; below the transition a polynomial.
 
     It meets the root with its first two derivatives, so that the slope at zero is finite. Beyond
     the transition its argument is one, and so is its value.
@@ -123,7 +123,7 @@ _HALF = Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capa
 
 
 def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-    """Give an elastic pipe half of its capacity at each end that is not the ground."""
+    """Put half the capacity of an elastic pipe at each end other than ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
     # A capacity from the ground to itself holds nothing, and would be a self-loop.

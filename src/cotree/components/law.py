@@ -93,11 +93,11 @@ class Law:
         return _Deferred(form)
 
     def uses(self, name: str) -> bool:
-        """Say whether the law depends on an argument; one that cancels does not count."""
+        """Return whether the law depends on an argument; one that cancels does not count."""
         return any(symbol.name == name for symbol in self.expression.free_symbols)
 
     def over(self, name: str) -> Law:
-        """Give the law divided by one of its arguments, simplified to remove a pole at zero."""
+        """Return the law divided by one of its arguments, simplified to remove a pole at zero."""
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))

@@ -91,7 +91,7 @@ def _linear(m: _Motion) -> Terminal:
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
-    """Let a spring follow an expression in place of its stiffness."""
+    """Use an expression in place of a spring's stiffness."""
     # The expression may bend anywhere: its slope has no known sign, so it is not passive, and there
     # is no constant increase of force with stretch that ``storage`` could hold.
     law = Law.field(m.force)
@@ -402,5 +402,5 @@ ON_JOINTS = {
 
 
 def counterpart_of(type: str) -> str:
-    """Give the type of rotation for one of translation, and the reverse; empty if there is none."""
+    """Return the type of rotation for one of translation, and the reverse; empty if there is none."""
     return _COUNTERPARTS.get(type, "")

@@ -27,7 +27,7 @@ PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
-    """Give the motion space of a body in the tree: along a line, in a plane, or free.
+    """Return the motion space of a body in the tree: along a line, in a plane, or free.
 
     Parameters
     ----------

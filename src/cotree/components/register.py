@@ -149,7 +149,7 @@ def _check_operations(law: Law, what: str) -> None:
 
 
 def _predicate(error: Exception) -> str:
-    """Say what is wrong with a law, without naming it."""
+    """Describe the fault of a law, without its name."""
     told = str(error)
     return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
 
@@ -265,7 +265,7 @@ def _places(
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Give the variable that the law of each port determines, where it is specified."""
+    """Return the variable that the law of each port determines, where it is specified."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:
@@ -281,7 +281,7 @@ def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
 
 
 def _is_variable(argument: str, ports: Iterable[str]) -> bool:
-    """Say whether an argument is a variable of a port, its own or another."""
+    """Return whether an argument is a variable of a port, its own or another."""
     siblings = {f"{variable}_{port}" for variable in _VARIABLES for port in ports if port}
     return argument in _VARIABLES or argument in siblings
 

@@ -226,7 +226,7 @@ _ACROSS = Law.field("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:
-    """Give the quantity ``stretch`` of a terminal equation; None where it has no name."""
+    """Return the quantity ``stretch`` of a terminal equation; None where it has no name."""
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
         return None  # how far bodies have slid is no function of where they are
@@ -237,7 +237,7 @@ def integral_of(terminal: Terminal) -> Integral | None:
 
 
 def content_of(terminal: Terminal) -> tuple[str, str] | None:
-    """Give symbol and unit of the content of a storage by content; None for all others."""
+    """Return symbol and unit of the content of a storage by content; None for all others."""
     if terminal.content is None:
         return None
     row = DOMAINS[terminal.domain]

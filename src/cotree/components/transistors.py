@@ -120,7 +120,7 @@ def _transistor(
 
 
 def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
-    """Give currents into the terminals, and voltages between them.
+    """Return currents into the terminals, and voltages between them.
 
     Parameters
     ----------
@@ -417,7 +417,7 @@ def _mosfet(name: str, doc: str, sign: int) -> Component:
 
 
 def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
-    """Give a field-effect transistor its fourth node, where a scene names it.
+    """Add the fourth node of a field-effect transistor if a scene names it.
 
     The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is what the bulk is above the
     lower of source and drain; forwards the root goes on straight, as in SPICE.

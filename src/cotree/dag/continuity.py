@@ -58,7 +58,7 @@ _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
-    """Give nodes of parameters that are negative where a value jumps at one of its stops.
+    """Return nodes of parameters that are negative where a value jumps at one of its stops.
 
     Parameters
     ----------
@@ -86,14 +86,14 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
 
 
 def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
-    """Give the largest change that is no jump, less the middle change of four values."""
+    """Return the largest change that is no jump, less the middle change of four values."""
     a, b, c, d = values
     allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
 
 
 def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
-    """Tell whether all conditions that a value may jump at have stops.
+    """Return whether all conditions that a value may jump at have stops.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
 
 
 def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
-    """Tell whether a value jumps at one of its stops, or has no value there, at random places.
+    """Return whether a value jumps at one of its stops, or has no value there, at random places.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Tell whether a value jumps along some motion, or has a condition that none of them meets.
+    """Return whether a value jumps along some motion, or has a condition that none of them meets.
 
     Parameters
     ----------

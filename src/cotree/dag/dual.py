@@ -103,13 +103,13 @@ def is_varied(*parts: Any) -> bool:
 
 
 def value_of(a: T) -> T:
-    """Give the value without its derivative."""
+    """Return the value without its derivative."""
     value: T = a.value if isinstance(a, Dual) else a
     return value
 
 
 def tangent_of(a: T) -> T:
-    """Give the derivative alone; zeros where nothing changes."""
+    """Return the derivative alone; zeros where nothing changes."""
     d: T = a.d if isinstance(a, Dual) else _zeros(a)
     return d
 
@@ -157,7 +157,7 @@ def formed(form: Callable[..., T], a: Any, b: Any) -> T:
 
 
 def linear(form: Form) -> Form:
-    """Let a function that is linear in all its arguments together take duals."""
+    """Extend a function that is linear in all its arguments to duals."""
 
     @wraps(form)
     def taking(*args: Any) -> Any:
@@ -170,7 +170,7 @@ def linear(form: Form) -> Form:
 
 
 def additive(form: Form) -> Form:
-    """Let a sum, or a difference, take duals."""
+    """Extend a sum or a difference to duals."""
 
     @wraps(form)
     def taking(a: Any, b: Any) -> Any:
@@ -187,7 +187,7 @@ def additive(form: Form) -> Form:
 
 
 def bilinear(form: Form) -> Form:
-    """Let a function that is linear in each of its two arguments take duals."""
+    """Extend a bilinear function to duals."""
 
     @wraps(form)
     def taking(a: Any, b: Any) -> Any:

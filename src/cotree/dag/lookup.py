@@ -128,7 +128,7 @@ class HeldTable(Table):
         return (self.x,)
 
     def ends(self, _: int) -> tuple[int, int, int]:
-        """Give the places of both ends and of the number of a piece among the results."""
+        """Return the places of both ends and of the number of a piece among the results."""
         return 2, 3, 4
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
@@ -167,7 +167,7 @@ class HeldPlane(PlaneTable):
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
-        """Give the places of both ends and of the number of a piece among the results."""
+        """Return the places of both ends and of the number of a piece among the results."""
         first = 4 + 3 * axis
         return first, first + 1, first + 2
 

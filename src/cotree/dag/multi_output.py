@@ -110,7 +110,7 @@ class LinearMap:
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
-        """Tell in which blocks of columns a value may be other than zero, as bits."""
+        """Return in which blocks of columns a value may be other than zero, as bits."""
         support, all_of_one = self.supports[node], (1 << BLOCK) - 1
         places = range(0, self.n_columns, BLOCK)
         return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
@@ -167,7 +167,7 @@ class LinearMap:
 
 
 def _sensitivity(node: Node) -> int:
-    """Give the place of a sensitivity in the argument of kernels; -1 for anything else."""
+    """Return the place of a sensitivity in the argument of kernels; -1 for anything else."""
     is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
     return node.data[1] if is_given else -1
 
@@ -230,7 +230,7 @@ def form_map(
 
 
 def _is_linear(node: Node, varying: Container[Node]) -> bool:
-    """Tell whether a value is linear in those of its arguments that vary."""
+    """Return whether a value is linear in those of its arguments that vary."""
     # A product is linear if one factor varies, a sum if all terms do: constants would be affine.
     times = sum(arg in varying for arg in node.args)
     return node.op in _LINEAR and (times == 1 if node.op == "mul" else times == len(node.args))
@@ -278,7 +278,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
 
 
 def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
-    """Tell whether it is a linear system of which only the right-hand side varies."""
+    """Return whether it is a linear system of which only the right-hand side varies."""
     if node.op != "solve":
         return False
     n = node.data.size
@@ -553,7 +553,7 @@ def sizes_of(node: Node) -> tuple[Node, ...]:
 
 
 def is_symmetric(node: Node) -> bool:
-    """Tell whether the matrix of a linear system is symmetric whatever its values are."""
+    """Return whether the matrix of a linear system is symmetric whatever its values are."""
     n = node.data.size
     return all(node.args[i * n + j] is node.args[j * n + i] for i in range(n) for j in range(i))
 

@@ -427,7 +427,7 @@ def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
 
 
 def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
-    """Give the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
+    """Return the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
     marked = set(sources)
     for node in nodes:
         # In order of evaluation, all arguments have been decided on.

@@ -50,7 +50,7 @@ def power(a: float, b: float) -> float:
 
 
 def logarithm(x: float) -> float:
-    """Give the natural logarithm: minus infinity of zero, nan of what is negative."""
+    """Return the natural logarithm: minus infinity of zero, nan of what is negative."""
     try:
         return math.log(x)
     except ValueError:
@@ -63,7 +63,7 @@ def floor(x: float) -> float:
 
 
 def total(function: Callable[[float], float]) -> Callable[[float], float]:
-    """Let a function give nan outside its domain, and an infinity beyond the largest number.
+    """Wrap a function: nan outside its domain, infinity on overflow.
 
     Of those that overflow, ``exp`` and ``cosh`` do so upwards, ``sinh`` towards both sides.
     """
@@ -166,7 +166,7 @@ def _array_select(condition: Scalar, accepted: Scalar, refused: Scalar) -> Scala
 
 
 def _array_sign(x: Scalar) -> Scalar:
-    """Give zero for nan, as C does, where NumPy gives nan."""
+    """Return zero for nan, as C does, where NumPy gives nan."""
     return np.subtract(np.real(x) > 0.0, np.real(x) < 0.0, dtype=float)
 
 

@@ -116,7 +116,7 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
 
 
 def is_cut(node: Node) -> bool:
-    """Tell whether every time-dependent part of a value is piecewise linear in time.
+    """Return whether every time-dependent part of a value is piecewise linear in time.
 
     Integration then stops where something that looks at it changes.
     """
@@ -146,7 +146,7 @@ def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
 
 
 def acts_in_part(roots: Iterable[Node]) -> bool:
-    """Tell whether a law that may be nearly zero most of the time depends on states."""
+    """Return whether a law that may be nearly zero most of the time depends on states."""
     moving: set[Node] = set()
     for node in reachable(roots):
         is_state = node.op == "symbol" and node.data[0] == "x"
@@ -254,7 +254,7 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 
 
 def _stops(node: Node, line: _Line) -> list[Stop]:
-    """Give the times at which the argument of a node is zero, whole, or a point of its table."""
+    """Return the times at which the argument of a node is zero, whole, or a point of its table."""
     if line.rate.is_zero:
         return []  # a count alone: its floor has been seen to already
     if node.op == "floor" and line.count is None:

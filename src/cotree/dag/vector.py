@@ -24,12 +24,12 @@ Matrix = tuple[Vector, Vector, Vector]
 
 
 def zeros(dag: Dag) -> Vector:
-    """Give the zero vector."""
+    """Return the zero vector."""
     return (dag.zero, dag.zero, dag.zero)
 
 
 def identity(dag: Dag) -> Matrix:
-    """Give the unit matrix."""
+    """Return the unit matrix."""
     one, zero = dag.one, dag.zero
     return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
 
@@ -141,7 +141,7 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
 
 
 def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
-    """Give the length of a vector and its direction; messages name a length of zero by its origin.
+    """Return the length of a vector and its direction; messages name a length of zero by its origin.
 
     With the direction e, the length changes by e . a', and e by (a' - (e . a') e) / length.
     """
@@ -230,7 +230,7 @@ class Rotation:
 
 
 def no_rotation(dag: Dag) -> Rotation:
-    """Give the unit rotation."""
+    """Return the unit rotation."""
     return Rotation(identity(dag))
 
 

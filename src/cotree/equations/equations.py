@@ -520,7 +520,7 @@ class DerivedParameter:
 
     @property
     def told(self) -> str:
-        """Say that it cannot be chosen, and what it is made of."""
+        """Describe the expression that cannot be chosen."""
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""
         return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"

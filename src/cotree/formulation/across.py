@@ -140,7 +140,7 @@ class Motion:
     first: Motion | None = None
 
     def to(self, cluster: int) -> Geometry:
-        """Give the branch that carries a cluster."""
+        """Return the branch that carries a cluster."""
         # Every cluster but the ground, number 0, is carried by one branch, in the order of the
         # clusters.
         return self.geometry[cluster - 1]
@@ -169,7 +169,7 @@ class Motion:
         return result
 
     def arm(self, point: Point) -> Vector:
-        """Give a point's position from its cluster's origin, in the cluster's basis."""
+        """Return a point's position from its cluster's origin, in the cluster's basis."""
         return self.frames.resolved(point.cluster, point.local)
 
     def position(self, point: Point, ancestor: int = 0) -> Vector:
@@ -276,7 +276,7 @@ def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -
 
 
 def carrier_spin(motion: Motion, branch: Branch) -> Vector:
-    """Give the angular velocity of a branch's carrier, in the basis of its parent."""
+    """Return the angular velocity of a branch's carrier, in the basis of its parent."""
     if branch.carrier != branch.child:
         return motion.omega[branch.carrier]
     # The carrier is the child, whose vectors are in its own basis.
@@ -408,7 +408,7 @@ class View:
         return inwards(self.motion.clusters, self.motion.frames, a, cluster, ancestor)
 
     def scalar(self, node: Node) -> Node:
-        """Give a field, a coordinate, a speed or an acceleration as this view sees it."""
+        """Return a field, a coordinate, a speed or an acceleration as this view sees it."""
         if self.accelerations is not None:
             # The symbol of an acceleration stands for the value that this view was formed at.
             node = self._rates.get(node, node)

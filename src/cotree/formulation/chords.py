@@ -256,7 +256,7 @@ def chord_measure(
 
 
 def named_measure(motion: Motion, name: str) -> Measure | None:
-    """Give the measure of ``edge.coordinate`` or of a node's ``x``, ``y``, ``z``."""
+    """Return the measure of ``edge.coordinate`` or of a node's ``x``, ``y``, ``z``."""
     system = motion.system
     for speed in system.speeds:
         if speed.coordinate is not None and speed.coordinate.name == name:
@@ -326,7 +326,7 @@ def _slot(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 
 def _perpendicular(axis: Vector) -> tuple[Vector, Vector]:
-    """Give two directions across an axis of any length, which may depend on time."""
+    """Return two directions across an axis of any length, which may depend on time."""
     dag = axis[0].dag
     square = vector.dot(axis, axis)
     length = dag.function("sqrt", square)

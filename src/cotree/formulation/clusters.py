@@ -109,7 +109,7 @@ class Branch:
 
     @property
     def turns(self) -> bool:
-        """Tell whether it rotates its child."""
+        """Return whether it rotates its child."""
         return self.step is not None and self.step.kind.rotates
 
     @property
@@ -196,7 +196,7 @@ class Clusters:
         return found[::-1]
 
     def common_ancestor(self, a: int, b: int) -> int:
-        """Give the outermost cluster on both paths to the ground."""
+        """Return the outermost cluster on both paths to the ground."""
         while a != b:  # parents have smaller numbers than their children
             branch = self.branches[max(a, b)]
             assert branch is not None
@@ -301,7 +301,7 @@ class _Walks:
         return True
 
     def _opposite(self, waiting: list[TreeStep]) -> str:
-        """Say which bodies the trees reach in opposite orders."""
+        """Name the bodies that the trees reach in opposite orders."""
         step = next(step for step in waiting if step.parent in self.points)
         turning = self._entering(step.child)
         return (
@@ -320,7 +320,7 @@ class _Walks:
         return step
 
     def _turn(self, node: str) -> Matrix | None:
-        """Give a node's own axes in its cluster's; the rotation tree alone decides on them."""
+        """Return a node's own axes in its cluster's; the rotation tree alone decides on them."""
         # Walk inwards to a node whose turn is known, then compose the turns outwards.
         unknown = []
         while node not in self._turns:

@@ -118,7 +118,7 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
 
 
 def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, ...]:
-    """Give the sizes of the entries of the gradient that are not structurally zero."""
+    """Return the sizes of the entries of the gradient that are not structurally zero."""
     with motion.system.dag.labelled("sizes of constraints"):
         sizes = sizes_along_speeds(motion, pull)
     return tuple(

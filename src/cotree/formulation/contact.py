@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
-    """Give angular velocity and acceleration of the first node's cluster."""
+    """Return angular velocity and acceleration of the first node's cluster."""
     cluster = ends.first.cluster
     return view.omega(cluster, ends.ancestor), view.alpha(cluster, ends.ancestor)
 
@@ -33,7 +33,7 @@ class Slip:
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Give nothing: there is no such coordinate."""
+        """Return None: there is no such coordinate."""
         return None
 
     def _velocity(self, view: View) -> Any:
@@ -42,11 +42,11 @@ class Slip:
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
-        """Give e.(r' - omega x r)."""
+        """Return e.(r' - omega x r)."""
         return vector.dot(self.axis.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the time derivative of that rate."""
+        """Return the time derivative of that rate."""
         omega, alpha = _against_first(self.ends, view)
         carried = vector.add(
             vector.cross(alpha, self.ends.reach(view)),
@@ -67,11 +67,11 @@ class Facing(Protocol):
     """A direction across a contact, which points from the first body to the second."""
 
     def value(self, view: View) -> Any:
-        """Give the unit vector."""
+        """Return the unit vector."""
         ...
 
     def rate(self, view: View) -> Any:
-        """Give its rate."""
+        """Return its rate."""
         ...
 
 
@@ -87,11 +87,11 @@ class Centres:
         return vector.polar(self.ends.reach(view), origin)
 
     def value(self, view: View) -> Any:
-        """Give the unit vector."""
+        """Return the unit vector."""
         return self._polar(view)[1]
 
     def rate(self, view: View) -> Any:
-        """Give the part of r' across it, over the distance."""
+        """Return the part of r' across it, over the distance."""
         length, along = self._polar(view)
         closing = self.ends.closing(view)
         across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
@@ -106,12 +106,12 @@ class Tangent:
     axis: Vector
 
     def value(self, view: View) -> Any:
-        """Give e - (n.e) n."""
+        """Return e - (n.e) n."""
         n = self.facing.value(view)
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
     def rate(self, view: View) -> Any:
-        """Give the rate of that, where the axis stays."""
+        """Return the rate of that, where the axis stays."""
         n, n_rate = self.facing.value(view), self.facing.rate(view)
         turned = vector.add(
             vector.scale(vector.dot(n_rate, self.axis), n),
@@ -124,15 +124,15 @@ class Surface(Protocol):
     """The shape of the second body: the place of it that is furthest down."""
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Give how far it reaches down from the second node."""
+        """Return how far it reaches down from the second node."""
         ...
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Give the vector from the second node to the place."""
+        """Return the vector from the second node to the place."""
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Give the rate of that vector; the place moves over the body."""
+        """Return the rate of that vector; the place moves over the body."""
         ...
 
 
@@ -143,15 +143,15 @@ class Ball:
     radius: Node
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Give the radius."""
+        """Return the radius."""
         return view.scalar(self.radius)
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Give -r n."""
+        """Return -r n."""
         return vector.scale(-view.scalar(self.radius), facing.value(view))
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Give -r n'."""
+        """Return -r n'."""
         return vector.scale(-view.scalar(self.radius), facing.rate(view))
 
 
@@ -164,7 +164,7 @@ class Rim:
     edge: str
 
     def _down(self, view: View, facing: Facing) -> tuple[Any, Any, Any]:
-        """Give the part of the normal within the disc, its length, and its direction."""
+        """Return the part of the normal within the disc, its length, and its direction."""
         n, d = facing.value(view), self.axle.value(view)
         # The contact lies on the rim, furthest down: opposite to the normal's projection on the
         # disc. Where the disc lies flat the projection vanishes, and no point is lowest.
@@ -176,15 +176,15 @@ class Rim:
         return part, *vector.polar(part, origin)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Give r |p|: n.up is |p|, the sine of the angle between normal and axle."""
+        """Return r |p|: n.up is |p|, the sine of the angle between normal and axle."""
         return view.scalar(self.radius) * self._down(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Give the vector from the centre to the contact."""
+        """Return the vector from the centre to the contact."""
         return vector.scale(-view.scalar(self.radius), self._down(view, facing)[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Give the rate of that vector."""
+        """Return the rate of that vector."""
         _, length, up = self._down(view, facing)
         n, d = facing.value(view), self.axle.value(view)
         n_rate, d_rate = facing.rate(view), self.axle.rate(view)
@@ -208,7 +208,7 @@ class Ellipsoid:
         return [(seen := view.scalar(a)) * seen for a in self.semiaxes]
 
     def _entries(self, view: View, facing: Facing) -> tuple[list[Any], Any]:
-        """Give the normal's entries m along the axes, and the depth, the root of sum a^2 m^2."""
+        """Return the normal's entries m along the axes, and the depth, the root of sum a^2 m^2."""
         n = facing.value(view)
         entries = [vector.dot(n, axis.value(view)) for axis in self.axes]
         total = sum(
@@ -218,11 +218,11 @@ class Ellipsoid:
         return entries, function("sqrt", total)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Give how far the tangential plane is away."""
+        """Return how far the tangential plane is away."""
         return self._entries(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Give - sum a^2 m e / depth, where the surface is normal to n."""
+        """Return - sum a^2 m e / depth, where the surface is normal to n."""
         entries, depth = self._entries(view, facing)
         parts = [
             vector.scale(-(s * m / depth), axis.value(view))
@@ -231,7 +231,7 @@ class Ellipsoid:
         return vector.add(vector.add(parts[0], parts[1]), parts[2])
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Give the rate of that vector, by the product rule."""
+        """Return the rate of that vector, by the product rule."""
         n, n_rate = facing.value(view), facing.rate(view)
         entries, depth = self._entries(view, facing)
         squares = self._squares(view)
@@ -276,14 +276,14 @@ class Touching:
     rise: Node | None
 
     def value(self, view: View) -> Any:
-        """Give the gap, across the contact."""
+        """Return the gap, across the contact."""
         if self.rise is None:
             return None
         height = vector.dot(self.facing.value(view), self.ends.reach(view))
         return height - self.surface.depth(view, self.facing) - view.scalar(self.rise)
 
     def _velocity(self, view: View) -> Any:
-        """Give the velocity of the second body's material there, as the first sees it."""
+        """Return the velocity of the second body's material there, as the first sees it."""
         contact = self.surface.place(view, self.facing)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
@@ -293,11 +293,11 @@ class Touching:
         return vector.sub(own, carried)
 
     def rate(self, view: View) -> Any:
-        """Give the velocity along the direction."""
+        """Return the velocity along the direction."""
         return vector.dot(self.direction.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give the time derivative of that velocity; the contact itself moves over the bodies."""
+        """Return the time derivative of that velocity; the contact itself moves over the bodies."""
         contact = self.surface.place(view, self.facing)
         contact_rate = self.surface.place_rate(view, self.facing)
         omega, alpha = _against_first(self.ends, view)
@@ -321,7 +321,7 @@ class Touching:
 
 
 def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
-    """Give the shape of the body at the second end: a disc, an ellipsoid, a sphere or a point."""
+    """Return the shape of the body at the second end: a disc, an ellipsoid, a sphere or a point."""
     if "semiaxes" in edge.vectors:
         x, y, z = (carried_by(motion, ends, 1, e) for e in vector.identity(motion.system.dag))
         return Ellipsoid((x, y, z), edge.vectors["semiaxes"])
@@ -398,7 +398,7 @@ def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
 
 
 def _offset(edge: BoundEdge, spot: int) -> Vector | None:
-    """Give the place from the node, in its axes; None where it is the node."""
+    """Return the place from the node, in its axes; None where it is the node."""
     if "size" in edge.vectors:
         size = edge.vectors["size"]
         corner = list(vector.zeros(size[0].dag))

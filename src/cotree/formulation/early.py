@@ -149,7 +149,7 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
 def _random_state(
     first: FirstGraph, symbols: Sequence[Node], random: np.random.Generator
 ) -> dict[Node, float]:
-    """Give every symbol a number: parameters their own, quaternions length one."""
+    """Assign every symbol a number: parameters their own, quaternions of unit length."""
     system = first.system
     values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
     values |= {s: first.scene.parameters[name].number for name, s in system.tunable.items()}

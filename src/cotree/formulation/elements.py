@@ -36,7 +36,7 @@ class Wrench:
         return Wrench(vector.add(self.force, other.force), vector.add(self.torque, other.torque))
 
     def minus(self) -> Wrench:
-        """Give the reaction."""
+        """Return the reaction."""
         return Wrench(vector.neg(self.force), vector.neg(self.torque))
 
 
@@ -55,11 +55,11 @@ class Sums:
         self._on_cluster[cluster] = wrench if known is None else known.plus(wrench)
 
     def at(self, cluster: int) -> Wrench | None:
-        """Give the sum on a cluster; None where there is nothing."""
+        """Return the sum on a cluster; None where there is nothing."""
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Tell whether a wrench on a cluster, formed of some parts, has to be summed."""
+        """Return whether a wrench on a cluster, formed of some parts, has to be summed."""
         return True
 
 
@@ -229,7 +229,7 @@ def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) ->
 
 
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
-    """Give the wrenches of an element on the clusters of its nodes; the ground feels nothing."""
+    """Return the wrenches of an element on the clusters of its nodes; the ground feels nothing."""
     found = []
     moved = [(action.second, 1, action.arms[1])]
     # The reaction acts where the force does, so that the pair has no moment of its own.

@@ -86,29 +86,29 @@ class Ends:
         return vector.sub(see(self.second, self.ancestor), see(self.first, self.ancestor))
 
     def reach(self, view: View) -> Any:
-        """Give the vector from the first node to the second."""
+        """Return the vector from the first node to the second."""
         return self._between(view.position)
 
     def closing(self, view: View) -> Any:
-        """Give the rate in space of the vector from the first node to the second."""
+        """Return the rate in space of the vector from the first node to the second."""
         return self._between(view.velocity)
 
     def opening(self, view: View) -> Any:
-        """Give the second derivative in space of the vector from the first node to the second."""
+        """Return the second derivative in space of the vector from the first node to the second."""
         return self._between(view.acceleration)
 
     def arm(self, view: View, end: int) -> Any:
-        """Give a node's position from its cluster's origin, in the ancestor's basis."""
+        """Return a node's position from its cluster's origin, in the ancestor's basis."""
         point = (self.first, self.second)[end]
         return view.fixed(point.cluster, point.local, self.ancestor)
 
     def spin(self, view: View) -> Any:
-        """Give the relative angular velocity."""
+        """Return the relative angular velocity."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.omega(b, self.ancestor), view.omega(a, self.ancestor))
 
     def turn(self, view: View) -> Any:
-        """Give the rate in space of the relative angular velocity."""
+        """Return the rate in space of the relative angular velocity."""
         a, b = self.first.cluster, self.second.cluster
         return vector.sub(view.alpha(b, self.ancestor), view.alpha(a, self.ancestor))
 
@@ -117,7 +117,7 @@ class Seen(Protocol):
     """A vector as a view sees it."""
 
     def value(self, view: View) -> Any:
-        """Give the vector."""
+        """Return the vector."""
         ...
 
 
@@ -132,7 +132,7 @@ class Carried:
 
     @cached_property
     def _locals(self) -> tuple[Vector, Vector, Vector]:
-        """Give the vector and its explicit rates, in the cluster's axes."""
+        """Return the vector and its explicit rates, in the cluster's axes."""
         # Axes and vectors of constraints may be functions of time.
         seed = {self.time: self.time.dag.one}
         own = self.point.resolved(self.local)
@@ -144,11 +144,11 @@ class Carried:
         return view.fixed(self.point.cluster, self._locals[order], self.ancestor)
 
     def value(self, view: View) -> Any:
-        """Give the vector."""
+        """Return the vector."""
         return self._explicit(view, 0)
 
     def rate(self, view: View) -> Any:
-        """Give the rate of the vector."""
+        """Return the rate of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
         # Transport theorem: the rate in space is omega x e plus the explicit rate in the node's
         # axes.
@@ -156,7 +156,7 @@ class Carried:
         return vector.add(carried, self._explicit(view, 1))
 
     def acceleration(self, view: View) -> Any:
-        """Give the second derivative of the vector."""
+        """Return the second derivative of the vector."""
         omega = view.omega(self.point.cluster, self.ancestor)
         alpha = view.alpha(self.point.cluster, self.ancestor)
         inner = vector.cross(omega, self.value(view))
@@ -235,6 +235,6 @@ def chord_ends(motion: Motion, edge: BoundEdge) -> Ends:
 
 
 def carried_by(motion: Motion, ends: Ends, end: int, local: Vector) -> Carried:
-    """Let a node carry a vector given in its axes."""
+    """Attach a vector, resolved in its axes, to a node."""
     point = (ends.first, ends.second)[end]
     return Carried(point, local, ends.ancestor, motion.system.time)

@@ -254,7 +254,7 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
-    """Give two unit axes that follow a unit normal right-handedly.
+    """Return two unit axes that follow a unit normal right-handedly.
 
     They are the next coordinate axes where the normal is one. Otherwise the first is the
     projection on the plane of the coordinate axis that follows the normal's largest entry.
@@ -344,7 +344,7 @@ class FieldNames:
         self._is_gathered = False
 
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
-        """Give the node of a name.
+        """Return the node of a name.
 
         Parameters
         ----------
@@ -385,7 +385,7 @@ class FieldNames:
         return tuple(self._measured)
 
     def gathered(self) -> dict[str, Node]:
-        """Give the symbols of all across variables by name; no further ones may follow."""
+        """Return the symbols of all across variables by name; no further ones may follow."""
         self._is_gathered = True
         return dict(self._measured)
 
@@ -488,7 +488,7 @@ def guards_of(
 
 
 def is_timed(value: Node, time: Node) -> bool:
-    """Tell whether parameters and time alone decide where a value may jump, and when is known."""
+    """Return whether parameters and time alone decide where a value may jump, and when is known."""
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
     return of_time and are_seen(time.dag, value, [time])
 

@@ -43,7 +43,7 @@ class Frames:
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Tell whether a cluster moves as in the first graph, so that its values serve again."""
+        """Return whether a cluster moves as in the first graph, so that its values serve again."""
         return False
 
     @property
@@ -79,7 +79,7 @@ class Frames:
         return vector.times(self.carrier_axes(branch), local)
 
     def carrier_axes(self, branch: Branch) -> Matrix:
-        """Give the axes of a branch's carrier, resolved in the parent's basis."""
+        """Return the axes of a branch's carrier, resolved in the parent's basis."""
         if branch.carrier != branch.child:
             return self.rotations[branch.carrier].matrix
         # From the child's axes to its basis, then to that of its parent.
@@ -88,7 +88,7 @@ class Frames:
         return own if step is None else vector.matmul(step, own)
 
     def seen(self, node: Node) -> Node:
-        """Give a field, a coordinate or a speed as this graph sees it: the value itself here."""
+        """Return a field, a coordinate or a speed as this graph sees it: the value itself here."""
         return node
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:

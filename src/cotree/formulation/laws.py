@@ -113,7 +113,7 @@ def _act(
 
 
 def _symbols(motion: Motion) -> tuple[Node, Node]:
-    """Give the symbols of a measure and its rate."""
+    """Return the symbols of a measure and its rate."""
     dag = motion.system.dag
     return dag.symbol("measure", 0), dag.symbol("measure rate", 0)
 
@@ -273,15 +273,15 @@ class Paced:
     time: Node
 
     def value(self, view: View) -> Any:
-        """Give nothing: positions are free where the motion begins."""
+        """Return None: positions are free at the start."""
         return None
 
     def rate(self, view: View) -> Any:
-        """Give what the rate differs by."""
+        """Return what the rate differs by."""
         return self.measure.rate(view) - view.formula(self.speed, {})
 
     def acceleration(self, view: View) -> Any:
-        """Give the time derivative of that."""
+        """Return the time derivative of that."""
         (change,) = tangents([self.speed], {self.time: self.time.dag.one})
         return self.measure.acceleration(view) - view.formula(change, {})
 
@@ -346,7 +346,7 @@ def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
 def _told(
     sitter: Sitter, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
-    """Say why a component cannot act on a joint, and what can."""
+    """Describe why a component cannot act on a joint, and which can."""
     own = f"edge '{sitter.edge}'"
     does, what = ("turns", "angle") if sitter.turns else ("slides", "length")
     on = f"joint '{joint.name}' of type '{joint.component.name}'"

@@ -318,7 +318,7 @@ def _augmented(motion: Motion) -> list[Inertia | None]:
 
 
 def _arm(branch: Branch) -> Vector:
-    """Give the vector from the parent's origin to the child's, in the parent's axes."""
+    """Return the vector from the parent's origin to the child's, in the parent's axes."""
     arm = branch.anchor
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
@@ -396,7 +396,7 @@ _DEEP = 1000.0
 
 
 def is_deep(motion: Motion) -> bool:
-    """Tell whether elimination along the tree is bound to cost less than by the matrix."""
+    """Return whether elimination along the tree is bound to cost less than by the matrix."""
     depths, squares = {0: 0}, []
     for geometry in motion.geometry:
         branch = geometry.branch

@@ -53,16 +53,16 @@ class CoordinateMeasure:
     speed: Speed
 
     def value(self, view: View) -> Any:
-        """Give the coordinate."""
+        """Return the coordinate."""
         # Angular velocities of a free rotation are speeds without a coordinate of their own.
         return None if self.speed.coordinate is None else view.scalar(self.speed.coordinate.symbol)
 
     def rate(self, view: View) -> Any:
-        """Give the speed."""
+        """Return the speed."""
         return view.scalar(self.speed.symbol)
 
     def acceleration(self, view: View) -> Any:
-        """Give the acceleration."""
+        """Return the acceleration."""
         return view.scalar(self.speed.acceleration)
 
     def pull(self, view: View) -> Pull:
@@ -112,17 +112,17 @@ class AxisLength:
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Give e.r."""
+        """Return e.r."""
         return vector.dot(self.axis.value(view), self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
-        """Give e.r' + e'.r."""
+        """Return e.r' + e'.r."""
         return vector.dot(self.axis.value(view), self.ends.closing(view)) + vector.dot(
             self.axis.rate(view), self.ends.reach(view)
         )
 
     def acceleration(self, view: View) -> Any:
-        """Give e.r'' + 2 e'.r' + e''.r."""
+        """Return e.r'' + 2 e'.r' + e''.r."""
         reach, closing, opening = (
             form(view) for form in (self.ends.reach, self.ends.closing, self.ends.opening)
         )
@@ -150,15 +150,15 @@ class Distance:
         return vector.polar(self.ends.reach(view))
 
     def value(self, view: View) -> Any:
-        """Give |r|."""
+        """Return |r|."""
         return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
-        """Give e.r', e being the direction."""
+        """Return e.r', e being the direction."""
         return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give e.r'' + (r'.r' - (e.r')^2) / |r|."""
+        """Return e.r'' + (r'.r' - (e.r')^2) / |r|."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
         # The square of the velocity across the line, over its length: the centripetal part, which
@@ -181,7 +181,7 @@ class Cosine:
     b: Carried
 
     def value(self, view: View) -> Any:
-        """Give a.b."""
+        """Return a.b."""
         return vector.dot(self.a.value(view), self.b.value(view))
 
     def _moment(self, view: View) -> Any:
@@ -189,11 +189,11 @@ class Cosine:
         return vector.cross(self.b.value(view), self.a.value(view))
 
     def rate(self, view: View) -> Any:
-        """Give (b x a).spin."""
+        """Return (b x a).spin."""
         return vector.dot(self._moment(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give (b x a).turn + (b x a)'.spin."""
+        """Return (b x a).turn + (b x a)'.spin."""
         moving = vector.add(
             vector.cross(self.b.rate(view), self.a.value(view)),
             vector.cross(self.b.value(view), self.a.rate(view)),
@@ -217,15 +217,15 @@ class Spin:
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Give nothing: turns about an axis that moves add up to no coordinate."""
+        """Return None: rotations about a moving axis have no coordinate."""
         return None
 
     def rate(self, view: View) -> Any:
-        """Give the relative spin about the axis."""
+        """Return the relative spin about the axis."""
         return vector.dot(self.axis.value(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:
-        """Give its rate."""
+        """Return its rate."""
         return vector.dot(self.axis.value(view), self.ends.turn(view)) + vector.dot(
             self.axis.rate(view), self.ends.spin(view)
         )
@@ -257,7 +257,7 @@ class Angle(Spin):
     sum: Node | None = None
 
     def value(self, view: View) -> Any:
-        """Give the angle."""
+        """Return the angle."""
         if self.sum is not None:
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
@@ -286,7 +286,7 @@ class Composite:
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:
-        """Give the symbols of the measures, their rates and accelerations."""
+        """Return the symbols of the measures, their rates and accelerations."""
         kinds = ("measure", "measure rate", "measure acceleration")
         n, dag = len(self.parts), self.time.dag
         return tuple(tuple(dag.symbol(kind, i) for i in range(n)) for kind in kinds)

@@ -67,13 +67,13 @@ ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
 
 
 def observed_unit(name: str) -> str:
-    """Give the unit of a name that may be observed; nothing where it has none."""
+    """Return the unit of a name that may be observed; nothing where it has none."""
     variable = split_name(name)[1]
     return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
 
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
-    """Give a position or a velocity by name; None where there is none such.
+    """Return a position or a velocity by name; None where there is none such.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node |
 
 
 def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: bool) -> Node | None:
-    """Give a coordinate of a chord joint, or its rate."""
+    """Return a coordinate of a chord joint, or its rate."""
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
@@ -127,7 +127,7 @@ def _in_ground(motion: Motion, a: Vector, cluster: int) -> Vector:
 
 
 def _axes(motion: Motion, point: Point) -> Matrix:
-    """Give the axes of a node, resolved in ground axes."""
+    """Return the axes of a node, resolved in ground axes."""
     units = vector.identity(motion.system.dag)
     columns = [
         # From the node's axes to the cluster's, to its basis, to the ground.
@@ -138,7 +138,7 @@ def _axes(motion: Motion, point: Point) -> Matrix:
 
 
 def _orientation(axes: Matrix, name: str) -> Node:
-    """Give an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
+    """Return an entry of the rotation matrix, or an angle of roll, pitch and yaw."""
     dag = axes[0][0].dag
     # R = Rz(yaw) Ry(pitch) Rx(roll): the last row is (-sin p, cos p sin r, cos p cos r).
     roll = dag.function("atan2", axes[2][1], axes[2][2])
@@ -215,7 +215,7 @@ class Observer:
         return found
 
     def _unknown(self, name: str) -> str:
-        """Say what is wrong with a name."""
+        """Describe the fault of a name."""
         system = self.motion.system
         # Variables of several ports have a dot of their own, which belongs to no owner.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
@@ -240,7 +240,7 @@ class Observer:
         return f"uses the unknown name '{name}'{nearest(name, known)}"
 
     def _of_node(self, name: str) -> Node | None:
-        """Give an acceleration of a node, in ground axes."""
+        """Return an acceleration of a node, in ground axes."""
         first, last = split_name(name)
         point = self.motion.clusters.points.get(first)
         if point is None or last not in NODE_VARIABLES:
@@ -252,7 +252,7 @@ class Observer:
         return self.view.acceleration(point, 0)[i]
 
     def _of_edge(self, name: str) -> Node | None:
-        """Give a component of an edge's wrench on its second node, its power, or its drive."""
+        """Return a component of an edge's wrench on its second node, its power, or its drive."""
         first, last = split_name(name)
         edge = self.motion.system.edges.get(first)
         if edge is None:
@@ -270,7 +270,7 @@ class Observer:
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
 
     def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
-        """Give F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction adds nothing."""
+        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction adds nothing."""
         motion, points = self.motion, self.motion.clusters.points
         first, second = points[edge.first], points[edge.second]
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
@@ -338,7 +338,7 @@ class Observer:
         return Wrench(force, vector.add(torque, vector.cross(arm, force)))
 
     def _transmitted(self, edge: BoundEdge, domain: str) -> Wrench | None:
-        """Give the cutset sum of a branch, on its second node; None of a chord."""
+        """Return the cutset sum of a branch, on its second node; None of a chord."""
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
@@ -474,7 +474,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
 
 def _place(name: str) -> tuple[int, int] | None:
-    """Give derivative order and component of a node's position or velocity."""
+    """Return derivative order and component of a node's position or velocity."""
     variable = split_name(name)[1]
     if len(variable) == 1 and variable in "xyz":
         return 0, "xyz".index(variable)
@@ -499,7 +499,7 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
 def units_of_expressions(
     scene: SceneDescription, states: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Give the unit of each output and derived parameter; nothing where a name in it has none.
+    """Return the unit of each output and derived parameter; nothing where a name in it has none.
 
     Parameters
     ----------
@@ -567,7 +567,7 @@ class VariableUnits:
         self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
 
     def __call__(self, name: str) -> str:
-        """Give the unit of ``edge.variable`` or ``node.variable``; nothing where it has none."""
+        """Return the unit of ``edge.variable`` or ``node.variable``; nothing where it has none."""
         edge = self._scene.edges.get(owner_among(name, self._scene.edges))
         own = self._units(edge.component) if edge is not None else {}
         rest = name[len(edge.name) + 1 :] if edge is not None else ""

@@ -277,7 +277,7 @@ def bind(
 
 
 def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dict[str, Node]]:
-    """Give the symbols of the parameters that runs may change, and the nodes of all."""
+    """Return the symbols of the parameters that runs may change, and the nodes of all."""
     names = [name for name, row in scene.parameters.items() if row.is_argument]
     tunable = {name: dag.symbol(PARAMETER, i) for i, name in enumerate(names)}
 
@@ -305,7 +305,7 @@ def _at_start(step: Step) -> Step:
 def _modes(
     scene: SceneDescription, dag: Dag, n_before: int, resolve: Resolver
 ) -> tuple[State, ...]:
-    """Give every mode its symbol, after those of the coordinates and speeds."""
+    """Assign every mode its symbol, after those of the coordinates and speeds."""
     return tuple(
         State(
             mode.name,
@@ -331,7 +331,7 @@ def _steps(
     resolve: Resolver,
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
-    """Give every branch its coordinates and speeds, numbered, with their initial values."""
+    """Assign every branch its coordinates and speeds, numbered, with their initial values."""
     # Where the trees differ, an edge has coordinates only in the tree that it is a branch of.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]

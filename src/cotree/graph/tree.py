@@ -46,7 +46,7 @@ class Tree:
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
-        """Say whether the named edge is in the tree.
+        """Return whether the named edge is in the tree.
 
         Raises
         ------

@@ -155,7 +155,7 @@ class _OfSums:
 
 
 def _listed(plan: Factors[_Sum]) -> Elimination:
-    """Give the factors their numbers: pivot by pivot, each in the order of the other pivots."""
+    """Number the factors: pivot by pivot, each in the order of the other pivots."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
     # From here on rows and columns go by the rank of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
@@ -199,7 +199,7 @@ _SMALL = 40
 def narrow_band(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int]
 ) -> tuple[int, int, Any]:
-    """Give the bandwidths of a matrix, and the places of unknowns that make them narrow.
+    """Return the bandwidths of a matrix, and the places of unknowns that make them narrow.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Spatial:
 
 
 def nothing(dag: Dag) -> Spatial:
-    """Give the inertia of what has none."""
+    """Return the inertia of what has none."""
     zero = vector.zeros(dag)
     return Spatial((zero, zero, zero), (zero, zero, zero), (zero, zero, zero))
 
@@ -63,7 +63,7 @@ def _skew(a: Vector) -> Matrix:
 
 
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
-    """Give the inertia of a rigid body.
+    """Return the inertia of a rigid body.
 
     Parameters
     ----------
@@ -497,7 +497,7 @@ def _down(link: TreeLink, a: Vector) -> Vector:
 
 
 def _own_inertia(link: TreeLink) -> Spatial | None:
-    """Give the inertia of the child's own cluster."""
+    """Return the inertia of the child's own cluster."""
     if link.mass is None or link.moment is None or link.tensor is None:
         return None
     return rigid(link.mass, link.moment, link.tensor)

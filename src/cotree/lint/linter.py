@@ -88,7 +88,7 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
 
 
 def dangling_hint(scene: SceneDescription) -> str:
-    """Say which node may be misspelt, as the end of a message; nothing where none looks so."""
+    """Return a hint at a misspelt node for the end of a message; empty if there is none."""
     found = list(dangling_nodes(scene, is_refused=True))
     # A node that looks like another one is the culprit before all that do not.
     found.sort(key=lambda row: "did you mean" not in row.message)

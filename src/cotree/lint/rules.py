@@ -72,7 +72,7 @@ class Finding:
         return f"{where}{self.severity} [{self.allow or self.rule}] {self.message}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the finding as a table for JSON."""
+        """Return the finding as a table for JSON."""
         return {**vars(self), "allow": self.allow}
 
 
@@ -82,7 +82,7 @@ _LIKE = 0.8  # share of letters in common
 
 
 def look_alike(name: str, others: Iterable[str]) -> str:
-    """Give the name that another may be a slip of; nothing where none is close.
+    """Return the name that another may be a slip of; nothing where none is close.
 
     Names that differ in numbers only, as ``m1`` and ``m2``, are meant to differ; names of one part
     are compared with those of the same part.
@@ -189,7 +189,7 @@ def _kind(scene: SceneDescription, name: str) -> str:
 
 
 def _domains(scene: SceneDescription) -> dict[str, set[str]]:
-    """Give the domains in which each node is touched."""
+    """Return the domains in which each node is touched."""
     found: dict[str, set[str]] = {}
     for edge in scene.edges.values():
         if edge.component.role is not Role.NETWORK:
@@ -397,7 +397,7 @@ def _values(scene: SceneDescription) -> dict[str, float]:
 
 
 def _number(value: Expression, known: dict[str, float]) -> float:
-    """Give the value of an expression of parameters; nan for others."""
+    """Return the value of an expression of parameters; nan for others."""
     if value.number is not None:
         return value.number
     if not all(name in known or name == "pi" for name in value.names):

@@ -65,12 +65,12 @@ class Variable:
         return np.asarray(self.array["time"].values, dtype=float)
 
     def flat(self) -> Array:
-        """Give the values, shape (n_members, n_t)."""
+        """Return the values, shape (n_members, n_t)."""
         values = np.asarray(self.array.values, dtype=float)
         return values.reshape(-1, values.shape[-1])
 
     def coordinate(self, i: int) -> tuple[str, Array]:
-        """Give the title and the values of a dimension of members."""
+        """Return the title and the values of a dimension of members."""
         dim = self.dims[i]
         values = self.array[dim].values
         if values.dtype.kind not in "fiu":
@@ -78,7 +78,7 @@ class Variable:
         return _titled(dim, self.array[dim]), np.asarray(values, dtype=float)
 
     def column(self, name: str | None) -> tuple[str, Array]:
-        """Give the title and, for each member, the value of a column; the first where None.
+        """Return the title and, for each member, the value of a column; the first where None.
 
         Raises
         ------
@@ -103,7 +103,7 @@ class Variable:
         return _titled(chosen, self.array[chosen]), np.asarray(values, dtype=float).ravel()
 
     def summary(self, time: float | None, of: str) -> tuple[Array, str]:
-        """Give one value of each member, and which one that is.
+        """Return one value of each member, and which one that is.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Variable:
 
 
 def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[str]:
-    """Give the names that are to be drawn: those that are named, or all coordinates.
+    """Return the names that are to be drawn: those that are named, or all coordinates.
 
     Raises
     ------
@@ -458,7 +458,7 @@ def _panels(
 
 
 def _layout(n: int) -> tuple[int, int]:
-    """Give rows and columns of panels."""
+    """Return rows and columns of panels."""
     columns = min(n, _COLUMNS)
     return -(-n // columns), columns
 
@@ -470,7 +470,7 @@ def _label_time(ax: Axes, row: Variable) -> None:
 
 
 def _counted(row: Variable) -> str:
-    """Say how many members are drawn."""
+    """Describe how many members are drawn."""
     curves_of_members = row.flat()
     failed = int(np.isnan(curves_of_members).all(axis=1).sum())
     n = len(curves_of_members)
@@ -478,7 +478,7 @@ def _counted(row: Variable) -> str:
 
 
 def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
-    """Give the lower bounds of the bands, the median, and the upper bounds."""
+    """Return the lower bounds of the bands, the median, and the upper bounds."""
     there = values[~np.isnan(values).all(axis=1)]
     if not len(there):
         raise SceneError(_NOTHING)
@@ -532,7 +532,7 @@ def _tick_plainly(axis: Axis) -> None:
 
 
 def _is_logarithmic(values: Array) -> bool:
-    """Tell whether values spread over powers of ten, or grow by the same factor."""
+    """Return whether values spread over powers of ten, or grow by the same factor."""
     ordered = np.sort(values)
     if ordered[0] <= 0.0 or ordered[-1] < _LEAST_RATIO * ordered[0]:
         return False

@@ -53,7 +53,7 @@ def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
 
 
 def svg_text(fig: Figure) -> str:
-    """Give a figure as the text of an SVG element, on its own light ground."""
+    """Return a figure as the text of an SVG element, on its own light ground."""
     import io
 
     import matplotlib
@@ -66,7 +66,7 @@ def svg_text(fig: Figure) -> str:
 
 
 def check_picture(path: Path) -> str:
-    """Give the suffix of a picture's file.
+    """Return the suffix of a picture's file.
 
     Raises
     ------
@@ -106,6 +106,6 @@ def figure_for_people(width: float, height: float) -> Figure:
 
 
 def _is_interactive() -> bool:
-    """Tell whether a person types the statements, in a notebook or at a prompt."""
+    """Return whether a person types the statements, in a notebook or at a prompt."""
     shell = sys.modules.get("IPython")
     return hasattr(sys, "ps1") or (shell is not None and shell.get_ipython() is not None)

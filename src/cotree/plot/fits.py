@@ -307,7 +307,7 @@ def _draw_parabola(ax: Axes, curve: Curve) -> None:
 
 
 def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
-    """Give the entries of a legend, each label once."""
+    """Return the entries of a legend, each label once."""
     found = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     return list(found.values()), list(found)
 

@@ -40,7 +40,7 @@ class Curve:
     points: Array
 
     def at(self, s: float) -> Array:
-        """Give the point at `s` from 0 (tail) to 1 (head)."""
+        """Return the point at `s` from 0 (tail) to 1 (head)."""
         # Bernstein polynomials of degree three.
         weights = np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3])
         return np.asarray(weights @ self.points)
@@ -73,7 +73,7 @@ def lay_out(graph: LinearGraph) -> GraphDrawing:
 
 
 def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
-    """Give all drawings the same lower and upper edge, so that titles and keys are in line."""
+    """Align the lower and upper edges of all drawings, so that titles and keys are in line."""
     low, high = min(d.low[1] for d in drawings), max(d.high[1] for d in drawings)
     return [
         replace(d, low=np.array([d.low[0], low]), high=np.array([d.high[0], high]))
@@ -192,7 +192,7 @@ def _curve(
 
 
 def _clearance(fan: Sequence[Curve], others: Array) -> float:
-    """Give the least distance of the curves from the other nodes."""
+    """Return the least distance of the curves from the other nodes."""
     if not len(others):
         return float("inf")
     samples = np.array([curve.at(s) for curve in fan for s in np.linspace(0.05, 0.95, 19)])

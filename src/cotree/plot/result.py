@@ -104,7 +104,7 @@ def choose_curves(
 
 
 def sensitivity_pair(name: object) -> tuple[str, str] | None:
-    """Give name and parameter of a sensitivity; None for what names none."""
+    """Return name and parameter of a sensitivity; None for what names none."""
     if isinstance(name, str):
         found = _TITLE.match(name)
         return (found[1], found[2]) if found else None
@@ -305,7 +305,7 @@ def draw_grid(ax: Axes) -> None:
 
 
 def curve_colors(n: int) -> list[Color]:
-    """Give up to ten distinct colours, or a sequence of as many as needed."""
+    """Return up to ten distinct colours, or a sequence of as many as needed."""
     import matplotlib
 
     if n <= 10:
@@ -356,7 +356,7 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
 
 
 def _legend_columns(labels: Sequence[str]) -> int:
-    """Say how many labels fit side by side above a panel, each with its line before it."""
+    """Return how many labels fit side by side above a panel, each with its line."""
     widths = [len(label) + _LINE for label in labels]
     return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
 

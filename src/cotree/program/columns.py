@@ -90,7 +90,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
 
 
 def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
-    """Let columns of two blocks change places where both blocks together then compute less."""
+    """Swap columns of two blocks if the blocks then compute less together."""
     least = _n_together(first, nonzero) + _n_together(second, nonzero)
     has_changed = False
     for i, k in product(range(len(first)), range(len(second))):
@@ -183,7 +183,7 @@ class _Parting:
                 self._parts[node] = self._parts_of(node)
 
     def parted(self, node: Node) -> Node:
-        """Give a value with the symbols of sources in it."""
+        """Return a value with the symbols of sources in it."""
         if node not in self._changed:
             return node
         if node not in self._moved:
@@ -195,7 +195,7 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Give the sources of each change by itself, by place, those that vanish left out."""
+        """Return the sources of each change by itself, by place, those that vanish left out."""
         nodes = list(self.sources)
         supports = _supports(reachable(nodes), self._changes)
         still = dict.fromkeys(self._changes, self._dag.zero)
@@ -224,7 +224,7 @@ class _Parting:
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Give both parts of a term of a sum, if nothing else reads it."""
+        """Return both parts of a term of a sum, if nothing else reads it."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
@@ -236,7 +236,7 @@ class _Parting:
 
 
 def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
-    """Give the changes that each value depends on, as bits; values without any are left out."""
+    """Return the changes that each value depends on, as bits; values without any are left out."""
     found = {node: 1 << j for j, node in enumerate(changes)}
     for node in order:
         bits = 0
@@ -466,7 +466,7 @@ class _Ways:
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Give the rates of all states along any direction, some symbols being zero."""
+        """Return the rates of all states along any direction, some symbols being zero."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
@@ -529,7 +529,7 @@ class _Ways:
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Tell whether inputs and results of columns are more values than a kernel is to keep."""
+    """Return whether inputs and results of columns are more values than a kernel is to keep."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 

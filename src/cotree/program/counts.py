@@ -102,7 +102,7 @@ def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
 
 
 def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, float]:
-    """Give the cycles until all values are started, and those of the longest path."""
+    """Return the cycles until all values are started, and those of the longest path."""
     started = 0.0
     path: dict[Node, float] = {}
     for node in nodes:
@@ -116,12 +116,12 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
 
 
 def waits(node: Node) -> float:
-    """Give the cycles from the arguments of a value to the value."""
+    """Return the cycles from the arguments of a value to the value."""
     return _cost(node)[1] if node.args else 0.0
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Give the longest path from each value to a result, the cycles of the value counted in.
+    """Return the longest path from each value to a result, the cycles of the value counted in.
 
     Parameters
     ----------

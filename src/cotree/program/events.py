@@ -394,7 +394,7 @@ def event_kernels(
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
-    """Give the tangents along the motion: of states symbols, of inputs the scene's own."""
+    """Return the tangents along the motion: of states symbols, of inputs the scene's own."""
     if equations.motion is not None:
         return equations.motion.seed
     dag = equations.dag

@@ -56,7 +56,7 @@ def stage_parameters(program: Program) -> Program:
 
 
 def varying_values(order: Sequence[Node]) -> set[Node]:
-    """Give what depends on more than parameters, among values in order of evaluation."""
+    """Return what depends on more than parameters, among values in order of evaluation."""
     return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
 
 

@@ -298,7 +298,7 @@ class Program:
             raise SolveError(str(error)) from None
 
     def longest_step(self, p: Sequence[float], replaced: Container[str] = ()) -> float:
-        """Give the upper bound of the steps, [s], infinity for none; see :meth:`corners`."""
+        """Return the upper bound of the steps, [s], infinity for none; see :meth:`corners`."""
         if not self.longest_steps:
             return math.inf
         limits = [
@@ -359,6 +359,6 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Give the values of the parameters that some nodes depend on; no node is made."""
+    """Return the values of the parameters that some nodes depend on; no node is made."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

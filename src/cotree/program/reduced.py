@@ -152,14 +152,14 @@ def _step(
 def _curvature(
     dag: Dag, slopes: Sequence[Mapping[int, Node]], seed: Mapping[Node, Node]
 ) -> list[Node]:
-    """Give the second derivatives along a step, from rows of first ones."""
+    """Return the second derivatives along a step, from rows of first ones."""
     steps = list(seed.values())
     changes = iter(tangents([node for row in slopes for node in row.values()], seed))
     return [sum((next(changes) * steps[j] for j in row), dag.zero) for row in slopes]
 
 
 def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
-    """Give values where a step ends; exponentials, which are costly, by their series."""
+    """Return values where a step ends; exponentials, which are costly, by their series."""
     new = {symbol: symbol + change for symbol, change in step.items()}
     order = reachable(values)
     changing = dependent(order, step)

@@ -43,7 +43,7 @@ _ZERO: _Part = (0, False)
 def reached_states(
     equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
-    """Tell which states depend on each parameter of sensitivity.
+    """Return which states depend on each parameter of sensitivity.
 
     Parameters
     ----------
@@ -175,30 +175,30 @@ class _Direction:
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
     def part(self, node: Node) -> _Part:
-        """Tell which states' sensitivities a value depends on, tangents of unknowns solved for."""
+        """Return which states' sensitivities a value depends on, tangents of unknowns solved for."""
         mask, rest = self._parts[node]
         own = mask & ((1 << self._n) - 1)
         solved = _either(self._tangents[k] for k in _places(mask >> self._n))
         return own | solved[0], rest or solved[1]
 
     def depends(self, node: Node, reached: set[int]) -> bool:
-        """Tell whether a value depends on the parameter."""
+        """Return whether a value depends on the parameter."""
         mask, rest = self.part(node)
         return rest or not reached.isdisjoint(_places(mask))
 
     def users(self, states: Iterable[int]) -> set[int]:
-        """Give the states whose rates depend on some others."""
+        """Return the states whose rates depend on some others."""
         wanted = sum(1 << i for i in states)
         return {i for i, (mask, _) in self.rates.items() if mask & wanted}
 
     def connect(self, groups: Sequence[Sequence[int]]) -> None:
-        """Let algebraic unknowns that equations connect depend on the same states."""
+        """Merge the dependences of algebraic unknowns that equations connect."""
         for group in groups:
             whole = _either(self.rates.get(i, _ZERO) for i in group)
             self.rates |= dict.fromkeys(group, whole)
 
     def follow(self, followers: Sequence[tuple[int, int]]) -> None:
-        """Let the content of storages depend on its follower, which the start may be given."""
+        """Add the dependence of contents of storages on the variables that follow from them."""
         for total, follower in followers:
             mask, rest = self.rates.get(total, _ZERO)
             self.rates[total] = mask | 1 << follower, rest
@@ -221,7 +221,7 @@ class _Direction:
 
 
 def followers(equations: Equations) -> tuple[tuple[int, int], ...]:
-    """Give pairs of places: a content of storages, and the unknown that follows from it."""
+    """Return pairs of places: a content of storages, and the unknown that follows from it."""
     places = {state.name: i for i, state in enumerate(equations.states)}
     rows = enumerate(equations.states)
     return tuple((i, places[state.follower]) for i, state in rows if state.follower)
@@ -236,7 +236,7 @@ def _places(mask: int) -> Iterator[int]:
 
 
 def _either(parts: Iterable[_Part]) -> _Part:
-    """Give the dependences of a sum from those of its terms."""
+    """Return the dependences of a sum from those of its terms."""
     mask, rest = _ZERO
     for own, remains in parts:
         mask, rest = mask | own, rest or remains
@@ -244,7 +244,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
 
 
 def _solving(solved: SolvedSystem) -> list[int]:
-    """Tell which places of the forcing each unknown depends on, as bits."""
+    """Return which places of the forcing each unknown depends on, as bits."""
     own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
@@ -267,7 +267,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 
 
 def _choosers(equations: Equations) -> dict[int, set[int]]:
-    """Give the states whose rates look at states that events set, by the latter.
+    """Return the states whose rates look at states that events set, by the latter.
 
     A selection, a sign or a floor has no derivative by what it looks at, and yet another value
     once that has jumped.
@@ -302,7 +302,7 @@ def _moved(
     reached: set[int],
     is_timed: bool,
 ) -> set[int]:
-    """Give the states that constraints and events move in a way that depends on the parameter."""
+    """Return the states that constraints and events move in a way that depends on the parameter."""
     row, constraints = along.row, equations.constraints
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     moved: set[int] = set()
@@ -327,7 +327,7 @@ def _moved(
 
 
 def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool:
-    """Tell whether a state, or its new value by an event, changes with time: modes do not."""
+    """Return whether a state, or its new value by an event, changes with time: modes do not."""
     assert equations.motion is not None  # it comes with the events
     rates, slope = equations.rates, equations.motion.outputs.get(place, equations.dag.zero)
     mask, rest = parts[slope]

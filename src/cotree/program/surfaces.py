@@ -92,7 +92,7 @@ def hold_pieces(equations: Equations) -> Equations:
 
 
 def without_corners(program: Program) -> Program:
-    """Let no engine look for corners, so that all pieces are those that arguments decide."""
+    """Remove the switching functions: arguments alone decide on branches."""
     layout, kernels = program.layout, dict(program.kernels)
     n, m = len(layout.events), len(layout.corners)
     if not m:
@@ -471,7 +471,7 @@ class _Keys:
         self._terms: dict[Node, dict[Node, float]] = {}
 
     def of(self, condition: Node) -> tuple[_Key, float]:
-        """Give the key of a condition, and the factor by which it is what the key says."""
+        """Return the key of a condition, and the factor by which it is what the key says."""
         terms = sorted((node.index, factor) for node, factor in self._sum(condition).items())
         scale = terms[0][1] if terms else 1.0
         return tuple((index, factor / scale) for index, factor in terms), scale

@@ -401,7 +401,7 @@ def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
 
 
 def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
-    """Give the symbols of the derivatives of the unknowns."""
+    """Return the symbols of the derivatives of the unknowns."""
     dag = first.system.dag
     return tuple(dag.symbol(UNKNOWN_CHANGE, i) for i in range(len(first.unknowns)))
 
@@ -476,7 +476,7 @@ def form_equations(
 
 
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
-    """Give the tangents along the motion: every state moves at its rate, and time at one.
+    """Return the tangents along the motion: every state moves at its rate, and time at one.
 
     Symbols stand for the rates of the states; see :mod:`cotree.dag.nodes`. The scene's
     own inputs change with time as they do.

@@ -36,7 +36,7 @@ class Changes(Sums):
             super().gather(cluster, Wrench(tangent_of(wrench.force), tangent_of(wrench.torque)))
 
     def at(self, cluster: int) -> Wrench | None:
-        """Give the sum on a cluster; None where neither it nor the cluster's motion changes."""
+        """Return the sum on a cluster; None where neither it nor the cluster's motion changes."""
         # Projection and arms are products, whose tangent needs the value of the sum too.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
@@ -91,7 +91,7 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Tell whether the seed reaches a node or a field of the element."""
+    """Return whether the seed reaches a node or a field of the element."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
     # A moved node changes the circuit between the two, even where no field does.

@@ -230,7 +230,7 @@ class Support:
     _known: dict[Node, frozenset[Node]] = field(default_factory=dict)
 
     def of(self, node: Node) -> frozenset[Node]:
-        """Give the symbols that a value depends on."""
+        """Return the symbols that a value depends on."""
         if node not in self._known:
             self._known[node] = frozenset(symbols_in([node]))
         return self._known[node]

@@ -136,7 +136,7 @@ def _check_size(value: int, what: str, least: int, most: int) -> None:
 
 
 def check_animation(path: Path) -> str:
-    """Give the suffix of an animation's file.
+    """Return the suffix of an animation's file.
 
     Raises
     ------

@@ -82,7 +82,7 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
 
 
 def _inertia(draft: Drafter, edge: BoundEdge) -> Array | None:
-    """Give the inertia tensor in the node's axes."""
+    """Return the inertia tensor in the node's axes."""
     if edge.inertia is not None:
         return draft.values.matrix(edge.inertia)
     if "inertia" in edge.scalars:
@@ -156,7 +156,7 @@ def _number(draft: Drafter, edge: BoundEdge, field: str) -> float:
 
 
 def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
-    """Give the second body's shape in its node's axes, and its size; None of a point."""
+    """Return the second body's shape in its node's axes, and its size; None of a point."""
     if "size" in edge.vectors:
         lengths = draft.values.numbers(edge.vectors["size"])
         mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))

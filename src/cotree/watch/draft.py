@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Give each cluster the lowest layer that no neighbour of a smaller number has.
+    """Assign each cluster the lowest layer that no neighbour of smaller number has.
 
     Parameters
     ----------
@@ -117,22 +117,22 @@ class Drafter:
         )
 
     def color(self, cluster: int) -> Color:
-        """Give the colour of a body."""
+        """Return the colour of a body."""
         # Colours repeat where there are more bodies than colours.
         return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
 
     def raised(self, cluster: int) -> Array:
-        """Give the offset of a body's plates towards the viewer, in its axes."""
+        """Return the offset of a body's plates towards the viewer, in its axes."""
         return self.layer[cluster] * self.pitch * self.towards(cluster)
 
     def towards(self, cluster: int) -> Array:
-        """Give the plane's normal in a body's axes, where it is constant."""
+        """Return the plane's normal in a body's axes, where it is constant."""
         # In a plane all turns are about the normal, which every cluster sees the same at all times.
         found: Array = self.poses.axes[cluster][0].T @ self.stage.towards
         return found
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
-        """Give an axis of an edge, resolved in the axes of a node's cluster.
+        """Return an axis of an edge, resolved in the axes of a node's cluster.
 
         Parameters
         ----------
@@ -152,12 +152,12 @@ class Drafter:
         return found
 
     def gap(self, first: str, second: str) -> Array:
-        """Give the way from a node to another over time, in ground axes, shape (n_times, 3)."""
+        """Return the way from a node to another over time, in ground axes, shape (n_times, 3)."""
         one, two = (self.places[name] for name in (first, second))
         return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
 
     def reach(self, edge: BoundEdge) -> Array:
-        """Give the way from the first node to the second in the first's axes, over time."""
+        """Return the way from the first node to the second in the first's axes, over time."""
         one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
         # The transposed matrix resolves ground vectors in the node's axes, at each time.
@@ -201,7 +201,7 @@ class Drafter:
         self.labels.append(Label(name, cluster, local))
 
     def upright(self) -> Array:
-        """Give ground axes with z up and y towards the viewer."""
+        """Return ground axes with z up and y towards the viewer."""
         return shapes.axes_along(self.stage.up, self.stage.towards)
 
     def is_hidden(self, edge: BoundEdge) -> bool:
@@ -261,7 +261,7 @@ class Drafter:
         self.solid(name, 0, foot, GROUND)
 
     def length(self, first: str, second: str) -> float:
-        """Give the mean distance of two nodes."""
+        """Return the mean distance of two nodes."""
         return float(np.linalg.norm(self.gap(first, second), axis=1).mean())
 
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:

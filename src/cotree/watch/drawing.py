@@ -126,7 +126,7 @@ class Drawing:
     thickness: float
 
     def floor(self) -> Array:
-        """Give lines at rest against which motion is visible, shape (n_lines, 2, 3), [m].
+        """Return lines at rest against which motion is visible, shape (n_lines, 2, 3), [m].
 
         In space they are a grid below all that moves; where that goes far and is followed, dashes
         along its way. In a plane they are a grid behind what is followed.
@@ -161,7 +161,7 @@ class Drawing:
         return np.array(lines)
 
     def bounds(self, axes: Array) -> tuple[Array, Array]:
-        """Give the bounding box of all shapes in every frame.
+        """Return the bounding box of all shapes in every frame.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class Drawing:
 
 
 def _dashes(path: Array, length: float) -> Array:
-    """Give dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
+    """Return dashes of about a length along a path, at most 300, shape (n_lines, 2, 3)."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     # Dashes and gaps are equally long.
     n = int(min(300.0, 0.5 * way[-1] / length))
@@ -208,7 +208,7 @@ def _round_up(x: float) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Give the outermost points in many directions, which determine a bounding box."""
+    """Return the outermost points in many directions, which determine a bounding box."""
     if len(points) <= len(_DIRECTIONS):
         return points
     found: Array = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]

@@ -49,7 +49,7 @@ class WatchedModel(Protocol):
         ...
 
     def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Give the parameters of a run as an array."""
+        """Return the parameters of a run as an array."""
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
@@ -178,7 +178,7 @@ def coordinates_at(
 
 
 def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
-    """Give times, states and inputs with those right before and after each event among them."""
+    """Return times, states and inputs with those right before and after each event among them."""
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
     when = np.concatenate([np.zeros(0), *(row.t for row in found)])
@@ -205,7 +205,7 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
 def _motion_at(
     model: WatchedModel, system: System, p: Array, t: Array, y: Array, u: Array
 ) -> Array:
-    """Give coordinates, their rates and accelerations, shape (3, n_coordinates, n_points)."""
+    """Return coordinates, their rates and accelerations, shape (3, n_coordinates, n_points)."""
     n, m = len(system.coordinates), len(system.speeds)
     values, speeds = y[:n], y[n : n + m]
     accelerations = np.zeros((m, len(t)))
@@ -232,7 +232,7 @@ def _motion_at(
 
 
 def _quaternions(system: System) -> Iterator[slice]:
-    """Give the rows of each quaternion among the coordinates."""
+    """Return the rows of each quaternion among the coordinates."""
     row = 0
     for steps in system.steps.values():
         for step in steps:

@@ -230,7 +230,7 @@ _FEWEST = 200  # of one mesh
 def visual_meshes(
     origin: Origin, places: Mapping[str, Place], *, trust_paths: bool = False
 ) -> dict[int, list[tuple[str, Mesh]]]:
-    """Give the shapes of each cluster, by the name of the node.
+    """Return the shapes of each cluster, by the name of the node.
 
     Parameters
     ----------

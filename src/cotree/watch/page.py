@@ -92,7 +92,7 @@ def embedded(value: Any) -> str:
 
 
 def page_data(drawing: Drawing) -> dict[str, Any]:
-    """Give all that the viewer reads, as plain lists and numbers.
+    """Return all that the viewer reads, as plain lists and numbers.
 
     Positions are whole numbers of ``unit``, quaternions of ``turn``, and each row of both is the
     difference to the one before; what never moves has one row.
@@ -177,7 +177,7 @@ def _differences(rows: Array) -> list[int]:
 
 
 def _quaternions(axes: Array) -> Array:
-    """Give unit quaternions, scalar first, of matrices; signs are continuous over time."""
+    """Return unit quaternions, scalar first, of matrices; signs are continuous over time."""
     r = axes
     # Four times the squares of the entries; the largest is the divisor (S. Shepperd, 1978).
     trace = np.trace(r, axis1=1, axis2=2)
@@ -201,7 +201,7 @@ def _quaternions(axes: Array) -> Array:
 
 
 def _packed(mesh: Mesh) -> dict[str, Any]:
-    """Give corners as fractions of their box in two bytes, and faces, both little-endian base64."""
+    """Return corners as fractions of their box in two bytes, and faces, both little-endian base64."""
     low = mesh.points.min(axis=0)
     span = np.ptp(mesh.points, axis=0)
     parts = (mesh.points - low) / np.where(span > 0.0, span, 1.0)

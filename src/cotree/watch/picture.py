@@ -182,7 +182,7 @@ class Painter:
             yield strut_points(strut, poses, frame)
 
     def _shades(self, points: Array) -> Array:
-        """Give the brightness of each face, shape (n_faces, 1); both sides are visible."""
+        """Return the brightness of each face, shape (n_faces, 1); both sides are visible."""
         a, b, c = (points[self._faces[:, i]] for i in range(3))
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -211,7 +211,7 @@ class Painter:
 
 
 def decimals(times: Array) -> int:
-    """Give the number of decimals that distinguish the times of frames, at least two."""
+    """Return the number of decimals that distinguish the times of frames, at least two."""
     step = abs(float(times[1] - times[0])) if len(times) > 1 else 1.0
     return max(2, min(12, int(np.ceil(-np.log10(max(step, 1e-12))))))
 

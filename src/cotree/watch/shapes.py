@@ -222,13 +222,13 @@ def piston(radius: float) -> Mesh:
 
 
 def about_z(angle: float) -> Array:
-    """Give the matrix of a turn about z."""
+    """Return the matrix of a turn about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def axes_along(z: Array, y: Array | None = None) -> Array:
-    """Give right-handed axes with z along a vector, and y as near to another as may be."""
+    """Return right-handed axes with z along a vector, and y as near to another as may be."""
     z = z / np.linalg.norm(z)
     # The coordinate axis that is furthest from z.
     near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y

@@ -130,14 +130,14 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
 
 
 def _shows(edge: BoundEdge) -> bool:
-    """Tell whether an edge shows the body that it holds or touches."""
+    """Return whether an edge shows the body that it holds or touches."""
     if edge.component.role is Role.TOUCH:
         return bool({"size", "semiaxes"} & edge.vectors.keys()) or "radius" in edge.scalars
     return edge.component.name in _SHOWING
 
 
 def _up(gravity: Array, plane: str) -> Array:
-    """Give the coordinate axis that points up: against gravity, else z, or y in its plane."""
+    """Return the coordinate axis that points up: against gravity, else z, or y in its plane."""
     allowed = [i for i in range(3) if "xyz"[i] != plane]
     i = max(allowed, key=lambda i: abs(float(gravity[i])))
     if gravity[i] == 0.0:
@@ -154,7 +154,7 @@ def _plane_side(plane: str, up: Array) -> Array:
 
 
 def _direction(up: Array, view: tuple[float, float]) -> Array:
-    """Give a direction by azimuth and elevation about the axis that points up."""
+    """Return a direction by azimuth and elevation about the axis that points up."""
     azimuth, elevation = np.deg2rad(view)
     i = int(np.argmax(np.abs(up)))
     ahead, left = np.eye(3)[(i + 1) % 3], np.cross(up, np.eye(3)[(i + 1) % 3])
@@ -164,7 +164,7 @@ def _direction(up: Array, view: tuple[float, float]) -> Array:
 
 
 def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
-    """Give the length of each arm within a cluster."""
+    """Return the length of each arm within a cluster."""
     return {
         edge.name: float(np.linalg.norm(places[edge.second].local - places[edge.first].local))
         for edge in first.system.edges.values()
@@ -174,7 +174,7 @@ def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
 
 
 def _size(poses: Poses, places: Mapping[str, Place]) -> float:
-    """Give the largest extent of the nodes at any one time, [m]; one where all are one point."""
+    """Return the largest extent of the nodes at any one time, [m]; one where all are one point."""
     paths = np.stack([poses.of(place.cluster, place.local) for place in places.values()])
     moving = np.array([place.cluster != 0 for place in places.values()])
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
@@ -225,7 +225,7 @@ class Poses:
     axes: Array
 
     def of(self, cluster: int, local: Array) -> Array:
-        """Give the position of a point of a cluster over time, shape (n_times, 3)."""
+        """Return the position of a point of a cluster over time, shape (n_times, 3)."""
         found: Array = self.positions[cluster] + self.axes[cluster] @ local
         return found
 

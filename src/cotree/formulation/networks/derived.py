@@ -39,7 +39,7 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
-    """Give the law of a storage without a state: ``storage * rate``, or the rate of its content."""
+    """Return the law of a storage without a state: ``storage * rate``, or the rate of its content."""
     return Law.of(_stored(terminal, is_across))
 
 
@@ -51,7 +51,7 @@ def stored_residual(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def linear_content(terminal: Terminal) -> Law | None:
-    """Give the content of a storage of constant capacity; None where its loss stores too."""
+    """Return the content of a storage of constant capacity; None where its loss stores too."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
     # A loss that contains rates stores something itself, so that the content is not all there is.
@@ -78,7 +78,7 @@ def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
 
 @lru_cache(maxsize=1024)
 def across_residual(terminal: Terminal) -> Law:
-    """Give the equation of a branch whose across variable is unknown."""
+    """Return the equation of a branch whose across variable is unknown."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
         # Symmetric, where the laws are.
         return Law.of(terminal.through.expression - law_symbol("through"))
@@ -89,7 +89,7 @@ def across_residual(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def through_residual(terminal: Terminal) -> Law:
-    """Give the equation of a chord whose through variable is unknown."""
+    """Return the equation of a chord whose through variable is unknown."""
     if terminal.through is not None:
         return Law.of(law_symbol("through") - terminal.through.expression)
     assert terminal.across is not None
@@ -142,7 +142,7 @@ def stop_residual(terminal: Terminal) -> Law:
 
 
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
-    """Give expressions of a mode that are one in one of its values, and zero in the others.
+    """Return expressions of a mode that are one in one of its values, and zero in the others.
 
     They are exact in doubles for the modes 0, 1, -1 and 2: stuck, forwards, backwards and free.
     """
@@ -157,7 +157,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Give such expressions of the mode of friction that a rigid stop presses together.
+    """Return such expressions of the mode of friction that a rigid stop presses together.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """

@@ -63,7 +63,7 @@ class Names:
 
 
 def _symbols(port: Port) -> dict[str, str]:
-    """Give the symbols of a port's variables by quantity."""
+    """Return the symbols of a port's variables by quantity."""
     row = DOMAINS[port.terminal.domain]
     found = {"across": row.across_symbol, "through": row.through_symbol}
     integral = integral_of(port.terminal)

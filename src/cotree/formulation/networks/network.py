@@ -240,7 +240,7 @@ def form_network(
 
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
-    """Tell whether a field depends on parameters only."""
+    """Return whether a field depends on parameters only."""
     field = port.edge.fields.get(name)  # none of time, potentials, ...
     return field is not None and all(
         n in scene.parameters or n == "pi"

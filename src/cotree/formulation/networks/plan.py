@@ -121,7 +121,7 @@ def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]
 
 
 def _rank(variable: Variable, terminals: Terminals) -> int:
-    """Say how soon a variable is torn: what gives symmetric equations before couplings."""
+    """Return the tearing priority of a variable: symmetric equations come before couplings."""
     quantity, name = variable
     # Rates of states have the matrix of capacities or inertances, which is symmetric, as is that of
     # resistive branches in terms of conductances.

@@ -90,12 +90,12 @@ _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational
 
 
 def limit_law(port: Port, which: str) -> Law:
-    """Give a law of dry friction or of a stop besides that of its through variable."""
+    """Return a law of dry friction or of a stop besides that of its through variable."""
     law: Law = getattr(port.terminal.friction or port.terminal.stop, which)
     return law
 
 
 def is_holding(ports: Mapping[str, Port], variable: Variable) -> bool:
-    """Tell whether a variable is the force of dry friction or of a rigid stop."""
+    """Return whether a variable is the force of dry friction or of a rigid stop."""
     quantity, name = variable
     return quantity == "through" and ports[name].kind.may_hold

@@ -117,7 +117,7 @@ class Sum(Rule):
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Give the signs."""
+        """Return the signs."""
         # Topology has no parameters: the sensitivity graph sums with the same signs.
         one = values[self.terms[0][1]].dag.one
         return ((variable, one if sign > 0 else -one) for sign, variable in self.terms)

@@ -162,7 +162,7 @@ def _conductances(
 
 
 def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:
-    """Give the derivative of a one-port's law by its across variable."""
+    """Return the derivative of a one-port's law by its across variable."""
     if not isinstance(rule, Lawful):
         return None
     known = {name: values[variable] for name, variable in rule.arguments}
@@ -415,13 +415,13 @@ def _solve_block(
 
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Tell whether an unknown may be undetermined: a force, where edges that stick share it."""
+    """Return whether an unknown may be undetermined: a force, where edges that stick share it."""
     # Two brakes on either side of a gear leave the torque of its teeth open, besides their own.
     return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
-    """Tell whether an unknown stays one: of contents, or the friction on a joint."""
+    """Return whether an unknown stays one: of contents, or the friction on a joint."""
     name = variable[1]
     # Accelerations of a mechanism are eliminated later, at the forces that act on it.
     if name in terminals.couplings and is_holding(terminals.ports, variable):
@@ -437,7 +437,7 @@ def _linearise(
     stays: Callable[[Variable], bool],
     is_shared: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
-    """Tell linear from nonlinear unknowns; give the matrix of the linear equations by the linear.
+    """Separate linear from nonlinear unknowns; return the matrix of the linear equations by the linear.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class Store:
 def contents_of(
     ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
 ) -> dict[str, Law]:
-    """Give the laws of the contents of storages, also of constant capacity or inertance.
+    """Return the laws of the contents of storages, also of constant capacity or inertance.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _has_loss(port: Port) -> bool:
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Tell whether a field of an edge enters the contents of storages and no other law.
+    """Return whether a field of an edge enters the contents of storages and no other law.
 
     Parameters
     ----------

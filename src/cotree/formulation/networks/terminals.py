@@ -100,7 +100,7 @@ class Terminals:
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
-        """Say whether a port's edge is in the tree of across variables."""
+        """Return whether a port's edge is in the tree of across variables."""
         return name not in self.couplings and name in self._topology(name).branches
 
     def _topology(self, name: str) -> Topology:
@@ -110,7 +110,7 @@ class Terminals:
         return self.cutsets[self.ports[name].terminal.domain]
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Give the sign of branches of one tree, and which of them leads to each."""
+        """Return the sign of branches of one tree, and which of them leads to each."""
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
@@ -118,7 +118,7 @@ class Terminals:
         return self._topology(branches[0]).parts(branches)
 
     def rule(self, variable: Variable) -> Rule:
-        """Give the rule of a variable."""
+        """Return the rule of a variable."""
         quantity, name = variable
         # With the suffix _rate a quantity is the time derivative of that without.
         base, _, rate = quantity.partition("_")
@@ -180,7 +180,7 @@ class Terminals:
         return self._lawful(port, spring_stretch(port.terminal))
 
     def _content(self, base: str, name: str, rate: str) -> Rule:
-        """Give the rule of a total of contents, of a content, or of what is added to its rate."""
+        """Return the rule of a total of contents, of a content, or of what is added to its rate."""
         port, store = self.ports[name], self.stores.get(name)
         if base == "content":
             # Where it is a state it is that, not what follows from what follows from it.

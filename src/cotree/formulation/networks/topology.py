@@ -245,7 +245,7 @@ class Topology:
         return {place.branch: place.sign for place in self._places.values()}
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Give the sign of each of some branches, and which of them leads to it; -1 for none."""
+        """Return the sign of each of some branches, and which of them leads to it; -1 for none."""
         numbers = {name: i for i, name in enumerate(branches)}
         parents = {place.branch: self._places[place.parent] for place in self._places.values()
                    if place.branch}  # fmt: skip
@@ -269,7 +269,7 @@ class Topology:
         return found
 
     def cutset(self, branch: str, rate: str) -> Sum:
-        """Give a branch's through variable from what flows out beyond it; or its rate."""
+        """Return a branch's through variable from what flows out beyond it; or its rate."""
         n, number, sign = self._cuts[0][branch]
         # The cut of a single chord needs no sum of its own.
         if n == 1:
