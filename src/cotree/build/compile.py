@@ -177,7 +177,7 @@ def processor_name() -> str:
 
 @cache
 def _processor_entry(*labels: str) -> str:
-    """Return the first entry of some labels that Linux has of a processor; empty if there is none."""
+    """Return the first of some labels that Linux has of a processor; empty if there is none."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
             for line in lines:
@@ -429,7 +429,7 @@ def _is_complete(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def _is_full(directory: Path, outcome: Outcome) -> bool:
-    """Return whether a compiler failed for lack of disk space; it may have died without a message."""
+    """Return whether a compiler failed for lack of disk space; it may end without a message."""
     if _FULL.search(outcome.output):
         return True
     with contextlib.suppress(OSError):

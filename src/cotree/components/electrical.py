@@ -368,7 +368,7 @@ def _winding(i: int, n: int) -> Terminal:
 
 
 def _determinant(n: int, *couplings: Any) -> Any:
-    """Return the determinant of the matrix of n windings' couplings, in the order of their pairs."""
+    """Return the determinant of the matrix of the couplings of n windings, in order of pairs."""
     import sympy
 
     matrix = sympy.eye(n)

@@ -402,5 +402,5 @@ ON_JOINTS = {
 
 
 def counterpart_of(type: str) -> str:
-    """Return the type of rotation for one of translation, and the reverse; empty if there is none."""
+    """Return the rotational type of a translational one, and vice versa; empty if there is none."""
     return _COUNTERPARTS.get(type, "")

@@ -248,7 +248,7 @@ HEAT = "heat"
 
 
 def loss_of(component: Component) -> Law | None:
-    """Return the heat of a component, [W]: its own loss, or all power that a dissipator takes up."""
+    """Return the heat of a component, [W]: its own loss, or all power of a dissipator."""
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:

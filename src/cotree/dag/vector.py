@@ -141,7 +141,7 @@ def congruence(r: Matrix, s: Matrix) -> Matrix:
 
 
 def polar(a: Vector, origin: str = "") -> tuple[Node, Vector]:
-    """Return the length of a vector and its direction; messages name a length of zero by its origin.
+    """Return length and direction of a vector; messages name a length of zero by its origin.
 
     With the direction e, the length changes by e . a', and e by (a' - (e . a') e) / length.
     """

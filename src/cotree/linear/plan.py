@@ -155,7 +155,7 @@ class _OfSums:
 
 
 def _listed(plan: Factors[_Sum]) -> Elimination:
-    """Number the factors: pivot by pivot, each in the order of the other pivots."""
+    """Assign numbers to the factors: pivot by pivot, each in the order of the other pivots."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
     # From here on rows and columns go by the rank of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}

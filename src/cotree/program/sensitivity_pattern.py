@@ -175,7 +175,7 @@ class _Direction:
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
     def part(self, node: Node) -> _Part:
-        """Return which states' sensitivities a value depends on, tangents of unknowns solved for."""
+        """Return the states whose sensitivities a value depends on, tangents solved for."""
         mask, rest = self._parts[node]
         own = mask & ((1 << self._n) - 1)
         solved = _either(self._tangents[k] for k in _places(mask >> self._n))

@@ -201,7 +201,7 @@ def _quaternions(axes: Array) -> Array:
 
 
 def _packed(mesh: Mesh) -> dict[str, Any]:
-    """Return corners as fractions of their box in two bytes, and faces, both little-endian base64."""
+    """Return vertices as two-byte fractions of their box, and faces, in little-endian base64."""
     low = mesh.points.min(axis=0)
     span = np.ptp(mesh.points, axis=0)
     parts = (mesh.points - low) / np.where(span > 0.0, span, 1.0)

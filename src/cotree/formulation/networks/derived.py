@@ -39,7 +39,7 @@ def stored_rate(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_value(terminal: Terminal, is_across: bool) -> Law:
-    """Return the law of a storage without a state: ``storage * rate``, or the rate of its content."""
+    """Return the law of a dependent storage: ``storage * rate``, or the rate of its content."""
     return Law.of(_stored(terminal, is_across))
 
 

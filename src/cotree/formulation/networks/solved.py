@@ -437,7 +437,7 @@ def _linearise(
     stays: Callable[[Variable], bool],
     is_shared: Callable[[Variable], bool],
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
-    """Separate linear from nonlinear unknowns; return the matrix of the linear equations by the linear.
+    """Separate linear from nonlinear unknowns; return the matrix of the linear ones.
 
     Parameters
     ----------
