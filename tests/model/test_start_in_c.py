@@ -77,6 +77,21 @@ def transformer() -> Scene:
     return scene
 
 
+def geared_hinges() -> Scene:
+    """Draw two hinges that turn together with dry friction, whose forces are unknowns."""
+    scene = Scene("tied")
+    scene.parameter("F", 0.3)
+    turning = {"theta": 0.0, "theta_dot": -1.5}
+    scene.edge("h0", "revolute", "ground", "a", axis=[0, 0, 1], initial=turning)
+    scene.edge("h1", "revolute", "ground", "b", axis=[0, 0, 1])
+    ends = {"coordinate1": "h1.theta", "coordinate2": "h0.theta"}
+    scene.edge("g", "gear", "a", "b", ratio=0.5, **ends)
+    for node, joint in (("a", "h0"), ("b", "h1")):
+        scene.edge(f"m{node}", "rigid_body", "ground", node, mass=1.0, inertia=0.4)
+        scene.edge(f"f{node}", "rotational_dry_friction", joint=joint, torque="F")
+    return scene
+
+
 SCENES = {
     "contents": (contents, ["c", "C1.v", "R"]),
     "motor-linkage": (lambda: cotree.load("motor-linkage"), ["L"]),
@@ -84,6 +99,7 @@ SCENES = {
     "swing": (hanging_rod, ["L", "f.x"]),
     "conditions": (turning_joint, ["a"]),
     "ladder": (ladder, ["R"]),
+    "geared hinges": (geared_hinges, ["F"]),
     "transformer": (transformer, ["r"]),
 }
 

@@ -54,7 +54,6 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     if model.layout.has_start_equations and not slopes:
         found = find_in_c(at, initial)
         if found is not None:
-            check_index(at, found.y)
             return found
     start = constrained_start(at, initial, slopes)
     if not model.layout.has_start_equations:

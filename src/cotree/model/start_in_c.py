@@ -153,9 +153,7 @@ def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
 def start_in_c(model: CompiledModel) -> StartInC | None:
     """Return what finds starts of a model in C; None where Python has to, always."""
     layout = model.layout
-    # What C does not know: modes of friction that algebraic unknowns need.
-    is_foreign = layout.n_algebraic and any(row.part for row in layout.events)
-    if is_foreign or model.begins_at_rest or layout.n_algebraic > _MOST_UNKNOWNS:
+    if model.begins_at_rest or layout.n_algebraic > _MOST_UNKNOWNS:
         return None
     if model.backend != "C":
         return None

@@ -12,6 +12,7 @@
 #ifndef COTREE_JUMPS_H
 #define COTREE_JUMPS_H
 
+#include "cotree_event_kinds.h"
 #include "cotree_run.h"
 #if COTREE_HAS_CONSTRAINTS
 #include "cotree_assembly.h"
@@ -25,28 +26,6 @@ extern "C" {
 #define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
 #define COTREE_JUMPS_UNDERDETERMINED                                                               \
     101 /* the projection is not unique, so that no sensitivities exist */
-
-/* Kinds of events. A jump chooses a mode of a discontinuous expression; its event function is
- * the condition. The event functions of dry friction are the slip rate with the sign of the
- * mode, the distances of the force to its limits, a value that is positive while a clutch is
- * engaged, and a load with the sign that its laws assume. */
-#define COTREE_JUMP 1
-#define COTREE_FRICTION_SLIP 2
-#define COTREE_FRICTION_FORWARD 3
-#define COTREE_FRICTION_BACKWARD 4
-#define COTREE_FRICTION_ENGAGED 5
-#define COTREE_FRICTION_LOAD 6
-
-/* Event functions of rigid stops: the gaps, the contact force with the sign of the side, and the
- * rebound speed in excess of the rest threshold. All but the force have the impulse as second
- * target, which they set to the change of speed in an impact. */
-#define COTREE_STOP_UPPER 7
-#define COTREE_STOP_LOWER 8
-#define COTREE_STOP_FORCE 9
-#define COTREE_STOP_REBOUND 10
-
-/* A kink of the rates: the event only ends the branch that a step holds. */
-#define COTREE_KINK 11
 
 typedef struct cotree_jumps {
     cotree_run *run;

@@ -18,7 +18,7 @@
 #define MAX_GUESSES 4
 
 /* Compute -g_z^-1 g. */
-int cotree_substitute(const cotree_run *run, const cotree_real *g, cotree_real *step)
+int cotree_solve_linearised(const cotree_run *run, const cotree_real *g, cotree_real *step)
 {
     const cotree_elimination *const own = &run->elimination;
     const int m = N_ALGEBRAIC;
@@ -59,7 +59,7 @@ static int step_of_unknowns(const cotree_iteration *a, int is_new, cotree_real *
     const int m = N_ALGEBRAIC;
     cotree_real *const before = run->newton, *const step = before + (is_new ? m : 2 * m);
     int i, status = is_new ? cotree_linearise(run, a->t, a->x) : 0;
-    if (status == 0) status = cotree_substitute(run, run->rates + N_RATES, step);
+    if (status == 0) status = cotree_solve_linearised(run, run->rates + N_RATES, step);
     if (status != 0) return status;
     *size = COTREE_F(0.0);
     for (i = 0; i < m; ++i) {
@@ -164,7 +164,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
     if (status == 0) status = cotree_linearise(run, t, x);
     for (n = 1; n < run->n_blocks && status == 0; ++n) {
         cotree_real *const ds = run->rates + n * N_STATES, *const sz = x + n * N_STATES + N_RATES;
-        status = cotree_substitute(run, ds + N_RATES, sz);
+        status = cotree_solve_linearised(run, ds + N_RATES, sz);
         for (j = 0; j < N_ALGEBRAIC; ++j) {
             const int *const starts = model->column_starts + N_RATES + j;
             for (i = starts[0]; i < starts[1]; ++i) {
@@ -429,7 +429,7 @@ static void eliminate(cotree_run *run, cotree_real *matrix)
             }
         }
         if (is_zero) continue;
-        (void)cotree_substitute(run, g, slope); /* -g_z^-1 g_x */
+        (void)cotree_solve_linearised(run, g, slope); /* -g_z^-1 g_x */
         for (k = 0; k < N_ALGEBRAIC; ++k) {
             for (i = starts[N_RATES + k]; i < starts[N_RATES + k + 1]; ++i) {
                 if (rows[i] < N_RATES) matrix[rows[i] * N_RATES + j] += run->nonzeros[i] * slope[k];

@@ -314,7 +314,7 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 {
     int status = cotree_run_inputs(run, t);
     if (status == 0) status = cotree_linearise(run, t, x);
-    return status != 0 ? status : cotree_substitute(run, g, rates);
+    return status != 0 ? status : cotree_solve_linearised(run, g, rates);
 }
 #endif
 

@@ -42,8 +42,8 @@ COTREE_PRIVATE int cotree_are_rates_projected(const cotree_run *run);
 #if COTREE_HAS_ALGEBRAIC
 /* cotree_algebraic.c */
 COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int rank);
-COTREE_PRIVATE int cotree_substitute(const cotree_run *run, const cotree_real *g,
-                                     cotree_real *step);
+COTREE_PRIVATE int cotree_solve_linearised(const cotree_run *run, const cotree_real *g,
+                                           cotree_real *step);
 COTREE_PRIVATE int cotree_linearise(cotree_run *run, cotree_real t, const cotree_real *x);
 COTREE_PRIVATE void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x);
 COTREE_PRIVATE int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near,

@@ -364,8 +364,7 @@ static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
     return status == COTREE_NO_STEP ? 0 : status;
 }
 
-/* Return pseudo-random numbers with mean zero and standard deviation one, uniformly distributed. */
-static cotree_real pseudo_random(int n)
+cotree_real cotree_pseudo_random(int n)
 {
     const cotree_real golden = COTREE_F(0.6180339887498949) * (cotree_real)(n + 1);
     return COTREE_F(1.7320508075688772) *
@@ -387,8 +386,8 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
         if (residual <= met) return 0;
         copy(N_STATES, a->aside, a->trial);
         for (i = 0; i < N_SPEEDS; ++i)
-            a->step[i] =
-                a->is_free[i] ? RESTART_DISTANCE * pseudo_random(n * N_SPEEDS + i) : COTREE_F(0.0);
+            a->step[i] = a->is_free[i] ? RESTART_DISTANCE * cotree_pseudo_random(n * N_SPEEDS + i)
+                                       : COTREE_F(0.0);
         status = move(a, 0, a->step, a->trial);
         if (status == 0) status = iterate(a, t, a->trial, 0, &other);
         if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
@@ -614,7 +613,7 @@ static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
     copy(N_STATES, x, a->trial);
     for (i = 0; i < N_COORDINATES; ++i) {
         if (!is_shift(a, i))
-            a->trial[i] += JOINT_ROTATION * pseudo_random(position * N_COORDINATES + i);
+            a->trial[i] += JOINT_ROTATION * cotree_pseudo_random(position * N_COORDINATES + i);
     }
     return cotree_assembly_normalise(a, a->trial);
 }

@@ -57,6 +57,10 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
  * likewise. */
 void cotree_assembly_hold(cotree_assembly *a, const int *is_set);
 
+/* Return the n-th of pseudo-random numbers, uniformly distributed with mean zero and standard
+ * deviation one. */
+cotree_real cotree_pseudo_random(int n);
+
 /* Return whether constraints are dependent at x, or so nearly that rates are evaluated on them. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
 

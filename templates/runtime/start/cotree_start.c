@@ -3,6 +3,11 @@
  */
 #include "cotree_start.h"
 
+#if COTREE_HAS_ALGEBRAIC
+#include "cotree_dense.h"
+#endif
+#include "cotree_event_kinds.h"
+
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -19,6 +24,14 @@
 
 /* Algebraic unknowns are found if they change by less than this share of themselves. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
+
+#if COTREE_HAS_ALGEBRAIC
+/* Speeds below this share of the largest state (or of 1) are zero. */
+#define STILL COTREE_SELECT(1e-6, 2.8e-03f)
+
+/* The least rounding of pivots, in units in the last place of the largest entry. */
+#define PIVOT_ROUNDING 10
+#endif
 
 /* Limits of the iterations over contents and unknowns, and, for each event, over modes. */
 #define MOST_ROUNDS 50
@@ -55,6 +68,10 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
         start->rates = cotree_arena_reals(arena, run->n_full);
         start->given_slopes = cotree_arena_reals(arena, run->n_full);
     }
+#if COTREE_HAS_ALGEBRAIC
+    start->matrix = cotree_arena_reals(arena, model->n_algebraic * model->n_algebraic);
+    start->pivots = cotree_arena_ints(arena, 2 * model->n_algebraic);
+#endif
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
     }
@@ -83,7 +100,7 @@ static int write_states(const cotree_start *start, cotree_real *z)
         for (i = N_RATES; i < N_STATES; ++i) z[i] = start->guess[i];
         for (i = 0; h != NULL && i < h->n_events; ++i) {
             const cotree_event *const row = h->events + i;
-            if (row->kind > 1 && row->n_targets > 0)
+            if (row->kind > COTREE_JUMP && row->n_targets > 0)
                 z[row->targets[0]] = start->guess[row->targets[0]];
         }
     }
@@ -391,13 +408,131 @@ static int solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 #endif
 }
 
+#if COTREE_HAS_ALGEBRAIC
+/* Return whether the matrix g_z at x, with rows and columns scaled, has full rank. */
+static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
+{
+    const cotree_run *const run = start->run;
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    const int n = MODEL->n_algebraic, n_rounding = n > PIVOT_ROUNDING ? n : PIVOT_ROUNDING;
+    cotree_real *const a = start->matrix;
+    int i, j, k;
+    if (MODEL->jacobian(t, x, run->u, run->p, run->k, run->nonzeros) != 0) return 0;
+    for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
+    for (j = 0; j < n; ++j) {
+        for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
+            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1; /* the rank is unknown */
+            if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
+        }
+    }
+    for (k = 0; k < 6; ++k) { /* rows and columns, three times */
+        const int along = k % 2 == 0 ? 1 : n, across = k % 2 == 0 ? n : 1;
+        for (i = 0; i < n; ++i) {
+            cotree_real size = COTREE_F(0.0);
+            for (j = 0; j < n; ++j)
+                size = COTREE_FMAX(size, COTREE_FABS(a[i * across + j * along]));
+            for (j = 0; j < n && size > COTREE_F(0.0); ++j) a[i * across + j * along] /= size;
+        }
+    }
+    return cotree_factorise(n, COTREE_F(0.0), (cotree_real)n_rounding * COTREE_EPSILON, a,
+                            start->pivots, start->pivots + n) == n;
+}
+
+/* Return whether the equations determine the unknowns: at z, or near it. Junctions that hardly
+ * conduct may leave a singular matrix at z alone. */
+static int is_determined(cotree_start *start, cotree_real t, const cotree_real *z)
+{
+    cotree_real *const x = start->w;
+    int i, k;
+    for (k = 0; k < 3; ++k) {
+        const cotree_real away = k == 0 ? COTREE_F(0.0) : k == 1 ? COTREE_F(1.0) : -COTREE_F(1.0);
+        for (i = 0; i < N_STATES; ++i) x[i] = z[i];
+        for (i = N_RATES; i < N_STATES; ++i)
+            x[i] += away * COTREE_FABS(cotree_pseudo_random(i)) *
+                    COTREE_FMAX(COTREE_F(1.0), COTREE_FABS(z[i]));
+        if (is_regular(start, t, x)) return 1;
+    }
+    return 0;
+}
+
+/* Modes of dry friction on which algebraic unknowns depend. */
+
+/* Set the modes of friction that is disengaged, or moves in contradiction to its mode. */
+static int choose_friction_modes(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    const cotree_real *const values = start->event_values;
+    cotree_real *const x = start->w, size = COTREE_F(1.0);
+    int i, status;
+    for (i = 0; i < N_STATES; ++i) {
+        x[i] = z[i];
+        size = COTREE_FMAX(size, COTREE_FABS(z[i]));
+    }
+    for (i = 0; i < h->n_events; ++i) {
+        /* The event function is the speed times the mode. */
+        if (h->events[i].kind == COTREE_FRICTION_SLIP) x[h->events[i].targets[0]] = COTREE_F(1.0);
+    }
+    status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        if (h->events[i].kind == COTREE_FRICTION_ENGAGED && values[i] <= COTREE_F(0.0))
+            x[h->events[i].targets[0]] = COTREE_FRICTION_FREE;
+    }
+    if (status == 0) status = MODEL->events(t, x, run->u, run->p, run->k, start->event_values);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        const int mode = h->events[i].targets[0];
+        if (h->events[i].kind != COTREE_FRICTION_SLIP || start->is_set[mode]) continue;
+        if (x[mode] == COTREE_FRICTION_FREE) {
+            z[mode] = COTREE_FRICTION_FREE;
+        } else if (COTREE_FABS(values[i]) > STILL * size) {
+            z[mode] = values[i] > COTREE_F(0.0) ? COTREE_F(1.0) : -COTREE_F(1.0);
+        } else if (z[mode] == COTREE_FRICTION_FREE) {
+            z[mode] = COTREE_FRICTION_STICKS;
+        }
+    }
+    return status;
+}
+
+/* Let all friction that sticks slide forwards: sticking friction may be redundant. Return whether
+ * there is any. */
+static int release_friction(const cotree_start *start, cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, n = 0;
+    for (i = 0; i < h->n_events; ++i) {
+        cotree_real *const mode = z + h->events[i].targets[0];
+        if (h->events[i].kind != COTREE_FRICTION_SLIP || *mode != COTREE_FRICTION_STICKS) continue;
+        *mode = COTREE_F(1.0);
+        ++n;
+    }
+    return n > 0;
+}
+
+#endif
+/* Solve with modes of friction. */
+static int solve_with_friction(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    int status = 0;
+#if COTREE_HAS_ALGEBRAIC
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, is_rubbing = 0;
+    for (i = 0; h != NULL && i < h->n_events; ++i)
+        is_rubbing = is_rubbing || h->events[i].kind == COTREE_FRICTION_SLIP;
+    if (is_rubbing) status = choose_friction_modes(start, t, z);
+    if (status == 0) status = solve_all(start, t, z);
+    if (status == 0 && !is_determined(start, t, z)) status = COTREE_START_UNDETERMINED;
+    if (status == 0 || !is_rubbing || !release_friction(start, z)) return status;
+#endif
+    return solve_all(start, t, z);
+}
+
 /* Modes of jumps. */
 
 static int is_jumping(const cotree_start *start)
 {
     const cotree_hybrid *const h = MODEL->hybrid;
     int i, n = 0;
-    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == 1;
+    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == COTREE_JUMP;
     return n;
 }
 
@@ -414,7 +549,7 @@ static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real
     for (i = 0; i < h->n_events && *status == 0; ++i) {
         const cotree_event *const row = h->events + i;
         const cotree_real side = (cotree_real)row->direction * start->event_values[i];
-        if (row->kind == 1 && side > COTREE_F(0.0) &&
+        if (row->kind == COTREE_JUMP && side > COTREE_F(0.0) &&
             x[row->targets[0]] != start->new_values[first]) {
             *mode = start->new_values[first];
             return i;
@@ -512,7 +647,7 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
     if (status == 0) status = cotree_run_inputs(run, t);
-    if (status == 0 && MODEL->n_algebraic > 0) status = solve_all(start, t, z);
+    if (status == 0 && MODEL->n_algebraic > 0) status = solve_with_friction(start, t, z);
     if (status == 0) status = choose_jump_modes(start, t, z);
     if (status == 0) status = check_redundant(start, t, z);
     return status == 0 ? check_finite(start, z) : status;
@@ -583,6 +718,8 @@ const char *cotree_start_message(int status)
         return "initial values contradict each other";
     case COTREE_START_UNSOLVED:
         return "the algebraic equations have no solution near the guess";
+    case COTREE_START_UNDETERMINED:
+        return "the algebraic equations do not determine all unknowns";
     case COTREE_START_TURNED_BACK:
         return "a jump turns back what it looks at";
     case COTREE_START_NO_MEMORY:

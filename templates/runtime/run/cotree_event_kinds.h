@@ -1,0 +1,32 @@
+/* cotree_event_kinds.h: what the events of a model stand for.
+ * Part of the runtime of cotree, the same for every model. */
+#ifndef COTREE_EVENT_KINDS_H
+#define COTREE_EVENT_KINDS_H
+
+/* Kinds of events. A jump chooses a mode of a discontinuous expression; its event function is
+ * the condition. The event functions of dry friction are the slip rate with the sign of the
+ * mode, the distances of the force to its limits, a value that is positive while a clutch is
+ * engaged, and a load with the sign that its laws assume. */
+#define COTREE_JUMP 1
+#define COTREE_FRICTION_SLIP 2
+#define COTREE_FRICTION_FORWARD 3
+#define COTREE_FRICTION_BACKWARD 4
+#define COTREE_FRICTION_ENGAGED 5
+#define COTREE_FRICTION_LOAD 6
+
+/* Event functions of rigid stops: the gaps, the contact force with the sign of the side, and the
+ * rebound speed in excess of the rest threshold. All but the force have the impulse as second
+ * target, which they set to the change of speed in an impact. */
+#define COTREE_STOP_UPPER 7
+#define COTREE_STOP_LOWER 8
+#define COTREE_STOP_FORCE 9
+#define COTREE_STOP_REBOUND 10
+
+/* A kink of the rates: the event only ends the branch that a step holds. */
+#define COTREE_KINK 11
+
+/* Modes of dry friction, besides 1 and -1 of sliding. */
+#define COTREE_FRICTION_STICKS COTREE_F(0.0)
+#define COTREE_FRICTION_FREE COTREE_F(2.0) /* nothing presses the faces together */
+
+#endif
