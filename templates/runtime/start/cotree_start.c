@@ -18,14 +18,10 @@
 #define ROUNDED COTREE_SELECT(1e-12, 1e-05f)
 
 #if COTREE_HAS_ALGEBRAIC
-/* Contents are found to this share of the terms of their equations. */
-#define CONTENT_TOLERANCE COTREE_SELECT(1e-12, 1e-05f)
-#endif
-
-/* Algebraic unknowns are found if they change by less than this share of themselves. */
+/* Contents are found to this share of the terms of their equations, unknowns if they change by less
+ * than this share of themselves. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
-#if COTREE_HAS_ALGEBRAIC
 /* Speeds below this share of the largest state (or of 1) are zero. */
 #define STILL COTREE_SELECT(1e-6, 2.8e-03f)
 
@@ -224,6 +220,7 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
     return status;
 }
 
+#if COTREE_HAS_ALGEBRAIC
 /* Algebraic unknowns. */
 
 /* Solve for the algebraic unknowns of z, in place, until nothing changes: a step from a guess far
@@ -263,7 +260,6 @@ static int solve(cotree_start *start, cotree_real t, cotree_real *z)
     return 0;
 }
 
-#if COTREE_HAS_ALGEBRAIC
 /* Contents of storages. */
 
 static int content_of(const cotree_start *start, int i) { return start->tables->contents[i]; }
@@ -322,7 +318,7 @@ static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, 
         const cotree_real left = start->rates[row];
         if (!start->is_found[i]) continue;
         z[content_of(start, i)] += left;
-        if (!(COTREE_FABS(left) <= CONTENT_TOLERANCE * sum_of_terms(start, row, z))) *is_left = 1;
+        if (!(COTREE_FABS(left) <= SETTLED * sum_of_terms(start, row, z))) *is_left = 1;
     }
     return status;
 }
@@ -384,7 +380,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
                 if (!is_found_along(start, i, j)) continue;
                 s[content_of(start, i)] += left;
                 if (!(COTREE_FABS(left) <=
-                      CONTENT_TOLERANCE * COTREE_FABS(s[content_of(start, i)]) + COTREE_MIN))
+                      SETTLED * COTREE_FABS(s[content_of(start, i)]) + COTREE_MIN))
                     is_left = 1;
             }
         }
@@ -392,23 +388,17 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
     return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
 }
 
-#endif
 /* Solve for algebraic unknowns, contents and their sensitivities. */
 static int solve_all(cotree_start *start, cotree_real t, cotree_real *z)
 {
-#if COTREE_HAS_ALGEBRAIC
     int status;
-    if (start->is_found == NULL) return solve(start, t, z); /* no contents */
+    if (start->tables->n_contents == 0) return solve(start, t, z);
     if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
     status = solve_contents(start, t, z);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     return solve_content_sensitivities(start, t, z);
-#else
-    return solve(start, t, z);
-#endif
 }
 
-#if COTREE_HAS_ALGEBRAIC
 /* Return whether the matrix g_z at x, with rows and columns scaled, has full rank. */
 static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
 {
@@ -508,24 +498,22 @@ static int release_friction(const cotree_start *start, cotree_real *z)
     return n > 0;
 }
 
-#endif
 /* Solve with modes of friction. */
 static int solve_with_friction(cotree_start *start, cotree_real t, cotree_real *z)
 {
-    int status = 0;
-#if COTREE_HAS_ALGEBRAIC
     const cotree_hybrid *const h = MODEL->hybrid;
-    int i, is_rubbing = 0;
+    int i, is_rubbing = 0, status = 0;
     for (i = 0; h != NULL && i < h->n_events; ++i)
         is_rubbing = is_rubbing || h->events[i].kind == COTREE_FRICTION_SLIP;
     if (is_rubbing) status = choose_friction_modes(start, t, z);
     if (status == 0) status = solve_all(start, t, z);
     if (status == 0 && !is_determined(start, t, z)) status = COTREE_START_UNDETERMINED;
     if (status == 0 || !is_rubbing || !release_friction(start, z)) return status;
-#endif
     return solve_all(start, t, z);
 }
 
+#endif
+#if COTREE_HAS_EVENTS
 /* Modes of jumps. */
 
 static int is_jumping(const cotree_start *start)
@@ -570,12 +558,15 @@ static int choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
         if (status != 0 || event < 0) return status;
         z[MODEL->hybrid->events[event].targets[0]] = mode;
         start->culprit = event;
+#if COTREE_HAS_ALGEBRAIC
         if (MODEL->n_algebraic > 0) status = solve_all(start, t, z);
+#endif
         if (status != 0) return status;
     }
     return most > 0 ? COTREE_START_TURNED_BACK : 0;
 }
 
+#endif
 /* Checks. */
 
 /* Return whether a redundant value agrees with what follows from the states x, or their
@@ -647,8 +638,12 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
     if (status == 0) status = cotree_run_inputs(run, t);
+#if COTREE_HAS_ALGEBRAIC
     if (status == 0 && MODEL->n_algebraic > 0) status = solve_with_friction(start, t, z);
+#endif
+#if COTREE_HAS_EVENTS
     if (status == 0) status = choose_jump_modes(start, t, z);
+#endif
     if (status == 0) status = check_redundant(start, t, z);
     return status == 0 ? check_finite(start, z) : status;
 }
@@ -673,7 +668,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
 /* Return whether initial values have no equations to satisfy. */
 static int is_plain(const cotree_start *start)
 {
-    return start->tables->assembly == NULL && MODEL->n_algebraic == 0 && is_jumping(start) == 0;
+    return start->tables->assembly == NULL && MODEL->n_algebraic == 0 && MODEL->hybrid == NULL;
 }
 
 int cotree_start_once(cotree_start_call *call)
