@@ -28,7 +28,7 @@ from cotree.model.friction_modes import settle_friction, without_sticking
 from cotree.model.model import Moment
 from cotree.model.redundant import check_redundant
 from cotree.model.start_in_c import find_in_c
-from cotree.model.unknowns import check_index, settle_jumps, solve_start
+from cotree.model.unknowns import settle_jumps, solve_start
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:

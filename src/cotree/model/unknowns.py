@@ -177,12 +177,6 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
     )
 
 
-def check_index(at: Moment, y: Array) -> None:
-    """Refuse algebraic equations that leave unknowns free at a solution."""
-    if at.model.layout.n_algebraic:
-        of_model(at).check_index(at.t, y)
-
-
 def solve_states(at: Moment, y: Array) -> Array:
     """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
     if at.model.layout.n_algebraic:

@@ -29,8 +29,10 @@
 #define PIVOT_ROUNDING 10
 #endif
 
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 /* Limits of the iterations over contents and unknowns, and, for each event, over modes. */
 #define MOST_ROUNDS 50
+#endif
 
 /* The step of finite differences as a share of a parameter, at least of LEAST_SIZE: truncation, of
  * the fourth order, is then as small as rounding. */
