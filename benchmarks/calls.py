@@ -1,10 +1,10 @@
 """Cost of a call of ``simulate`` beside its C, of small models.
 
 ``python benchmarks/calls.py [--rounds 200]`` runs each model in turn with each method: with the
-same values again and again, with other values of a parameter at each call, and such by a runner. It
-prints medians of the time on the clock, of the time of the integration in C
-(``result.statistics.seconds``), and of their difference, which Python takes. Then it prints the
-time of kernels at 101 points, one by one and in one call.
+same values again and again, and with other values of a parameter at each call. It prints medians of
+the time on the clock, of the time of the integration in C (``result.statistics.seconds``), and of
+their difference, which Python takes. Then it prints the time of kernels at 101 points, one by one
+and in one call.
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result
     """Give ways to call a model, each as a function of the number of the call."""
     model, times = case.model, np.linspace(0.0, case.end, 101)
     name, value = model.parameters[0], float(model.default_parameters[0])
-    runner = model.runner((0.0, case.end), times, method=method, rtol=1e-8)
 
     def simulate(parameters: dict[str, float]) -> cotree.Result:
         span = (0.0, case.end)
@@ -59,8 +58,6 @@ def calls_of(case: Case, method: str) -> dict[str, Callable[[int], cotree.Result
     return {
         "the same": lambda k: simulate({}),
         "others": lambda k: simulate({name: value * (1.0 + 1e-7 * k)}),
-        # Not the same ones, for which a choice of the method would be known.
-        "others, runner": lambda k: runner({name: value * (1.0 - 1e-7 * k)}),
     }
 
 

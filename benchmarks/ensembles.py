@@ -33,7 +33,7 @@ from timing import about, keep, surroundings, table
 import cotree
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.plan import Plan
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

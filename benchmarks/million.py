@@ -26,7 +26,7 @@ from cotree.ensemble.executors import parcel_of, run_on, run_parcel
 from cotree.ensemble.members import Members
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.store import Store
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,8 +27,8 @@ from reference_scenes import read_reference
 from timing import put_on_page, surroundings, table
 
 from cotree import Scene
+from cotree.scene.settings import Settings
 from cotree.solvers.prepare import prepared
-from cotree.solvers.settings import Settings
 from cotree.solvers.step_costs import share_of_rodas5
 
 if TYPE_CHECKING:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from cotree.plot.ensembles import bands, curves, heat_map
     from cotree.reading import read_sbml, read_spice, read_urdf
     from cotree.results import Result
+    from cotree.scene.settings import Settings
     from cotree.studies.bench import bench
     from cotree.version import VERSION as __version__
 
@@ -53,6 +54,7 @@ __all__ = [
     "Result",
     "Scene",
     "SceneError",
+    "Settings",
     "SingularSystemError",
     "SolveError",
     "StoreError",
@@ -90,6 +92,7 @@ _HOMES = {
     "PetabProblem": "estimation.petab.problem",
     "Result": "results",
     "Scene": "api",
+    "Settings": "scene.settings",
     "__version__": "version",
     "bands": "plot.ensembles",
     "bench": "studies.bench",

@@ -20,7 +20,7 @@ from cotree.naming import c_identifier
 from cotree.operating import OperatingPoint, program_at_rest
 from cotree.quiet import level_of_user
 from cotree.runner import RunnableModel
-from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.settings import OPERATING_POINT
 from cotree.scene.variants import expressions_among
 from cotree.sharing import forming, locked_cached_property
 from cotree.solvers.methods import METHODS
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from cotree.program import Program
     from cotree.recipe import CarriedRecipe, Recipe
     from cotree.scene.description import SceneDescription
-    from cotree.solvers.settings import Settings
+    from cotree.scene.settings import Settings
 
 
 class Model(RunnableModel, EnsembleMethods, PointMethods):

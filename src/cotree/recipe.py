@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cotree.pipeline import Formed
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
-    from cotree.scene.simulation import Simulation
+    from cotree.scene.settings import Simulation
 
 
 @dataclass(frozen=True)

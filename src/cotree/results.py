@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from cotree.solvers.settings import Settings
+    from cotree.scene.settings import Settings
     from cotree.watch import Animation
     from cotree.watch.frames import WatchedModel
 

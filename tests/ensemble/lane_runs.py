@@ -6,17 +6,15 @@ from cotree.ensemble.batch import run_block
 from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.pattern import find_pattern
 from cotree.ensemble.plan import Plan
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 TIMES = np.linspace(0.0, 3.0, 41)
 
 
-def plan_of(model, names, lanes=None, *, times=TIMES, has_sensitivities=True, **others):
+def plan_of(model, names, lanes=None, *, times=TIMES, **others):
     settings = {"method": "dop853", "rtol": 1e-7, "atol": 1e-7, **others}
     span = (float(times[0]), float(times[-1]))
-    return Plan(
-        model, Settings(span, times, **settings), names, model.outputs, has_sensitivities, lanes
-    )
+    return Plan(model, Settings(span, times, **settings), names, model.outputs, lanes)
 
 
 def rows_of(model, names, n):

@@ -2,6 +2,7 @@
 
 import functools
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import cotree
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.plan import Plan as PlanOfMembers
 from cotree.ensemble.trial import run_one_by_one
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 # Members one after another; those in lanes are tested in test_lanes.py.
 Plan = functools.partial(PlanOfMembers, lanes=1)
@@ -74,7 +75,7 @@ def test_without_sensitivities_a_member_is_a_run_of_the_model_without_them(slide
     names = ("L", "k")
     rows = rows_of(slider, 3, names)
     plain = cotree.load("slider-pendulum").compile()
-    block = run_block(Plan(slider, settings_of(), names, (), has_sensitivities=False), rows)
+    block = run_block(Plan(slider, settings_of(sensitivities=False), names), rows)
     assert block.z.shape == (3, 9, 4)
     assert_same(block, run_block(Plan(plain, settings_of(), names), rows))
     run = slider.simulate(
@@ -90,7 +91,7 @@ def test_without_sensitivities_a_member_is_a_run_of_the_model_without_them(slide
 
 def test_a_member_without_sensitivities_that_fails_says_what_its_run_says(ball):
     settings = Settings((0.0, 8.0), TIMES, "dop853", 1e-6)
-    plan = Plan(ball, settings, ("v",), ball.outputs, has_sensitivities=False)
+    plan = Plan(ball, replace(settings, sensitivities=False), ("v",), ball.outputs)
     rows = np.array([[0.5], [0.0]])
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1]

@@ -7,7 +7,7 @@ import cotree
 from cotree.ensemble.batch import Worker, run_block
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.trial import run_one_by_one
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 
 @pytest.mark.compiler

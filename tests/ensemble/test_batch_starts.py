@@ -13,7 +13,7 @@ from cotree.ensemble.batch import BlockInC, Worker, pattern_of, run_block
 from cotree.ensemble.pattern import Pattern, find_pattern
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.trial import run_one_by_one
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 TIMES = np.linspace(0.0, 1.0, 9)
 

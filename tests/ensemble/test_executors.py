@@ -21,7 +21,7 @@ from cotree.ensemble.batch import run_block
 from cotree.ensemble.executors import Shares, read_executor, run_on
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.run import EnsembleProgress
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 pytestmark = pytest.mark.compiler
 

@@ -49,9 +49,7 @@ def test_members_are_those_of_the_scalar_engine_to_rounding(slider, method, has_
     names = ("L", "m2", "zeta")
     rows = rows_of(slider, names, 12)
     found, wanted = (
-        run_block(
-            plan_of(slider, names, n, method=method, has_sensitivities=has_sensitivities), rows
-        )
+        run_block(plan_of(slider, names, n, method=method, sensitivities=has_sensitivities), rows)
         for n in (None, 1)
     )
     np.testing.assert_array_equal(found.steps, wanted.steps)

@@ -6,7 +6,7 @@ import pytest
 import cotree
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.trial import run_one_by_one
-from cotree.solvers.settings import Settings
+from cotree.scene.settings import Settings
 
 TIMES = np.linspace(0.0, 2.0, 5)
 

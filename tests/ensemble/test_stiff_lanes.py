@@ -30,8 +30,7 @@ METHODS = ["rodas4", "rodas5"]
 
 def stiff_plan(model, names, lanes=None, **others):
     settings = {"method": "rodas5", "rtol": 1e-6, "atol": 1e-9, **others}
-    has_sensitivities = settings.pop("has_sensitivities", bool(model.sensitivities))
-    return plan_of(model, names, lanes, has_sensitivities=has_sensitivities, **settings)
+    return plan_of(model, names, lanes, **settings)
 
 
 def relaxation():
@@ -93,7 +92,7 @@ def test_bits_are_the_same_for_any_lanes_threads_order_and_division(hires):
 def test_members_are_those_of_the_scalar_engine_to_rounding(hires, method, has_sensitivities):
     names = hires.parameters[:3]
     rows = rows_of(hires, names, 12)
-    given = {"method": method, "times": TIMES, "has_sensitivities": has_sensitivities}
+    given = {"method": method, "times": TIMES, "sensitivities": has_sensitivities}
     found, wanted = (run_block(stiff_plan(hires, names, n, **given), rows) for n in (None, 1))
     assert runs_in_lanes(stiff_plan(hires, names, **given))
     np.testing.assert_array_equal(found.steps, wanted.steps)
@@ -235,7 +234,7 @@ def test_long_eliminations_walk_through_tables():
 def test_states_alone_of_a_model_with_sensitivities_change_with_time():
     model = heater().compile(HEATER)
     rows = rows_of(model, ("R", "L"), 9)
-    given = {"times": np.linspace(0.0, 5.0, 31), "has_sensitivities": False}
+    given = {"times": np.linspace(0.0, 5.0, 31), "sensitivities": False}
     found, wanted = (run_block(stiff_plan(model, ("R", "L"), n, **given), rows) for n in (2, 1))
     assert runs_in_lanes(stiff_plan(model, ("R", "L"), 2, **given))
     np.testing.assert_array_equal(found.steps, wanted.steps)

@@ -10,8 +10,9 @@ import pytest
 from scipy import stats
 
 import cotree
+from cotree import Settings
 from cotree.estimation.candidates import Candidates
-from cotree.estimation.conditions import Accuracy, Condition, Measured
+from cotree.estimation.conditions import Condition, Measured
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.multistart import StartRecord, minimise_from_starts
 from cotree.estimation.problem import Problem
@@ -19,7 +20,7 @@ from cotree.estimation.result import FitResult
 
 # With tolerances of 1e-10 for runs and objective, parameters have about six correct digits.
 CLOSE = 1e-6
-FINE = Accuracy("dop853", 1e-10, 1e-12)
+FINE = Settings(method="dop853", rtol=1e-10, atol=1e-12)
 
 
 def fitted(problem, *starts, search=None, **options):

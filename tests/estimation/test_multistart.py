@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.estimation.conditions import Accuracy, Condition, Measured
+from cotree import Settings
+from cotree.estimation.conditions import Condition, Measured
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.fit import spread_starts
 from cotree.estimation.multistart import Search, SquareRows, minimise_from_starts
@@ -39,7 +40,7 @@ def problem_of(model, noise, distribution="normal"):
         np.zeros(13, dtype=int), T, ["C.v"] * 13, value, [noise] * 13, distribution=distribution
     )
     run = Condition("run", model, names, {"C.v": "v0"})
-    return Problem(rows, [run], measured, Accuracy("dop853", 1e-10, 1e-12))
+    return Problem(rows, [run], measured, Settings(method="dop853", rtol=1e-10, atol=1e-12))
 
 
 @pytest.mark.parametrize("distribution", ["normal", "laplace"])

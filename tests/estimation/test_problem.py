@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 import cotree
-from cotree.estimation.conditions import Accuracy, Condition, Measured
+from cotree import Settings
+from cotree.estimation.conditions import Condition, Measured
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.problem import Problem
 
@@ -49,7 +50,7 @@ def problem_of(model, **changes):
             Condition("known", model, {"R": "resistance", "s": "share"}, {"C.v": 3.0}),
         ],
         Measured(**{**rows, **changes}),
-        Accuracy("dop853", 1e-10, 1e-12),
+        Settings(method="dop853", rtol=1e-10, atol=1e-12),
     )
 
 
@@ -126,7 +127,7 @@ def test_a_run_starts_from_a_steady_state_with_its_sensitivities():
     later = Condition("off", model, {"k": "k", "r": "r", "on": 0.0}, before=before)
     rows = Measured(np.array([0, 0]), np.array([0.0, 2.0]), ["B.c"] * 2, np.ones(2), [1.0, 1.0])
     names = [Estimated(name, 1e-3, 1e3, start=1.0) for name in ("k", "r", "a0")]
-    problem = Problem(names, [later], rows, Accuracy(rtol=1e-9, atol=1e-12))
+    problem = Problem(names, [later], rows, Settings(rtol=1e-9, atol=1e-12))
     k, r, a0 = 0.8, 0.4, 3.0
     (found,) = problem.predict([[k, r, a0]])
     b, decay = a0 * k / (k + r), math.exp(-2 * r)

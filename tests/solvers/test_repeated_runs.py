@@ -10,14 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cotree import Experiment, ParameterError, Scene, SolveError, fit, load, optimise
+from cotree import Experiment, ParameterError, Scene, SolveError, fit, load, optimise, sampled
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.plan import Plan
+from cotree.scene.settings import Settings
 from cotree.sharing import Kept
 from cotree.solvers import select
 from cotree.solvers.job import Job
-from cotree.solvers.prepare import Preparation
-from cotree.solvers.settings import Settings, key_of
+from cotree.solvers.prepare import Preparation, key_of
 
 pytestmark = pytest.mark.compiler
 
@@ -159,7 +159,6 @@ def test_functions_of_python_are_asked_at_every_run():
     "other",
     [
         {"t_span": (-0.0, 1.0)},
-        {"t_span": (0, 1)},
         {"t_eval": [0.5]},
         {"rtol": 1e-9},
         {"max_step": 0.1},
@@ -170,51 +169,58 @@ def test_functions_of_python_are_asked_at_every_run():
 )
 def test_settings_that_differ_have_different_keys(other):
     settings = Settings(t_span=(0.0, 1.0), t_eval=[1.0])
-    assert key_of(settings) == key_of(replace(settings, parameters={"L": 1.0}))
-    assert key_of(settings) != key_of(replace(settings, **other))
+    assert key_of(vars(settings)) == key_of(vars(replace(settings, parameters={"L": 1.0})))
+    assert key_of(vars(settings)) != key_of(vars(replace(settings, **other)))
+
+
+@pytest.mark.parametrize("other", [{"t_eval": np.linspace(0.0, 1.0, 20_000)}])
+def test_settings_that_cannot_be_compared_have_none(other):
+    assert key_of(vars(Settings(t_span=(0.0, 1.0), **other))) is None
+
+
+def doubled(t):
+    return 2.0 * t
+
+
+class Doubled:
+    def __call__(self, t):
+        return 2.0 * t
+
+
+TABLE = (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
 
 
 @pytest.mark.parametrize(
-    "other", [{"inputs": {"u": abs}}, {"inputs": {"u": np.ones((2, 2))}}, {"t_eval": range(20_000)}]
+    "given", [doubled, Doubled(), TABLE, [[0, 1], [0, 2]], sampled(doubled, 0.1)]
 )
-def test_settings_that_cannot_be_compared_have_none(other):
-    assert key_of(replace(Settings(t_span=(0.0, 1.0)), **other)) is None
+def test_functions_and_tables_are_prepared_once(monkeypatch, given):
+    model, run = load("cart-pole").compile(), {"t_span": (0.0, 1.0), "t_eval": [1.0]}
+    first = bits(model.simulate(**run, inputs={"push": given}))
+    other = model.simulate(**run, inputs={"push": lambda t: 3.0 * t})
+    assert bits(other)[1] != first[1]
+    # Nothing is prepared again.
+    monkeypatch.setattr(Preparation, "__init__", None)
+    assert bits(model.simulate(**run, inputs={"push": given})) == first
 
 
-def test_a_runner_gives_what_simulate_gives(slider):
-    run = {"t_span": (0.0, 2.0), "t_eval": [1.0, 2.0], "rtol": 1e-7}
-    runner = slider.runner(**run, parameters={"L": 0.9, "k": 40.0}, initial={"h2.theta": 0.1})
-    calls = [
-        ({}, {"L": 0.9, "k": 40.0}, {"h2.theta": 0.1}),
-        ({"parameters": {"L": 1.1}}, {"L": 1.1, "k": 40.0}, {"h2.theta": 0.1}),
-        (
-            {"initial": {"h2.theta_dot": 1.0}},
-            {"L": 0.9, "k": 40.0},
-            {"h2.theta": 0.1, "h2.theta_dot": 1.0},
-        ),
-    ]
-    for given, parameters, initial in calls:
-        found = runner(**given)
-        assert bits(found) == anew(slider, **run, parameters=parameters, initial=initial)
-        assert found.settings.parameters == parameters
-        assert found.settings.initial == initial
-    known = slider.parameter_array({"k": 40.0})
-    by_array = slider.runner(**run, parameters=known)({"L": 1.1})
-    assert bits(by_array) == bits(slider.simulate(**run, parameters={"L": 1.1, "k": 40.0}))
-    whole = slider.runner(**run)(known)
-    assert bits(whole) == bits(slider.simulate(**run, parameters=known))
-    assert repr(runner) == "<Runner of 'slider-pendulum' from t = 0 to 2 by auto>"
+def test_a_change_of_the_callers_table_is_seen():
+    model, times, forces = load("cart-pole").compile(), np.array([0.0, 1.0]), np.array([0.0, 2.0])
+    run = {"t_span": (0.0, 1.0), "t_eval": [1.0], "inputs": {"push": (times, forces)}}
+    first = bits(model.simulate(**run))
+    forces[1] = 3.0
+    assert bits(model.simulate(**run)) != first
 
 
-def test_a_runner_refuses_settings_when_it_is_made(slider):
-    with pytest.raises(SolveError, match=r"t_eval holds t = 3"):
-        slider.runner((0.0, 2.0), [3.0])
-    with pytest.raises(ParameterError, match="no input 'u'"):
-        slider.runner((0.0, 2.0), inputs={"u": 1.0})
-    with pytest.raises(TypeError, match="rtoll"):
-        slider.runner((0.0, 2.0), rtoll=1e-6)
-    with pytest.raises(ParameterError, match="no state 'x'"):
-        slider.runner((0.0, 2.0))(initial={"x": 1.0})
+def test_settings_are_refused_at_each_call(slider):
+    for _ in range(2):
+        with pytest.raises(SolveError, match=r"t_eval holds t = 3"):
+            slider.simulate((0.0, 2.0), [3.0])
+        with pytest.raises(ParameterError, match="no input 'u'"):
+            slider.simulate((0.0, 2.0), inputs={"u": 1.0})
+        with pytest.raises(TypeError, match=r"no setting 'rtoll'.*'rtol'"):
+            slider.simulate((0.0, 2.0), rtoll=1e-6)
+        with pytest.raises(ParameterError, match="no state 'x'"):
+            slider.simulate((0.0, 2.0), initial={"x": 1.0})
 
 
 def driven():
@@ -259,9 +265,9 @@ def test_runs_of_states_alone(name, method):
 def test_members_without_sensitivities_need_no_room_for_their_time_slopes():
     """Time slopes of a model with sensitivities have these, whether a run has them or not."""
     model, times = driven().compile(["R"]), np.linspace(0.0, 1.0, 5)
-    settings = Settings((0.0, 1.0), times, "rodas5")
+    settings = Settings((0.0, 1.0), times, "rodas5", sensitivities=False)
     # Single members and runs have the same bits; lanes differ from them by rounding.
-    plan = Plan(model, settings, ("R",), has_sensitivities=False, lanes=1)
+    plan = Plan(model, settings, ("R",), lanes=1)
     block = run_block(plan, np.array([[2.0]]))
     alone = model.simulate((0.0, 1.0), times, "rodas5", sensitivities=False)
     assert np.array_equal(block.z[0].T, alone.y)
@@ -347,7 +353,6 @@ def test_numbers_of_numpy_are_those_of_python_and_find_the_same_preparation(slid
     # Nothing is prepared again.
     monkeypatch.setattr(Preparation, "__init__", None)
     assert bits(slider.simulate(**OF_NUMPY, **of_run)) == first
-    assert bits(slider.runner(**OF_NUMPY, **of_run)()) == first
 
 
 def test_every_study_takes_numbers_of_numpy(slider):

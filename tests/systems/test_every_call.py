@@ -260,7 +260,7 @@ def runs(s: Subject) -> list[Callable[[], Any]]:
         lambda: good(inputs={"u": "0.01*sin(t)"}),
         lambda: good(inputs={"u": lambda t: 0.01 * t}),
         lambda: good(inputs={"u": ([0, 1], [0.01, 0.02])}),
-        lambda: s.model.runner((0, 1))({"T": 1.1}).y,
+        lambda: s.model.simulate((0, 1), parameters={"T": 1.1}).y,
         lambda: (r().summary(), repr(r()), r()._repr_html_(), r().columns, r().message),
         lambda: (r().drift, r().units, r().unit("y"), r().redundant, r().times),
         lambda: shapes(r().sensitivity("y", "T")),

@@ -118,15 +118,15 @@ def check_scene(
         typer.echo(line)
     for line in derived_lines(model, values):
         typer.echo(line)
+    settings: dict[str, Any] = given(rtol=rtol, max_steps=max_steps, time_limit=time_limit)
     report = check_sensitivities(
         model,
         t_end=t_end,
         values=values,
         plain=plain,
         method=method,
-        rtol=rtol,
-        budgets=given(max_steps=max_steps, time_limit=time_limit),
         report=_at_once,
+        **settings,
     )
     if not report.passed:
         raise typer.Exit(1)

@@ -212,9 +212,9 @@ class Evaluation:
             The message names the setting; for an unknown solver, it suggests the nearest name.
         """
         for run in self.runs:
-            settings = self.model.runner(run.t_span, inputs=run.inputs, **self._settings).settings
-            if settings.method != "auto":
-                method_row(settings.method)
+            found = self.model._preparation({**vars(run), **self._settings})
+            if found.settings.method != "auto":
+                method_row(found.settings.method)
 
     def split(self, values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """Split the design variables into parameters and initial values."""
@@ -225,7 +225,9 @@ class Evaluation:
         """Simulate a scenario; raises SolveError if the integration fails."""
         parameters, initial = self.split(values)
         self.n_runs += 1
-        budget: dict[str, Any] = {"max_steps": self._most_steps} if self._most_steps else {}
+        settings = dict(self._settings)
+        if self._most_steps:
+            settings["max_steps"] = min(settings.get("max_steps") or math.inf, self._most_steps)
         with without_warnings():  # the optimiser, not the user, chose the values of a trial
             result = self.model.simulate(
                 run.t_span,
@@ -234,8 +236,7 @@ class Evaluation:
                 initial={**run.initial, **initial},
                 inputs=run.inputs,
                 throw=True,
-                **budget,
-                **self._settings,
+                **settings,
             )
         steps = max(_STEPS * result.statistics.n_steps, _FEWEST_STEPS)
         self._most_steps = max(self._most_steps, steps)

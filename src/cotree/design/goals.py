@@ -23,7 +23,7 @@ from cotree.dag.nodes import Dag
 from cotree.errors import Error, ExpressionError, ParameterError, brief, nearest
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, map_tree, parse, read_tree
-from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.settings import OPERATING_POINT
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence

@@ -25,8 +25,11 @@ from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names, check_whole
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     from cotree.api import Model, Scene
     from cotree.design.evaluation import Point
+    from cotree.scene.settings import SettingsDict
 
 #: Fields of a scenario.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")
@@ -50,9 +53,7 @@ def optimise(
     tolerance: float = 1e-12,
     max_iterations: int = 200,
     solver: str | None = None,
-    rtol: float | None = None,
-    atol: float | None = None,
-    max_step: float | None = None,
+    **settings: Unpack[SettingsDict],
 ) -> Design:
     """Choose parameters that minimise an objective subject to constraints.
 
@@ -96,8 +97,8 @@ def optimise(
         at the start.
     max_iterations : int
         Largest number of iterations of a search.
-    solver, rtol, atol, max_step
-        Method and tolerances of the runs; see :meth:`cotree.Model.simulate`.
+    solver, **settings
+        Method, tolerances, budgets and others of the runs; see :meth:`cotree.Model.simulate`.
 
     Returns
     -------
@@ -147,8 +148,8 @@ def optimise(
         **{word: check_mapping(values, word) for word, values in given.items()},
         t_span=_span((0.0, described.defaults.t_end) if t_span is None else t_span),
     )
-    settings = {"method": solver, "rtol": rtol, "atol": atol, "max_step": max_step}
-    evaluation = Evaluation(model, goals, found, names, _scenarios(common, runs, names), settings)
+    scenarios, own = _scenarios(common, runs, names), {"method": solver, **settings}
+    evaluation = Evaluation(model, goals, found, names, scenarios, own)
     scales = read_scales(dict(over), _known(model, common), guess)
     evaluation.check_settings()
     _check_reach(evaluation)

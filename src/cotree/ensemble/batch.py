@@ -213,9 +213,10 @@ class BlockInC:
         run = Trajectory(t, z, 0, "", work, Drift((), np.zeros((0, n)), self.corrections[member]))
         redundant = 0
         if is_exact or held(problem, run, 1).status != 0:
-            settings = replace(plan.settings, sensitivities=plan.has_sensitivities)
             p = own_values(pattern, self.rows[member : member + 1]).p[0]
-            redundant = redundancy(plan.model, prepared(plan.model, settings).projection(p), run)
+            redundant = redundancy(
+                plan.model, prepared(plan.model, plan.settings).projection(p), run
+            )
         return held(problem, run, redundant).status == 0 and not (is_exact and redundant)
 
     def takes_back(self) -> bool:

@@ -26,6 +26,7 @@ from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
 from cotree.files import check_suffix, target_path, written_whole
 from cotree.quiet import without_warnings
+from cotree.scene.settings import SHARED
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -285,11 +286,7 @@ def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
 
     Functions of Python are told by their names.
     """
-    names = (
-        *("t_span", "method", "rtol", "atol", "parameters", "initial", "inputs", "scales"),
-        *("error_test_sensitivities", "max_step", "max_steps", "max_events", "time_limit"),
-        "project",
-    )
+    names = ("t_span", "parameters", "initial", "inputs", *SHARED)
     told = {name: _plain(getattr(plan.settings, name)) for name in names}
     told["inputs"] = {**told["inputs"], **expressions}
     # Where members may leave the method that was chosen for all, only this says so.

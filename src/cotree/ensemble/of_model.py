@@ -12,16 +12,17 @@ import numpy as np
 
 from cotree.errors import ModelError
 from cotree.model.arrays import as_array
+from cotree.scene.settings import settings_from
 from cotree.scene.variants import expressions_among
-from cotree.solvers.budgets import LONGEST_TIME, MOST_EVENTS, MOST_STEPS
-from cotree.solvers.settings import Settings, checked_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Unpack
 
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
     from cotree.scene.description import SceneDescription
+    from cotree.scene.settings import Settings, SettingsDict
 
 
 # Attributes of a file of HDF5 have 64 KiB each, and a large scene takes seconds to be written.
@@ -42,8 +43,6 @@ class EnsembleMethods:
         *,
         t_eval: Any = None,
         method: str | None = None,
-        rtol: float | None = None,
-        atol: float | None = None,
         sensitivities: bool = True,
         outputs: Sequence[str] | None = None,
         parameters: Any = None,
@@ -55,13 +54,7 @@ class EnsembleMethods:
         store: Any = None,
         progress: bool = True,
         on_error: str = "keep",
-        error_test_sensitivities: bool = True,
-        scales: Mapping[str, float] | None = None,
-        max_step: float | None = None,
-        max_steps: float | None = MOST_STEPS,
-        max_events: float | None = MOST_EVENTS,
-        time_limit: float | None = LONGEST_TIME,
-        project: bool = True,
+        **settings: Unpack[SettingsDict],
     ) -> Any:
         """Run many members, which differ in parameters and initial values.
 
@@ -81,8 +74,6 @@ class EnsembleMethods:
             As of :meth:`simulate`. ``auto`` is decided once for all members: by the starts of runs
             with the values that they share, and of the members with the extreme values of each
             column.
-        rtol, atol : float, optional
-            Relative and absolute tolerance.
         sensitivities : bool
             Whether the sensitivities that the model was compiled with are integrated.
         outputs : sequence of str, optional
@@ -109,8 +100,8 @@ class EnsembleMethods:
         on_error : {"keep", "raise"}
             What a member that fails does: it is nan with its message and the others go on, or it
             ends the call.
-        error_test_sensitivities, scales, max_step, max_steps, max_events, time_limit, project
-            As of :meth:`simulate`, for each member.
+        **settings
+            Tolerances, budgets and others of each member, as of :meth:`simulate`.
 
         Returns
         -------
@@ -147,39 +138,26 @@ class EnsembleMethods:
         from cotree.ensemble.dataset import check_xarray
         from cotree.ensemble.members import read_members
         from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
+        from cotree.ensemble.trial import times_of
 
         check_xarray()
         model = cast("_Compiling", self)
-        defaults = model._recipe.defaults
-        settings = Settings(
-            t_span=(0.0, defaults.t_end) if t_span is None else t_span,
-            t_eval=t_eval,
-            method=method or defaults.method,
-            rtol=defaults.rtol if rtol is None else rtol,
-            atol=defaults.atol if atol is None else atol,
-            parameters=parameters,
-            initial=initial or {},
-            inputs=inputs or {},
-            error_test_sensitivities=error_test_sensitivities,
-            scales=scales or {},
-            max_step=max_step,
-            max_steps=max_steps,
-            max_events=max_events,
-            time_limit=time_limit,
-            project=project,
-        )
+        given = {
+            "t_span": t_span,
+            "method": method,
+            "parameters": parameters,
+            "initial": initial,
+            "inputs": inputs,
+            "sensitivities": sensitivities,
+            **settings,
+        }
+        shared = settings_from(model._recipe.defaults, given)
+        shared = replace(shared, t_eval=times_of(t_eval, shared.t_span))
         execution = Execution(threads, executor, store, progress, on_error)
         check_execution(execution)
         rows = read_members(members)
-        compiled, settings = _compiled_for(model, settings, rows)
-        plan = make_plan(
-            compiled,
-            settings,
-            rows,
-            sensitivities=sensitivities,
-            outputs=outputs,
-            lanes=lanes,
-        )
+        compiled, shared = _compiled_for(model, shared, rows)
+        plan = make_plan(compiled, shared, rows, outputs=outputs, lanes=lanes)
         expressions = expressions_among(inputs or {})
         told = {**_described(model), "model": compiled.digest, "inputs": expressions}
         return run_ensemble(plan, rows, execution, told)
@@ -219,7 +197,6 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     """Give the model that has all columns, gains of expressions among them, and its settings."""
     from cotree.ensemble.members import check_columns
 
-    settings = checked_settings(settings)
     given, names = settings.parameters, model.parameters
     is_array = given is not None and not isinstance(given, Mapping)
     values = as_array(given, (len(names),), "the parameters").tolist() if is_array else ()

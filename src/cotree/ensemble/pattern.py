@@ -124,8 +124,7 @@ def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Pro
     Error
         If the settings are refused, or there is no start.
     """
-    settings = replace(plan.settings, sensitivities=plan.has_sensitivities)
-    problem = prepared(plan.model, settings).run(parameters, initial).problem
+    problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
     check_values(problem)
     return problem
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
     from cotree.solvers.result import RunRecord
-    from cotree.solvers.settings import Settings
 
 
 #: Members for which the code of lanes is not compiled, where nobody asks for lanes.
@@ -39,8 +39,6 @@ class Plan:
         Parameters, and states by their initial values, that members set, in the order of a row.
     outputs : tuple of str
         The outputs that are evaluated.
-    has_sensitivities : bool
-        Whether the sensitivities that the model was compiled with are integrated.
     lanes : int or None
         Members side by side in vectors: 1 for none, None for as many as the processor has.
     is_chosen : bool
@@ -53,9 +51,13 @@ class Plan:
     settings: Settings
     columns: tuple[str, ...]
     outputs: tuple[str, ...] = ()
-    has_sensitivities: bool = True
     lanes: int | None = None
     is_chosen: bool = False
+
+    @property
+    def has_sensitivities(self) -> bool:
+        """Whether sensitivities are integrated."""
+        return self.settings.sensitivities and bool(self.model.sensitivities)
 
 
 @dataclass(frozen=True, eq=False)

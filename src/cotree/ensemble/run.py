@@ -31,7 +31,6 @@ from cotree.ensemble.zarr_folder import read_path
 from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
 from cotree.solvers.progress import CountingBar
-from cotree.solvers.settings import Settings, in_python
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.members import Members
     from cotree.ensemble.reasons import Reasons
     from cotree.model.model import CompiledModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
 
 
@@ -329,7 +329,6 @@ def make_plan(
     settings: Settings,
     members: Members,
     *,
-    sensitivities: bool,
     outputs: Sequence[str] | None,
     lanes: int | None,
 ) -> Plan:
@@ -340,12 +339,6 @@ def make_plan(
     ModelError, SolveError
         If a setting is not accepted.
     """
-    sensitivities = in_python(sensitivities)
-    if not isinstance(sensitivities, bool):
-        raise SolveError(
-            f"sensitivities is {brief(repr(sensitivities))}: give True or False; to which "
-            "parameters they are is said when the model is compiled"
-        )
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")
@@ -353,8 +346,7 @@ def make_plan(
         lanes = 1
     is_chosen = settings.method == "auto"
     settings = tried_settings(model, settings, members)
-    has_sensitivities = bool(sensitivities and model.sensitivities)
-    return Plan(model, settings, members.columns, wanted, has_sensitivities, lanes, is_chosen)
+    return Plan(model, settings, members.columns, wanted, lanes, is_chosen)
 
 
 def check_execution(execution: Execution) -> None:

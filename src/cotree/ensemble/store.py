@@ -46,6 +46,7 @@ from cotree.ensemble.zarr_folder import (
 )
 from cotree.errors import SolveError, StoreError, brief
 from cotree.model.signals import read_signals
+from cotree.scene.settings import SHARED
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -57,11 +58,6 @@ if TYPE_CHECKING:
 
 # Longer values, as of tables, are told apart by their hash.
 _LONGEST = 200
-
-_SETTINGS = (
-    *("method", "rtol", "atol", "initial", "scales", "error_test_sensitivities"),
-    *("max_step", "max_steps", "max_events", "time_limit", "project"),
-)
 
 
 def identity_of(plan: Plan) -> dict[str, Any]:
@@ -88,7 +84,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "cotree": VERSION,
         "scene": model.layout.name,
         "columns": list(plan.columns),
-        **{name: _plain(getattr(settings, name)) for name in _SETTINGS},
+        **{name: _plain(getattr(settings, name)) for name in (*SHARED, "initial")},
         # Members that an automatically chosen method finds stiff are run with another one.
         "method_is_chosen": plan.is_chosen,
         "t_span": _plain(settings.t_span),

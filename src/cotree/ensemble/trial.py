@@ -18,11 +18,9 @@ import numpy as np
 from cotree.ensemble.plan import Block, Plan, Results
 from cotree.errors import Error, SolveError, brief
 from cotree.quiet import level_of_user, without_warnings
-from cotree.scene.expressions import check_number
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.select import probe_steps
-from cotree.solvers.settings import Settings, checked_settings, read_span, read_times, read_whole
 from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
 
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
     from cotree.solvers.result import RunRecord
 
@@ -60,7 +59,6 @@ def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) 
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
-        settings = replace(settings, sensitivities=plan.has_sensitivities)
         with without_warnings():  # a message says the same
             results.put(member, simulate(plan.model, settings, {}))
     except Error as error:
@@ -104,9 +102,9 @@ _OTHERWISE = "dop853"
 _TRIED = 3
 
 
-def times_of(t_eval: Any, t_span: Any) -> FloatArray:
+def times_of(t_eval: Any, t_span: tuple[float, float]) -> Any:
     """Give the times of an ensemble: those asked for, or as many evenly over the span."""
-    first, last = read_span(t_span)
+    first, last = t_span
     if isinstance(t_eval, (int, np.integer)) and not isinstance(t_eval, bool):
         if t_eval < 2:
             raise SolveError(f"t_eval is {t_eval}: give at least 2 points, or times")
@@ -117,8 +115,7 @@ def times_of(t_eval: Any, t_span: Any) -> FloatArray:
         raise SolveError(
             f"t_eval is {brief(repr(t_eval))}: give a whole number of points, or times"
         )
-    times = read_times(t_eval)
-    return np.linspace(first, last, POINTS) if times is None else times
+    return np.linspace(first, last, POINTS) if t_eval is None else t_eval
 
 
 def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:
@@ -135,8 +132,7 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
     ModelError, SolveError
         If a setting is not accepted.
     """
-    settings = checked_settings(settings)
-    settings = replace(settings, t_eval=times_of(settings.t_eval, settings.t_span), throw=False)
+    settings = replace(settings, throw=False)
     if settings.method != "auto":
         method_row(settings.method)
     base = _first_success(model, _short(settings), members)
@@ -159,9 +155,8 @@ def _runs(model: CompiledModel, settings: Settings, members: Members) -> list[Ru
 
 def _short(settings: Settings) -> Settings:
     """Bound the steps of a trial."""
-    asked = read_whole(settings.max_steps, "max_steps")
-    most = probe_steps(check_number(settings.rtol, "rtol")) + _TRIAL_STEPS
-    return replace(settings, max_steps=most if asked is None else min(asked, most))
+    most = probe_steps(settings.rtol) + _TRIAL_STEPS
+    return replace(settings, max_steps=min(settings.max_steps or most, most))
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:

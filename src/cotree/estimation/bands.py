@@ -149,7 +149,7 @@ def at_times(
     rows = Measured(
         np.zeros(n, dtype=np.intp), t, [output] * n, np.ones(n), [noise] * n, transformation
     )
-    return Problem(problem.estimated, [condition], rows, problem.accuracy)
+    return Problem(problem.estimated, [condition], rows, problem.settings)
 
 
 def measured_like(problem: Problem, number: int, output: str) -> int | None:

@@ -222,15 +222,8 @@ def spread(given: Sequence[str] | str, n: int) -> Sequence[str]:
     return [given] * n if isinstance(given, str) else given
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Method, tolerances and budget of the runs; see :meth:`cotree.Model.simulate`."""
-
-    method: str = "auto"
-    rtol: float = 1e-8
-    atol: float = 1e-10
-    # Far from the estimates a run may become stiff: it then fails early, and the step is rejected.
-    max_steps: float = 100_000.0
+#: Far from the estimates a run may become stiff: it then fails early, and the step is rejected.
+MOST_STEPS = 100_000
 
 
 class Columns:

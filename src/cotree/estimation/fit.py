@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, nearest
-from cotree.estimation.conditions import Accuracy, Condition
+from cotree.estimation.conditions import MOST_STEPS, Condition
 from cotree.estimation.estimated import Estimated, estimated, read_ranges
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
@@ -20,12 +20,15 @@ from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names, check_whole
+from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import Unpack
 
     from cotree.api import Scene
     from cotree.compiled import Model
+    from cotree.scene.settings import SettingsDict
 
 
 Array = npt.NDArray[np.float64]
@@ -41,14 +44,13 @@ def estimation_problem(
     noise: str | None = None,
     start: Mapping[str, float] | None = None,
     method: str | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-10,
+    **settings: Unpack[SettingsDict],
 ) -> Problem:
     """Set up the problem that :func:`cotree.fit` solves, for other optimisers and samplers.
 
     Parameters
     ----------
-    model, experiments, parameters, shared, per_experiment, noise, start, method, rtol, atol
+    model, experiments, parameters, shared, per_experiment, noise, start, method, **settings
         As of :func:`cotree.fit`.
 
     Returns
@@ -80,7 +82,7 @@ def estimation_problem(
     3.0
     """
     return _Assembly(model, experiments, parameters, shared, per_experiment, noise, start).problem(
-        Accuracy(_default(model, method), rtol, atol)
+        {"method": method, "max_steps": MOST_STEPS, **settings}
     )
 
 
@@ -110,8 +112,9 @@ class _Assembly:
         self._observed = [self._observer.observe(row, wanted) for row in self._experiments]
         self._check_used()
 
-    def problem(self, accuracy: Accuracy) -> Problem:
+    def problem(self, given: Mapping[str, Any]) -> Problem:
         """Compile the models and assemble the problem."""
+        settings = settings_from(self._observer.scene.defaults, given)
         self._begin_of: dict[str, float | None] = {n: self._nominal_value(n) for n in self._ranges}
         new = set().union(*(row.new for row in self._observed))
         values = {n: self._new_value(n) for n in new}
@@ -133,7 +136,7 @@ class _Assembly:
                 row.name, places.get(row.name.partition("[")[0], len(places))
             ),
         )
-        return Problem(found, conditions, measured, accuracy)
+        return Problem(found, conditions, measured, settings)
 
     def _aliased(self, wanted: Sequence[str]) -> list[str]:
         """List parameters and states that experiments tie to estimated parameters."""
@@ -240,15 +243,6 @@ class _Assembly:
             return inputs
         kept: dict[Any, dict[str, Any]] = self.__dict__.setdefault("_kept", {})
         return kept.setdefault(tuple(sorted(inputs.items())), inputs)
-
-
-def _default(model: Any, method: str | None) -> str:
-    """Return the integration method, by default that of the scene."""
-    if method is not None:
-        return method
-    defaults = model._recipe.defaults if hasattr(model, "_recipe") else None
-    found = getattr(defaults or getattr(model, "defaults", None), "method", None)
-    return found or "auto"
 
 
 def _listed(experiments: Any) -> list[Experiment]:
@@ -373,11 +367,10 @@ def fit(
     starts: int = 20,
     seed: int = 0,
     method: str | None = None,
-    rtol: float = 1e-8,
-    atol: float = 1e-10,
     optimiser: str = "trf",
     max_evaluations: int | None = None,
     progress: bool = True,
+    **settings: Unpack[SettingsDict],
 ) -> FitResult:
     """Estimate parameters and initial values from measurements, by maximum likelihood.
 
@@ -419,14 +412,17 @@ def fit(
         Number of starts; all but the first are spread between the bounds.
     seed : int
         Seed of these starts; equal seeds give equal results.
-    method, rtol, atol
-        Method and tolerances of the runs; see :meth:`cotree.Model.simulate`.
+    method : str, optional
+        Method of the runs; see :meth:`cotree.Model.simulate`.
     optimiser : str
         ``"trf"``, ``"dogbox"``, or ``"lm"``, which does not support bounds.
     max_evaluations : int, optional
         Largest number of evaluations of each start; a hundred per parameter if absent.
     progress : bool
         Whether to show a progress bar, on terminals and after a second.
+    **settings
+        Tolerances, budgets and others of the runs; see :meth:`cotree.Model.simulate`. By default
+        a run has 100,000 steps.
 
     Returns
     -------
@@ -473,8 +469,7 @@ def fit(
         noise=noise,
         start=start,
         method=method,
-        rtol=rtol,
-        atol=atol,
+        **settings,
     )
     _check_search(problem, loss, optimiser)
     search = Search(optimiser, loss, f_scale, max_evaluations=max_evaluations)

@@ -20,13 +20,13 @@ from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.members import MEMBER, Members
 from cotree.ensemble.run import make_plan
 from cotree.errors import ParameterError
-from cotree.estimation.conditions import Accuracy, Columns, Condition, Measured
-from cotree.solvers.settings import Settings
+from cotree.estimation.conditions import Columns, Condition, Measured
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.ensemble.plan import Block, Plan
+    from cotree.scene.settings import Settings
 
 
 Array = npt.NDArray[np.float64]
@@ -49,8 +49,8 @@ class SteadyStates:
         They have ``before``.
     names : sequence of str
         Names of the estimated parameters.
-    accuracy : Accuracy
-        Method and tolerances.
+    settings : Settings
+        Method, tolerances and budgets.
 
     Raises
     ------
@@ -60,9 +60,9 @@ class SteadyStates:
     """
 
     def __init__(
-        self, conditions: Sequence[Condition], names: Sequence[str], accuracy: Accuracy
+        self, conditions: Sequence[Condition], names: Sequence[str], settings: Settings
     ) -> None:
-        self._conditions, self._accuracy, self._names = conditions, accuracy, names
+        self._conditions, self._settings, self._names = conditions, settings, names
         self._model = conditions[0].model
         first_runs = [c.before for c in conditions if c.before is not None]
         # Several conditions may begin at one steady state.
@@ -79,7 +79,7 @@ class SteadyStates:
         self._columns: tuple[str, ...] = (*parameters, *initial)
         self._maps = [Columns(c, self._columns, names) for c in self._distinct]
         self._first = (
-            SteadyStates(self._distinct, names, accuracy) if first_runs[0].before else None
+            SteadyStates(self._distinct, names, settings) if first_runs[0].before else None
         )
         self._threads = usable_cores()
         self._plans: dict[bool, Plan] = {}
@@ -174,7 +174,7 @@ class SteadyStates:
 
     def _at_rest(self, z: Array, n: int) -> int | None:
         """Find the first of the checked times at which values have stopped changing."""
-        a = self._accuracy
+        a = self._settings
         size = np.maximum(np.abs(z[:-1]), np.abs(z[1:]))
         change = np.abs(np.diff(z, axis=0)) <= _CHANGE * (a.atol + a.rtol * size)
         # Small sensitivities are compared with the largest one to the same parameter.
@@ -188,21 +188,18 @@ class SteadyStates:
 
     def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
         if slopes not in self._plans:
-            accuracy, first = self._accuracy, self._distinct[0]
-            settings = Settings(
+            own = self._settings
+            settings = replace(
+                own,
                 t_span=(0.0, float(_TIMES[-1])),
                 t_eval=_TIMES,
                 # Explicit methods would take too many steps to the last of these times.
-                method="rodas5" if accuracy.method == "auto" else accuracy.method,
-                rtol=accuracy.rtol,
-                atol=accuracy.atol,
-                inputs=first.inputs,
-                max_steps=accuracy.max_steps,
+                method="rodas5" if own.method == "auto" else own.method,
+                inputs=self._distinct[0].inputs,
+                sensitivities=slopes,
             )
             members = Members(tuple(columns), rows, {MEMBER: np.arange(len(rows))})
-            self._plans[slopes] = make_plan(
-                self._model, settings, members, sensitivities=slopes, outputs=(), lanes=1
-            )
+            self._plans[slopes] = make_plan(self._model, settings, members, outputs=(), lanes=1)
         return self._plans[slopes]
 
 
@@ -245,8 +242,8 @@ class Group:
         All measured rows.
     names : sequence of str
         Names of the estimated parameters.
-    accuracy : Accuracy
-        Method and tolerances.
+    settings : Settings
+        Method, tolerances and budgets.
 
     Attributes
     ----------
@@ -260,7 +257,7 @@ class Group:
         numbers: Sequence[int],
         measured: Measured,
         names: Sequence[str],
-        accuracy: Accuracy,
+        settings: Settings,
     ) -> None:
         first = conditions[0]
         self._model, self._conditions, self._names = first.model, conditions, names
@@ -268,7 +265,7 @@ class Group:
         self._columns = (*parameters, *first.initial)
         self._maps = [Columns(c, self._columns, names) for c in conditions]
         through = [item.through for item in self._maps]
-        self._steady = SteadyStates(conditions, names, accuracy) if first.before else None
+        self._steady = SteadyStates(conditions, names, settings) if first.before else None
         if self._steady is not None:
             through = self._steady.through(through)
         self._through = np.array(through)
@@ -280,14 +277,11 @@ class Group:
         self._times: Array = times
         start, end = first.t_start, float(times[-1])
         self._threads = usable_cores()
-        self._settings = Settings(
+        self._settings = replace(
+            settings,
             t_span=(start, end if end > start else start + _SHORTEST),
             t_eval=times,
-            method=accuracy.method,
-            rtol=accuracy.rtol,
-            atol=accuracy.atol,
             inputs=first.inputs,
-            max_steps=accuracy.max_steps,
         )
         self._quantities(measured)
         self._plans: dict[bool, Plan] = {}
@@ -358,9 +352,8 @@ class Group:
             settings = self._settings if known is None else known.settings
             plan = make_plan(
                 self._model,
-                settings,
+                replace(settings, sensitivities=slopes),
                 members,
-                sensitivities=slopes,
                 outputs=self._outputs,
                 lanes=1,
             )

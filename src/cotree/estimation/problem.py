@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.estimation.conditions import Accuracy, check_condition, check_measured
+from cotree.estimation.conditions import MOST_STEPS, check_condition, check_measured
 from cotree.estimation.estimated import Scaled
 from cotree.estimation.groups import Group
 from cotree.estimation.likelihood import Likelihood, Predictions
 from cotree.model.arrays import as_array
+from cotree.scene.settings import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -39,12 +40,12 @@ class Problem:
         The runs.
     measured : Measured
         The measured values.
-    accuracy : Accuracy, optional
-        Method and tolerances of the runs.
+    settings : Settings, optional
+        Method, tolerances and budgets of the runs.
 
     Attributes
     ----------
-    estimated, conditions, measured, accuracy
+    estimated, conditions, measured, settings
         As given.
     scaled : Scaled
         The estimated parameters on their scales.
@@ -62,10 +63,10 @@ class Problem:
         estimated: Sequence[Estimated],
         conditions: Sequence[Condition],
         measured: Measured,
-        accuracy: Accuracy | None = None,
+        settings: Settings | None = None,
     ) -> None:
         self.estimated, self.conditions = tuple(estimated), tuple(conditions)
-        self.measured, self.accuracy = measured, accuracy or Accuracy()
+        self.measured, self.settings = measured, settings or Settings(max_steps=MOST_STEPS)
         self.scaled = Scaled(self.estimated)
         if len(set(self.scaled.names)) < len(self.scaled.names):
             raise ParameterError(
@@ -248,7 +249,7 @@ class Problem:
         names = self.scaled.names
         return [
             Group(
-                [self.conditions[i] for i in numbers], numbers, self.measured, names, self.accuracy
+                [self.conditions[i] for i in numbers], numbers, self.measured, names, self.settings
             )
             for numbers in found.values()
         ]

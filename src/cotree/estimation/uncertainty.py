@@ -97,20 +97,20 @@ def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Sp
     rows : ndarray, shape (n_rows, n)
         A square root J of the information J^T J there, on the scales of the parameters.
     """
-    accuracy = problem.accuracy
+    settings = problem.settings
     slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
-    is_relative = np.abs(values) > accuracy.atol
+    is_relative = np.abs(values) > settings.atol
     width = problem.scaled.upper - problem.scaled.lower
     other = np.where(np.isfinite(width), width, 1.0)
     units = np.where(is_relative, values, other)
     sizes = units / np.where(slopes > 0.0, slopes, 1.0)
     # A parameter has no influence if a unit change moves predictions by less than their errors.
-    deviations = np.abs(found.values) * accuracy.rtol + accuracy.atol
+    deviations = np.abs(found.values) * settings.rtol + settings.atol
     slope = np.where(problem.likelihood.is_log, np.abs(found.values), 1.0)
     # Estimated standard deviations do not depend on a simulation, so their columns are exact.
     is_run = np.any(found.slopes != 0.0, axis=0)
     blur = np.where(is_run, _GROWN * np.linalg.norm(deviations / (found.sigma * slope)), 0.0)
-    return Split(sizes, units, _null(rows * sizes, _GROWN * accuracy.rtol, blur), is_relative)
+    return Split(sizes, units, _null(rows * sizes, _GROWN * settings.rtol, blur), is_relative)
 
 
 def _null(rows: Array, relative: float, blur: Array) -> Array:

@@ -19,7 +19,7 @@ from cotree.codegen.tableaus import FIXED
 from cotree.dag.nodes import symbols_in
 from cotree.dag.switching_times import value_of
 from cotree.naming import c_string
-from cotree.solvers.budgets import MOST_STEPS
+from cotree.scene.settings import MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -24,7 +24,7 @@ from cotree.pipeline import formulate, generate
 from cotree.scene.description import check_allowed, is_allowed
 from cotree.scene.jumps import with_jumps
 from cotree.scene.part_adding import origin_of, statement_lines, told_origins
-from cotree.scene.simulation import OPERATING_POINT
+from cotree.scene.settings import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
 
 if TYPE_CHECKING:

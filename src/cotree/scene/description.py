@@ -16,7 +16,7 @@ from cotree.scene.fields import Input, check_vector, is_list, make_input, plain
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
 from cotree.scene.part import TABLES, Part
 from cotree.scene.part_adding import LARGEST_SCENE, check_nodes, set_in_part
-from cotree.scene.simulation import Simulation, with_settings
+from cotree.scene.settings import Simulation, with_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -405,7 +405,11 @@ class SceneDescription:
     def simulation(self, **settings: Any) -> None:
         """Set the defaults of a run: ``t_end``, ``rtol``, ``atol``, ``method``, ``start``...
 
-        See :class:`cotree.scene.simulation.Simulation`.
+        They are ``t_end``, [s]; ``start``, "initial values" or "operating point", at which an
+        electrical network rests with what its sources give: no current flows into capacitors, no
+        voltage is across inductors; ``held``, nodes and the voltages at which they are held during
+        the search for that point; and method, tolerances, budgets and others of
+        :class:`cotree.Settings`.
 
         Raises
         ------

@@ -18,7 +18,7 @@ from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
 from cotree.scene.part_adding import statement_of
-from cotree.scene.simulation import Simulation
+from cotree.scene.settings import OF_SCENES, Simulation
 from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts
 
 if TYPE_CHECKING:
@@ -225,8 +225,10 @@ def _event(event: Event) -> dict[str, object]:
 def _settings(given: Simulation) -> dict[str, object]:
     """List the settings that differ from the defaults."""
     # Settings that were left alone follow the defaults of later versions.
-    usual = vars(Simulation())
-    table = {key: value for key, value in vars(given).items() if value != usual[key]}
+    usual = Simulation()
+    table = {
+        key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
+    }
     if given.held:
         table["held"] = {node: value.told for node, value in given.held}
     return table

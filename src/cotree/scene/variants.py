@@ -24,7 +24,7 @@ from cotree.scene.expressions import Expression, FieldValue, parse
 from cotree.scene.parameters import sources
 from cotree.scene.part import owner_of
 from cotree.scene.part_adding import set_in_part
-from cotree.scene.simulation import Simulation
+from cotree.scene.settings import Simulation
 from cotree.scene.tables import parse_signal
 
 if TYPE_CHECKING:

@@ -7,11 +7,6 @@ is dropped: what is left are points of the same accuracy, and the run goes on.
 
 from __future__ import annotations
 
-#: Steps, events and seconds of a run that names no budgets of its own.
-MOST_STEPS = 1_000_000
-MOST_EVENTS = 100_000
-LONGEST_TIME = 3600.0
-
 #: Memory for the steps that a run stores with what is evaluated at them, and for its events,
 #: [byte]. A result of this size takes up to four times as much while it is made.
 MOST_STORED = 256 * 2**20

@@ -21,9 +21,9 @@ from cotree.solvers.simulate import simulate
 
 if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
     from cotree.solvers.result import RunRecord
-    from cotree.solvers.settings import Settings
 
 # Points that make a curve look like one, parts of each interval between points, and the most steps
 # of a run that is repeated.

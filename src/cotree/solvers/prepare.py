@@ -7,8 +7,10 @@ of parameters and initial values: what depends on these is found for each run, a
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Real
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,37 +18,29 @@ import numpy as np
 from cotree.errors import ParameterError, nearest
 from cotree.model.contents import content_sizes
 from cotree.model.model import Moment, states_only
-from cotree.model.signals import read_signals
+from cotree.model.signals import Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.records import filled
 from cotree.scene.expressions import check_number
+from cotree.scene.settings import in_python, read_mapping
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.functions import Functions
 from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.problem import Native, Problem, check_demands
+from cotree.solvers.problem import Native, Problem
 from cotree.solvers.project import Projection
 from cotree.solvers.sampling import Samples, reaching
-from cotree.solvers.settings import (
-    check_mapping,
-    checked_settings,
-    key_of,
-    read_bound,
-    read_span,
-    read_times,
-    read_whole,
-)
 from cotree.solvers.shared import Shared
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Hashable
 
     import numpy.typing as npt
 
     from cotree.model.consistent import Start
     from cotree.model.model import CompiledModel
     from cotree.model.signals import ReplacedInputs
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
-    from cotree.solvers.settings import Settings
 
     Inputs = Callable[[float], FloatArray | None]
 
@@ -67,12 +61,103 @@ class Run(NamedTuple):
 
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
-    """Give the preparation for some settings: one of the last few, or a new one."""
-    key = key_of(settings)
-    if key is None:
-        return Preparation(model, settings)
-    found: Preparation = model.kept.of(key, lambda: Preparation(model, settings))
+    """Return the preparation for some settings: one of the last few, or a new one."""
+    return kept_for(model, vars(settings), lambda: Preparation(model, settings))
+
+
+def kept_for(
+    model: CompiledModel, given: Mapping[str, Any], make: Callable[[], Preparation]
+) -> Preparation:
+    """Return what was made for equal settings, or make it.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    given : mapping of str to object
+        Settings by name, whose parameters and initial values play no part.
+    make : callable
+        Makes the preparation.
+    """
+    key = key_of(given)
+    found: Preparation = make() if key is None else model.kept.of(key, make)
     return found
+
+
+# Of more numbers than these preparing a run takes no time beside it.
+_MOST_NUMBERS = 10_000
+
+# Arrays of no more numbers equal lists.
+_FEW_NUMBERS = 4
+
+# Kinds of values that never change.
+_PLAIN = frozenset((float, int, str, bool, type(None)))
+
+# Functions that are equal only if they are the same.
+_FUNCTIONS = (FunctionType, MethodType, BuiltinFunctionType)
+
+
+def key_of(given: Mapping[str, Any]) -> Hashable | None:
+    """Return an object that is equal for equal settings; None if they cannot be compared.
+
+    Arrays and lists are compared by their values, even if these change later, and functions by
+    their identity.
+    """
+    try:
+        return tuple(
+            [
+                (name, _token(value))
+                for name, value in given.items()
+                if name not in ("parameters", "initial")
+            ]
+        )
+    except _IncomparableError:
+        return None
+
+
+class _IncomparableError(Exception):
+    """A value may change, or equal another one that means something else."""
+
+
+def _token(value: Any) -> Hashable:
+    """Return an object that is equal for equal values of one kind."""
+    kind = type(value)
+    if kind in _PLAIN:
+        # 0.0 equals -0.0, and their reciprocals differ.
+        return kind, value or str(value)
+    if kind is np.ndarray and 0 < value.size <= _FEW_NUMBERS:
+        return _token(value.tolist())
+    if kind is np.ndarray:
+        if value.size > _MOST_NUMBERS or value.dtype.hasobject:
+            raise _IncomparableError
+        return value.shape, value.dtype.str, value.tobytes()
+    if kind is tuple or kind is list:
+        if len(value) > _MOST_NUMBERS:
+            raise _IncomparableError
+        return kind, tuple([_token(own) for own in value])
+    if isinstance(value, Mapping):
+        return kind, tuple([(name, _token(own)) for name, own in value.items()])
+    if isinstance(value, Sampled):
+        return kind, _token(value.function), value.period
+    if callable(value):
+        return value if isinstance(value, _FUNCTIONS) else _Same(value)
+    plain = in_python(value)
+    if plain is value:
+        raise _IncomparableError
+    return _token(plain)
+
+
+class _Same:
+    """An object that is compared by its identity."""
+
+    def __init__(self, value: object) -> None:
+        self._value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._value is other._value
+
+    def __hash__(self) -> int:
+        return id(self._value)
 
 
 class Preparation:
@@ -88,7 +173,9 @@ class Preparation:
     Attributes
     ----------
     model : CompiledModel
-        The same, or where no sensitivities are wanted, what it is without them.
+        The same, or without sensitivities if none are wanted.
+    whole_model : CompiledModel
+        The same.
     settings : Settings
         The same.
     units : dict of str to str
@@ -103,7 +190,7 @@ class Preparation:
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
-        settings = checked_settings(settings)
+        self.whole_model = model
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout
@@ -114,9 +201,11 @@ class Preparation:
         self._is_held = settings.project and bool(layout.constraints)
         self._size_of = parameter_sizes(model, settings.scales)
         self._has_corners = model.has_corners or bool(settings.inputs)
-        max_step = _given_max_step(settings)
-        self._is_step_free = max_step is None and model.has_longest_step
-        t_span = read_span(settings.t_span)
+        self._is_step_free = settings.max_step is None and model.has_longest_step
+        # Functions of Python among the inputs may remember their calls.
+        self.asks_python = bool(self._signals.sampled) or any(
+            place not in self._signals.tables for place in self._signals.by_position
+        )
         n, m = len(model.states), len(model.sensitivities)
         # Functions and numbers of a run take the places of these.
         self._template = Problem(
@@ -125,18 +214,18 @@ class Preparation:
             n_states=n,
             n_sensitivities=m,
             z0=np.zeros(n * (1 + m)),
-            t_span=t_span,
-            t_eval=read_times(settings.t_eval),
-            rtol=check_number(settings.rtol, "rtol"),
-            atol=check_number(settings.atol, "atol"),
+            t_span=settings.t_span,
+            t_eval=settings.t_eval,
+            rtol=settings.rtol,
+            atol=settings.atol,
             error_test_sensitivities=settings.error_test_sensitivities,
-            scale=max(map(abs, t_span)),
+            scale=max(map(abs, settings.t_span)),
             names=model.states,
             parameters=model.sensitivities,
-            max_step=math.inf if max_step is None else max_step,
-            max_steps=read_whole(settings.max_steps, "max_steps"),
-            max_events=read_whole(settings.max_events, "max_events"),
-            time_limit=read_bound(settings.time_limit, "time_limit"),
+            max_step=math.inf if settings.max_step is None else settings.max_step,
+            max_steps=settings.max_steps,
+            max_events=settings.max_events,
+            time_limit=settings.time_limit,
             constraints=model.constraints if self._is_held else (),
             n_algebraic=layout.n_algebraic,
             not_native="the model is evaluated in Python",
@@ -144,17 +233,9 @@ class Preparation:
             n_observed=n_observed(model),
             shared=Shared(is_repeatable=not self.asks_python),
         )
-        check_demands(self._template)
         self._has_sparse = _has_sparse_jacobian(model)
         # The start of runs that give no initial values, where no value of a parameter changes it.
         self._start: Start | None = None
-
-    @property
-    def asks_python(self) -> bool:
-        """Whether inputs are functions of Python, which may remember their calls."""
-        return bool(self._signals.sampled) or any(
-            place not in self._signals.tables for place in self._signals.by_position
-        )
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
         """Prepare one run.
@@ -171,8 +252,8 @@ class Preparation:
         ModelError
             If a value is not accepted, or there is no start.
         """
-        check_mapping("initial", initial)
         model, t_span = self.model, self._template.t_span
+        initial = read_mapping(initial, "initial")
         p = model.parameter_array(parameters)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
@@ -209,7 +290,7 @@ class Preparation:
 
     def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
-        if initial or not self.model.begins_alike:
+        if initial or self.asks_python or not self.model.begins_alike:
             return find_start(at, initial)
         found = self._start
         if found is None:
@@ -303,13 +384,6 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
             raise ParameterError(f"the scale of '{name}' is {size}: it must be positive")
         found[model.sensitivities.index(name)] = size
     return found
-
-
-def _given_max_step(settings: Settings) -> float | None:
-    """Return the longest step that is asked for; None leaves it to the model."""
-    if settings.max_step is None or settings.max_step == math.inf:
-        return settings.max_step
-    return check_number(settings.max_step, "max_step")
 
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError
 from cotree.scene.expressions import check_number
-from cotree.solvers.budgets import MOST_STEPS
+from cotree.scene.settings import MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.model.model import CompiledModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import Trajectory
     from cotree.solvers.prepare import Preparation
     from cotree.solvers.project import Projection
-    from cotree.solvers.settings import Settings
 
 
 def simulate(

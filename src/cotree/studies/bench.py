@@ -35,11 +35,13 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
+    from typing import Unpack
 
     import numpy.typing as npt
 
     from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
+    from cotree.scene.settings import SettingsDict
     from cotree.solvers.base import Statistics
 
 
@@ -193,6 +195,8 @@ if TYPE_CHECKING:
 #: Relative tolerances of a bench that names none.
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 N_POINTS = 101
+# The longest run, [s].
+_TIME_LIMIT = 5.0
 # The ratio of the library's defaults.
 _RTOL_PER_ATOL = 100.0
 # A reference may take this many times the limit of a run: it is made once, at tight tolerances.
@@ -223,11 +227,11 @@ def bench(
     repeats: int = 25,
     *,
     t_end: float | None = None,
-    time_limit: float = 5.0,
     budget: float = BUDGET,
     values: Mapping[str, float] | None = None,
     tree: TreeChoice = None,
     progress: Progress | None = None,
+    **settings: Unpack[SettingsDict],
 ) -> BenchReport:
     """Measure speed against error of every method at every tolerance.
 
@@ -245,9 +249,6 @@ def bench(
         Timed runs of each, as far as the budget goes.
     t_end : float, optional
         End of the runs, [s]; the scene's where absent.
-    time_limit : float
-        The longest run, [s]. One that takes longer is a row without numbers, and the same method at
-        tighter tolerances is not run. All timed runs of a row together take little more.
     budget : float
         Processor time for all runs beside compilation and the reference, [s]. Tight tolerances of
         slow methods are left out first, then repeated runs of what is far slower than another
@@ -258,6 +259,10 @@ def bench(
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional
         Is told in a few words what runs next, and the share of the way that is done.
+    **settings
+        Budgets and others of all runs, as of :meth:`cotree.Model.simulate`. ``time_limit`` is 5 s
+        by default: a run that takes longer is a row without numbers, and the same method at tighter
+        tolerances is not run. All timed runs of a row together take little more.
 
     Returns
     -------
@@ -302,12 +307,15 @@ def bench(
         warnings.warn(text, RuntimeWarning, stacklevel=2)
     if repeats < 1:
         raise ParameterError(f"repeats is {repeats}: give 1 or more")
-    limit = check_number(time_limit, "time_limit")
+    if {"rtol", "atol"} & settings.keys():
+        raise ParameterError("a bench runs at several tolerances: give tolerances=[1e-6, ...]")
+    limit = check_number(settings.pop("time_limit", _TIME_LIMIT), "time_limit")
     tell = progress or (lambda text, share: None)
     load_before = machine_load()
     model = _model(source, sensitivities, tree)
     with without_warnings(category=RuntimeWarning):  # what a run warns of stands in its row
-        runner = _Runner(model, t_end, dict(values or {}), limit)
+        own = {**settings, "parameters": dict(values or {})}
+        runner = _Runs(model, t_end, own, limit)
         expected = _warm_up(runner, names, tell)
         tell("a reference", _TO_BUILD)
         reference = runner.reference()
@@ -337,16 +345,15 @@ def _installed() -> list[str]:
     return [name for name in METHODS if is_available(name)]
 
 
-class _Runner:
+class _Runs:
     """Runs of one model over the same points."""
 
     def __init__(
-        self, model: Model, t_end: float | None, values: Mapping[str, float], time_limit: float
+        self, model: Model, t_end: float | None, settings: dict[str, Any], time_limit: float
     ) -> None:
         if not model.states:
             raise SolveError(f"'{model.layout.name}' has no states: there is nothing to integrate")
-        self.model, self.time_limit = model, time_limit
-        self.settings: dict[str, Any] = {"parameters": values}
+        self.model, self.settings, self.time_limit = model, settings, time_limit
         # A loose run, to learn where the scene ends and what is chosen for it.
         probe = model.simulate(
             None if t_end is None else (0.0, t_end),
@@ -381,7 +388,7 @@ class _Runner:
         )
 
 
-def _warm_up(runner: _Runner, methods: Sequence[str], tell: Progress) -> dict[str, float]:
+def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str, float]:
     """Run each method once, so that no engine is compiled later; give the times, [s]."""
     seconds = {}
     for k, method in enumerate(methods):
@@ -392,7 +399,7 @@ def _warm_up(runner: _Runner, methods: Sequence[str], tell: Progress) -> dict[st
 
 
 def _try_all(
-    runner: _Runner,
+    runner: _Runs,
     trials: Sequence[Trial],
     reference: Reference,
     expected: dict[str, float],
@@ -431,7 +438,7 @@ def _leave_out(trials: Sequence[Trial], why: str) -> None:
         trial.status, trial.message = _SPENT, f"not run: {why}"
 
 
-def _try(runner: _Runner, trial: Trial, reference: Reference) -> None:
+def _try(runner: _Runs, trial: Trial, reference: Reference) -> None:
     result, trial.tried = _timed(runner, trial)
     if result is None:
         return
@@ -445,13 +452,13 @@ def _try(runner: _Runner, trial: Trial, reference: Reference) -> None:
         trial.tried = min(trial.tried, _timed(runner, trial)[1])
 
 
-def _timed(runner: _Runner, trial: Trial) -> tuple[Result | None, float]:
+def _timed(runner: _Runs, trial: Trial) -> tuple[Result | None, float]:
     start = time.perf_counter()
     result = _attempt(runner, trial)
     return result, time.perf_counter() - start
 
 
-def _attempt(runner: _Runner, trial: Trial) -> Result | None:
+def _attempt(runner: _Runs, trial: Trial) -> Result | None:
     """Run a trial; an exception becomes its message, so that the others go on."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
@@ -463,7 +470,7 @@ def _attempt(runner: _Runner, trial: Trial) -> Result | None:
 class _Timed:
     """A trial as a task of rounds."""
 
-    def __init__(self, runner: _Runner, trial: Trial) -> None:
+    def __init__(self, runner: _Runs, trial: Trial) -> None:
         self._runner, self._trial, self.seconds = runner, trial, trial.seconds
 
     def run(self) -> bool:
@@ -476,7 +483,7 @@ class _Timed:
 
 
 def _time_all(
-    runner: _Runner, trials: Sequence[Trial], repeats: int, until: float, tell: Progress
+    runner: _Runs, trials: Sequence[Trial], repeats: int, until: float, tell: Progress
 ) -> None:
     """Time the runs that succeed: those that may be recommended first, then the others."""
     left = [trial for trial in trials if trial.status == 0 and not trial.stood_in]

@@ -20,9 +20,11 @@ from cotree.studies.display import check_html
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from typing import Unpack
 
     from cotree.api import Model
     from cotree.results import Result
+    from cotree.scene.settings import SettingsDict
 
 
 Array = npt.NDArray[np.float64]
@@ -276,9 +278,8 @@ def check_sensitivities(
     plain: Model | None = None,
     *,
     method: str | None = None,
-    rtol: float = _RTOL,
-    budgets: Mapping[str, Any] | None = None,
     report: Callable[[str], None] | None = None,
+    **settings: Unpack[SettingsDict],
 ) -> CheckReport:
     """Compare sensitivities with central finite differences over a range of step sizes.
 
@@ -297,12 +298,11 @@ def check_sensitivities(
         then take a fraction of the time.
     method : str, optional
         The method of all runs; what ``auto`` takes where absent.
-    rtol : float
-        Relative tolerance of all runs; the absolute one is a hundredth of it.
-    budgets : mapping, optional
-        ``max_steps`` and ``time_limit`` of each run.
     report : callable, optional
         Gets the parts of :meth:`CheckReport.summary` one by one, each as soon as it is known.
+    **settings
+        Of all runs, as of :meth:`cotree.Model.simulate`; by default ``rtol`` is 1e-12 and ``atol``
+        a hundredth of it.
 
     Returns
     -------
@@ -346,7 +346,8 @@ def check_sensitivities(
     """
     names = _checked_names(model, parameters)
     # A short way to learn what "auto" chooses and where the scene ends.
-    common = {"parameters": dict(values or {}), **(budgets or {})}
+    rtol, given = settings.pop("rtol", None) or _RTOL, settings
+    common: dict[str, Any] = {"parameters": dict(values or {}), **given}
     span = None if t_end is None else (0.0, t_end)
     probe = model.simulate(span, method=method, throw=True, **common)
     found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cotree.ensemble.batch import load_batch
 from cotree.errors import SolveError
-from cotree.estimation.conditions import Accuracy
+from cotree.estimation.conditions import MOST_STEPS
 from cotree.estimation.multistart import Search, StartRecord, minimise_from_starts
 from cotree.estimation.petab.model import Mapped, mapped
 from cotree.estimation.petab.priors import Priors, sample_starts
@@ -23,15 +23,18 @@ from cotree.estimation.petab.tables import Tables, read_tables
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.given import check_whole
+from cotree.scene.settings import Settings
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+    from typing import Unpack
 
     from cotree.api import Scene
     from cotree.compiled import Model
     from cotree.estimation.likelihood import Predictions
+    from cotree.scene.settings import SettingsDict
 
 
 def measurement_frame(files: Sequence[Path], values: npt.NDArray[np.float64]) -> Any:
@@ -64,7 +67,7 @@ Array = npt.NDArray[np.float64]
 
 
 def read_petab(
-    path: str | Path, *, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10
+    path: str | Path, *, method: str = "auto", **settings: Unpack[SettingsDict]
 ) -> PetabProblem:
     """Read an estimation problem in PEtab's format, version 1, and compile its model.
 
@@ -76,8 +79,8 @@ def read_petab(
     ----------
     path : str or Path
         The YAML file of the problem; it names the other files, which are looked for beside it.
-    method, rtol, atol : str, float and float
-        Method and tolerances of all runs, as of :meth:`cotree.Model.simulate`.
+    method, **settings
+        Method, tolerances, budgets and others of all runs, as of :meth:`cotree.Model.simulate`.
 
     Returns
     -------
@@ -100,12 +103,13 @@ def read_petab(
     >>> problem.log_likelihood()  # doctest: +SKIP
     -138.22199
     """
-    tables = read_tables(path)
+    given: dict[str, Any] = {"max_steps": MOST_STEPS, **settings}
+    found, tables = Settings(method=method, **given), read_tables(path)
     # The compiler builds the engines while Python reads and forms the model; most models are
     # stiff, and runs to a steady state are done by rodas5.
     engines = ("dop853", "rodas5") if method == "auto" else (method,)
     build_ahead(*engines, then=[load_batch])
-    return PetabProblem(tables, mapped(tables), Accuracy(method, rtol, atol))
+    return PetabProblem(tables, mapped(tables), found)
 
 
 class PetabProblem(Problem):
@@ -130,8 +134,8 @@ class PetabProblem(Problem):
         Objective priors of the estimated parameters.
     """
 
-    def __init__(self, tables: Tables, found: Mapped, accuracy: Accuracy) -> None:
-        super().__init__(found.estimated, found.conditions, found.measured, accuracy)
+    def __init__(self, tables: Tables, found: Mapped, settings: Settings) -> None:
+        super().__init__(found.estimated, found.conditions, found.measured, settings)
         self._tables, self._mapped = tables, found
         self.nominal = found.nominal
         self._rows = [tables.parameters[row.name] for row in found.estimated]
@@ -158,23 +162,16 @@ class PetabProblem(Problem):
         """The compiled model."""
         return self.conditions[0].model
 
-    def using(
-        self, *, method: str | None = None, rtol: float | None = None, atol: float | None = None
-    ) -> PetabProblem:
+    def using(self, *, method: str | None = None, **settings: Unpack[SettingsDict]) -> PetabProblem:
         """Return the same problem with another integration method or other tolerances.
 
         Parameters
         ----------
-        method, rtol, atol : str, float and float, optional
+        method, **settings
             As of :func:`cotree.read_petab`; by default those of this problem.
         """
-        current = self.accuracy
-        accuracy = Accuracy(
-            method or current.method,
-            current.rtol if rtol is None else rtol,
-            current.atol if atol is None else atol,
-        )
-        return PetabProblem(self._tables, self._mapped, accuracy)
+        given: dict[str, Any] = {"method": method or self.settings.method, **settings}
+        return PetabProblem(self._tables, self._mapped, replace(self.settings, **given))
 
     def theta(self, parameters: Any = None) -> Array:
         """Convert values of the estimated parameters to their scales, shape (n_estimated,).

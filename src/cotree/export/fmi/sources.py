@@ -31,7 +31,7 @@ from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, substitute
 from cotree.naming import c_identifier, c_string
 from cotree.program.kernels import KernelSpec
 from cotree.program.program import Kernel
-from cotree.solvers.budgets import MOST_EVENTS, MOST_STEPS
+from cotree.scene.settings import MOST_EVENTS, MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -1,0 +1,486 @@
+"""Settings of runs: fields, units, defaults and checks, in one place.
+
+In: what a call of ``simulate``, a scene file or the command line gives. Out: ``Settings`` of a run,
+and a scene's ``Simulation``, which holds the settings of runs that give none.
+
+A new setting is a line in ``Settings`` and, for editors, its type in ``SettingsDict``. Calls and
+scenes then accept it, ensembles keep it with their results, and commands have an option for it if
+it has a help text.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple, TypedDict, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from cotree.errors import ParameterError, SceneError, SolveError, check_known, nearest
+from cotree.naming import check_path, check_text
+from cotree.scene.expressions import Expression, check_number, parse
+from cotree.tolerances import rtol_fault
+
+FloatArray = npt.NDArray[np.float64]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+#: Steps and events of a run that names no budgets of its own.
+MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
+
+
+class OtherSettings(TypedDict, total=False):
+    """Settings that ``simulate`` takes besides those that it names; see :class:`Settings`."""
+
+    error_test_sensitivities: bool
+    scales: Mapping[str, float] | None
+    max_step: float | None
+    max_steps: float | None
+    max_events: float | None
+    time_limit: float | None
+    project: bool
+
+
+class SettingsDict(OtherSettings, total=False):
+    """Settings that studies of many runs take; see :class:`Settings`."""
+
+    rtol: float | None
+    atol: float | None
+
+
+class Row(NamedTuple):
+    """What is known of a setting.
+
+    Attributes
+    ----------
+    doc : str
+        Its documentation.
+    check : callable
+        ``check(value, name)`` returns the value that is kept, or raises an error.
+    option : str
+        Help of its option on the command line; it has none if empty.
+    metavar : str or None
+        The value in that help.
+    in_scenes : bool
+        Whether scene files may set it.
+    """
+
+    doc: str
+    check: Callable[[Any, str], Any]
+    option: str = ""
+    metavar: str | None = None
+    in_scenes: bool = True
+
+
+def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:
+    """Declare a setting by its default, documentation and check."""
+    about = {"row": Row(doc, check, **more)}
+    if isinstance(default, dict):
+        return field(default_factory=dict, metadata=about)
+    return field(default=default, metadata=about)
+
+
+def _unchecked(value: Any, name: str) -> Any:
+    return value
+
+
+def _span(value: Any, name: str) -> tuple[float, float]:
+    try:
+        start, end = value
+    except (TypeError, ValueError):
+        raise SolveError(f"{name} must be a pair (start, end)") from None
+    start, end = check_number(start, f"start of {name}"), check_number(end, f"end of {name}")
+    if start == end:
+        raise SolveError(f"The time span is empty: it starts and ends at t = {start:g}.")
+    return start, end
+
+
+def _times(value: Any, name: str) -> FloatArray | None:
+    if value is None:
+        return None
+    try:
+        times = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise SolveError(f"{name} must be a sequence of numbers") from None
+    if times.ndim != 1 or times.size == 0:
+        raise SolveError(f"{name} must be a sequence of at least one time, or None.")
+    if not np.all(np.isfinite(times)):
+        raise SolveError(f"{name} holds a time that is not finite.")
+    return times
+
+
+def _method(value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        raise SolveError(f"{name} is {value!r}: give a name in quotes")
+    return value
+
+
+def _rtol(value: Any, name: str) -> float:
+    number = check_number(value, name)
+    if fault := rtol_fault(number):
+        raise SolveError(f"{fault}.")
+    return number
+
+
+def _positive(value: Any, name: str, what: str = "a positive finite number") -> float:
+    number = check_number(value, name)
+    if not number > 0.0:
+        raise SolveError(f"{name} is {number}; give {what}.")
+    return number
+
+
+def _flag(value: Any, name: str) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError(f"{name} is {value!r}: give True or False")
+    return value
+
+
+def _wanted(value: Any, name: str) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError(
+            f"{name} is {value!r}: give True or False; to which parameters they are is chosen "
+            "where a scene is compiled"
+        )
+    return value
+
+
+def read_mapping(value: Any, name: str) -> Mapping[str, Any]:
+    """Accept a mapping; None stands for an empty one."""
+    if value is not None and not isinstance(value, Mapping):
+        raise ParameterError(f"{name} must be a mapping of names to values")
+    return value or {}
+
+
+def _longest_step(value: Any, name: str) -> float | None:
+    if value is None or value == math.inf:
+        return None if value is None else math.inf
+    return _positive(value, name, "positive seconds, or inf for none")
+
+
+def _seconds(value: Any, name: str) -> float | None:
+    if value is None or value == math.inf:
+        return None
+    return _positive(value, name, "positive seconds or None")
+
+
+def _count(value: Any, name: str) -> int | None:
+    if value is None or value == math.inf:
+        return None
+    number = _positive(value, name, "a positive number or None")
+    if not number.is_integer():
+        raise ParameterError(f"{name} is {value}: give a whole number")
+    return int(number)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a run.
+
+    Values are checked where an object is made, and numbers of NumPy become those of Python.
+    ``model.simulate(t_span, **settings)`` takes method, tolerances, budgets and whatever else all
+    studies have from it; so do ``ensemble``, ``fit``, ``optimise`` and others.
+
+    Attributes
+    ----------
+    **settings
+        The settings.
+    """
+
+    t_span: tuple[float, float] = _setting(
+        (0.0, 10.0), "Start and end, [s]; by default from zero to the scene's ``t_end``.", _span
+    )
+    t_eval: Any = _setting(  # noqa: RUF009 - a field
+        None,
+        "Times to report, shape (n_t,), [s]. By default the solver's own steps, of which every "
+        "second, fourth, ... is stored if all of them would take more than 256 MiB.",
+        _times,
+    )
+    method: str = _setting(
+        "auto",
+        "``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``, "
+        "``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra "
+        "``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``; by default the "
+        "scene's.",
+        _method,
+        option="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
+        "cvode, ida, cvodes, cvodes-simultaneous, idas or auto.",
+    )
+    rtol: float = _setting(
+        1e-8,
+        "Relative tolerance; by default the scene's.",
+        _rtol,
+        option="Relative tolerance of runs.",
+    )
+    atol: float = _setting(
+        1e-10,
+        "Absolute tolerance; by default the scene's.",
+        _positive,
+        option="Absolute tolerance of runs.",
+    )
+    parameters: Any = _setting(  # noqa: RUF009 - a field
+        None,
+        "Values in place of the scene's, by name or of shape (n_parameters,).",
+        _unchecked,
+        in_scenes=False,
+    )
+    initial: Mapping[str, float] = _setting(
+        {},
+        "Initial values of states in place of the scene's; they depend on no parameter, unless "
+        'their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``: a run can continue '
+        "from the end of another one.",
+        read_mapping,
+        in_scenes=False,
+    )
+    inputs: Mapping[str, Any] = _setting(
+        {},
+        "Inputs in place of the scene's: a number, (times, values), a Python function of t, or an "
+        "expression of t, parameters, states, outputs and whatever fields may name. Expressions "
+        "are compiled into the model at their first use. Parameters that the model does not have, "
+        "such as gains, get their values by ``parameters``; for sensitivities to them compile "
+        "``scene.with_inputs(...)``.",
+        read_mapping,
+        in_scenes=False,
+    )
+    sensitivities: bool = _setting(
+        True,
+        "Whether the sensitivities that the model was compiled with are integrated. If not, the "
+        "result has none, and the run takes as long as that of a model without them.",
+        _wanted,
+        in_scenes=False,
+    )
+    throw: bool = _setting(
+        False,
+        "Raise SolveError if the integration fails; by default it warns, and ``result.status`` is "
+        "negative.",
+        _flag,
+        in_scenes=False,
+    )
+    error_test_sensitivities: bool = _setting(
+        True, "Whether sensitivities take part in the error test.", _flag
+    )
+    scales: Mapping[str, float] = _setting(
+        {},
+        "Sizes of parameters in place of their values: ``atol`` divided by them is that of their "
+        "sensitivities. One if a value is zero, and for initial values.",
+        read_mapping,
+        in_scenes=False,
+    )
+    max_step: float | None = _setting(
+        None,
+        "Longest step, [s]; infinity for no limit. The default is a 32nd of the shortest period if "
+        "sines of time drive laws that act for a part of it, as diodes do; else none.",
+        _longest_step,
+    )
+    max_steps: int | None = _setting(
+        MOST_STEPS,
+        "Budget of steps; None or infinity for no limit. A run that exceeds a budget stops with "
+        "what it has, and the message names the state that grows without bound, if one does.",
+        _count,
+        option=f"Budget of steps of a run: {MOST_STEPS} if absent; inf for none.",
+        metavar="N",
+    )
+    max_events: int | None = _setting(
+        MOST_EVENTS,
+        "Budget of events that happen; None or infinity for no limit.",
+        _count,
+        option=f"Budget of events: {MOST_EVENTS} if absent; inf for none.",
+        metavar="N",
+    )
+    time_limit: float | None = _setting(
+        3600.0,
+        "Budget of computing time, [s]; None or infinity for no limit.",
+        _seconds,
+        option="Computing time of a run in s: 3600 if absent; inf for none.",
+        metavar="S",
+    )
+    project: bool = _setting(
+        True,
+        "Hold states and sensitivities to the constraints by projection. If not, drift is left to "
+        "the tolerances, or to ``baumgarte``.",
+        _flag,
+    )
+
+    def __post_init__(self) -> None:
+        for name, row in ROWS.items():
+            object.__setattr__(self, name, row.check(in_python(getattr(self, name)), name))
+        _check_order(self.t_span, self.t_eval)
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the settings that ``**settings`` passes on."""
+        return SHARED
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in ROWS:
+            raise KeyError(name)
+        return getattr(self, name)
+
+
+def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
+    """Refuse times outside a span, or against its direction."""
+    if times is None:
+        return
+    start, end = t_span
+    outside = times[(times < min(start, end)) | (times > max(start, end))]
+    if outside.size:
+        raise SolveError(
+            f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
+        )
+    # Methods store the outputs in one pass along their steps, so the times follow the run.
+    direction = math.copysign(1.0, end - start)
+    if np.any(direction * np.diff(times) <= 0):
+        order = "increase" if direction > 0 else "decrease"
+        raise SolveError(f"t_eval must strictly {order}, as the time span does.")
+
+
+#: What is known of each setting, by name.
+ROWS: Mapping[str, Row] = {item.name: item.metadata["row"] for item in fields(Settings)}
+
+#: Settings that all studies take: method, tolerances, budgets.
+SHARED = ("method", "rtol", "atol", *OtherSettings.__annotations__)
+
+# Settings for which None has a meaning of its own; others then have their default.
+_OPTIONAL = {item.name for item in fields(Settings) if "None" in str(item.type)}
+
+
+def in_python(value: Any) -> Any:
+    """Return a scalar of NumPy, or an array without axes, as the number of Python that it holds."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim):
+        return value.item()
+    return value
+
+
+def documented(kind: _F) -> _F:
+    """Put the documentation of each setting into a docstring, in place of that of ``**settings``.
+
+    Parameters
+    ----------
+    kind : callable
+        A class or function; an entry of its docstring ends in ``**settings``.
+    """
+
+    def rows(entry: re.Match[str]) -> str:
+        margin, lines = entry[1], []
+        for item in fields(Settings):
+            text = textwrap.wrap(ROWS[item.name].doc, 100 - len(margin) - 4)
+            lines += [f"{margin}{item.name} : {item.type}", *(f"{margin}    {row}" for row in text)]
+        return "\n".join([*lines, ""])
+
+    if kind.__doc__:  # none under -OO
+        kind.__doc__ = _ENTRY.sub(rows, kind.__doc__)
+    return kind
+
+
+_ENTRY = re.compile(r"^( *)(?:\S[^\n]*)?\*\*settings\n(?:\1 +[^\n]*\n)*", re.MULTILINE)
+documented(Settings)
+
+
+def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
+    """Return the settings of a call; those that it leaves open are the scene's.
+
+    Parameters
+    ----------
+    defaults : Simulation
+        The settings of the scene.
+    given : mapping of str to object
+        What the call gives, by name.
+
+    Raises
+    ------
+    TypeError
+        If there is no such setting.
+    ModelError, SolveError
+        If a value is not accepted.
+    """
+    if not given.keys() <= ROWS.keys():
+        name = next(name for name in given if name not in ROWS)
+        raise TypeError(f"there is no setting '{name}'{nearest(name, ROWS)}")
+    own = {name: v for name, v in given.items() if v is not None or name in _OPTIONAL}
+    return Settings(**{name: getattr(defaults, name) for name in ROWS} | own)
+
+
+#: Starts of a run: the initial values of its states, or the point at which nothing moves.
+INITIAL, OPERATING_POINT = "initial values", "operating point"
+
+
+@dataclass(frozen=True)
+class Simulation(Settings):
+    """Settings of a scene's runs where a call gives none, and the point at which runs begin.
+
+    Attributes
+    ----------
+    t_span, method, rtol, ...
+        As of :class:`Settings`.
+    start : {"initial values", "operating point"}
+        The state in which it begins. At its operating point an electrical network rests with what
+        its sources give at the start: no current flows into capacitors, no voltage is across
+        inductors.
+    held : tuple of (str, Expression)
+        Nodes whose voltages are held during the search for the operating point, then released.
+    """
+
+    start: str = INITIAL
+    held: tuple[tuple[str, Expression], ...] = ()
+
+    @property
+    def t_end(self) -> float:
+        """End time, [s]."""
+        return self.t_span[1]
+
+
+#: Settings that scenes give.
+OF_SCENES = ("t_end", *(name for name in SHARED if ROWS[name].in_scenes), "start", "held")
+
+
+def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
+    """Change some settings.
+
+    Parameters
+    ----------
+    old : Simulation
+        The settings so far.
+    settings : mapping of str to object
+        Those to change, by name.
+
+    Raises
+    ------
+    SceneError, ExpressionError
+        If a setting is unknown or has no sensible value.
+    """
+    check_known(settings, OF_SCENES, "simulation has no setting")
+    changed = dict(settings)
+    if "t_end" in changed:
+        what = "t_end of the simulation"
+        end = check_number(changed.pop("t_end"), what)
+        if end <= 0.0:
+            raise SceneError(f"{what} is {end}: it must be positive")
+        changed["t_span"] = (0.0, end)
+    if "start" in changed:
+        what = "start of the simulation"
+        start = check_text(changed["start"], what)
+        if start not in (INITIAL, OPERATING_POINT):
+            raise SceneError(f"{what} is '{start}': give '{INITIAL}' or '{OPERATING_POINT}'")
+    if "held" in changed:
+        changed["held"] = _held(changed["held"])
+    try:
+        # The settings are frozen; a changed copy leaves those that others hold.
+        made = replace(old, **changed)
+    except (ParameterError, SolveError) as error:
+        raise SceneError(f"of the simulation {str(error).rstrip('.')}") from None
+    # Nodes are held during the search for an operating point, which initial values do without.
+    if made.held and made.start != OPERATING_POINT:
+        raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
+    return made
+
+
+def _held(value: object) -> tuple[tuple[str, Expression], ...]:
+    if not isinstance(value, Mapping):
+        raise SceneError("held of the simulation must be a table of nodes and voltages")
+    return tuple(
+        (check_path("node", node), parse(item, f"voltage of node '{node}'"))
+        for node, item in value.items()
+    )
