@@ -1,23 +1,21 @@
 """Units: texts such as ``N m s/rad`` or ``mm``, their dimensions, and factors to SI.
 
-A small grammar reads products, quotients and powers of symbols. The symbols of SI are known here;
-the library pint knows the others. It never sees more than a name: its own parser evaluates
-arithmetic, and a text such as ``10**10**10`` from a file would keep it busy for ever.
+Products, quotients and powers of symbols are read here, and so are the symbols of SI; the library
+pint knows the others. It sees no more than a name: its parser evaluates arithmetic, and a text such
+as ``10**10**10`` from a file would keep it busy for ever.
 """
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cotree.errors import UnitError, brief, nearest
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 #: Exponents of m, kg, s, A, K, mol, cd, and of angle and cycles, which are numbers in SI. Fields
 #: say rad and Hz where it matters: a speed in rad/s is none in Hz, though both are 1/s.
@@ -61,7 +59,9 @@ _TOKEN = re.compile(
     r"\s*(?:(?P<name>[^\W\d_][^\W\d]*|%|°[CF]?)|(?P<number>\d+(?:\.\d+)?)"
     r"|(?P<op>\*\*|[*·.×/^()-])|(?P<power>[⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+))\s*"
 )
-_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_RAISED = {ord("⁻"): "-", **{ord(raised): str(i) for i, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
+#: Signs as Python has them, which parses the text and never evaluates it.
+_SPELT = {"^": "**", "·": "*", ".": "*", "×": "*"}
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def read_unit(text: str) -> Unit:
     """
     if len(text) > _LONGEST:
         raise UnitError(f"which is longer than {_LONGEST} characters")
-    parts = _parts(_Tokens(text), 0)
+    parts = _parts(text.strip())
     symbols = [(_symbol(name), power) for name, power in parts]
     if len(parts) > 1 or any(power != 1.0 for _, power in parts):
         for (name, _), (symbol, _) in zip(parts, symbols, strict=True):
@@ -223,91 +223,51 @@ def _exact(value: float) -> Fraction:
     return Fraction(repr(float(value)))
 
 
-class _Tokens:
-    """The tokens of a text, one after another."""
-
-    def __init__(self, text: str) -> None:
-        self._found = list(self._split(text.strip()))
-        self._at = 0
-
-    @staticmethod
-    def _split(text: str) -> Iterator[tuple[str, str]]:
-        at = 0
-        while at < len(text):
-            match = _TOKEN.match(text, at)
-            if match is None or match.end() == at:
-                raise UnitError(f"which holds '{brief(text[at])}'")
-            at = match.end()
-            yield str(match.lastgroup), match.group(str(match.lastgroup))
-
-    @property
-    def next(self) -> tuple[str, str]:
-        """The next token: its kind and text; empty at the end."""
-        return self._found[self._at] if self._at < len(self._found) else ("", "")
-
-    def take(self) -> tuple[str, str]:
-        """Give the next token and go on."""
-        token = self.next
-        self._at += 1
-        return token
-
-
-def _parts(tokens: _Tokens, depth: int) -> list[tuple[str, float]]:
+def _parts(text: str) -> list[tuple[str, float]]:
     """Read a product: symbols with their exponents, from left to right."""
-    if depth > 4:
-        raise UnitError("which is nested too deeply")
-    found: list[tuple[str, float]] = []
-    sign = 1.0
-    while True:
-        kind, text = tokens.take()
-        if kind == "op" and text == "(":
-            own = _parts(tokens, depth + 1)
-            if tokens.take() != ("op", ")"):
-                raise UnitError("which lacks a ')'")
-        elif kind == "name":
-            own = [(text, 1.0)]
-        elif kind == "number" and text == "1":
-            own = []
-        elif (kind, text) == ("op", "-") and not found and tokens.next == ("", ""):
-            own = []  # a dash says that there is none
-        else:
-            shown = f"holds '{text}' where a symbol is due" if kind else "ends where one is due"
-            raise UnitError(f"which {shown}")
-        power = sign * _power(tokens)
-        found += [(name, power * own_power) for name, own_power in own]
-        if any(abs(exponent) > _LARGEST_POWER for _, exponent in found):
-            raise UnitError(f"which has a power beyond {_LARGEST_POWER:g}")
-        kind, text = tokens.next
-        if kind == "" or text == ")":
-            if text == ")" and not depth:
-                raise UnitError("which has a ')' too many")
-            return found
-        sign = -1.0 if text == "/" else 1.0
-        if kind == "op" and text in ("*", "·", ".", "×", "/"):
-            tokens.take()
-        elif kind == "op" and text != "(":
-            raise UnitError(f"which holds '{text}' where none is due")
+    words: list[str] = []
+    names: list[str] = []
+    at, is_operand = 0, False
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise UnitError(f"which holds '{brief(text[at])}'")
+        at, kind = match.end(), str(match.lastgroup)
+        word = match[kind]
+        if is_operand and (kind in ("name", "number") or word == "("):
+            words.append("*")
+        is_operand = kind != "op" or word == ")"
+        if kind == "name":
+            names.append(word)
+            word = f"u{len(names) - 1}"
+        word = f"**{word.translate(_RAISED)}" if kind == "power" else word
+        words.append(_SPELT.get(word, word))
+    if words == ["-"]:
+        return []  # a dash says that there is none
+    try:
+        return _factors(ast.parse("".join(words), mode="eval").body, names, 1.0)
+    except SyntaxError:
+        raise UnitError("which is no product of powers of symbols") from None
 
 
-def _power(tokens: _Tokens) -> float:
-    kind, text = tokens.next
-    if kind == "power":
-        tokens.take()
-        try:
-            return float(text.translate(_RAISED))
-        except ValueError:
-            raise UnitError(f"which holds the power '{text}'") from None
-    if text not in ("^", "**"):
-        return 1.0
-    tokens.take()
-    sign = 1.0
-    if tokens.next == ("op", "-"):
-        tokens.take()
-        sign = -1.0
-    kind, text = tokens.take()
-    if kind != "number":
-        raise UnitError("which has a power that is no number")
-    return sign * float(text)
+def _factors(tree: ast.expr, names: list[str], power: float) -> list[tuple[str, float]]:
+    """List the symbols of a tree with their exponents, all times a power."""
+    if abs(power) > _LARGEST_POWER:
+        raise UnitError(f"which has a power beyond {_LARGEST_POWER:g}")
+    match tree:
+        case ast.Name(id=mark):
+            return [(names[int(mark[1:])], power)]
+        case ast.Constant(value=1):
+            return []
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div() as op, right=right):
+            own = power if isinstance(op, ast.Mult) else -power
+            return _factors(left, names, power) + _factors(right, names, own)
+        case ast.BinOp(left=left, op=ast.Pow(), right=exponent):
+            digits = ast.unparse(exponent)
+            if not re.fullmatch(r"-?[\d.]+", digits):
+                raise UnitError("which has a power that is no number")
+            return _factors(left, names, power * float(digits))
+    raise UnitError("which holds a number where a symbol is due")
 
 
 def _written(parts: list[tuple[str, float]]) -> str:
