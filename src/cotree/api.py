@@ -16,7 +16,7 @@ from cotree.recipe import Recipe
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
-from cotree.scene.part_adding import origins_told
+from cotree.scene.part_adding import locating_errors
 from cotree.scene.part_methods import PartMethods
 from cotree.scene.table_methods import TableMethods
 from cotree.scene.variants import keep_tunable, listed_names, with_inputs
@@ -139,7 +139,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         described = described.copied()
         recipe = Recipe(described, tuple(names), tree, options, rate, bool(locate_corners))
         try:
-            with origins_told(self):
+            with locating_errors(self):
                 compiled = recipe.compiled()
                 model = Model(compiled, recipe)
                 model.times["formulate"] += prepared
@@ -203,7 +203,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.export.graph_report import graph_report
         from cotree.pipeline import count_trees, draw_graphs
 
-        with origins_told(self):
+        with locating_errors(self):
             costs = count_trees(self)
             # The report shows the tree that compile() would take. A scene whose equations cannot be
             # formed has no costs, and its trees are chosen without them.
@@ -225,7 +225,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.pipeline import formulate
 
         names = listed_names(sensitivities, "sensitivities")
-        with origins_told(self):
+        with locating_errors(self):
             return symbolic_equations(formulate(self, names, tree)[1])
 
     def lint(self, allow: Sequence[str] = ()) -> tuple[Finding, ...]:

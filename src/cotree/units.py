@@ -219,7 +219,7 @@ def read_unit(text: str) -> Unit:
 
 
 def _exact(value: float) -> Fraction:
-    """Give the decimal fraction that a number is written as."""
+    """Return the decimal fraction that a number is written as."""
     return Fraction(repr(float(value)))
 
 
@@ -328,7 +328,7 @@ def _foreign(name: str) -> _Symbol:
 
 
 def _unknown(name: str, registry: Any) -> str:
-    """Say that there is no such unit, and which may be meant."""
+    """Return that there is no such unit, and which may be meant."""
     usual = [f"{prefix}{symbol}" for prefix in ("", *"MkcmunpG") for symbol in _SI]
     close = nearest(name, usual)
     if "did you mean" not in close:

@@ -23,7 +23,7 @@ from cotree.model.start import check_start
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import check_allowed, is_allowed
 from cotree.scene.jumps import with_jumps
-from cotree.scene.part_adding import origin_of, statement_lines, told_origins
+from cotree.scene.part_adding import origin_note, origin_of, statement_lines
 from cotree.scene.settings import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
 
@@ -83,7 +83,7 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
         key = (row.rule, row.kind, id(part.scene), local)
         if key not in seen and not is_allowed(row.rule, local, part.scene.allowed):
             seen.add(key)
-            told = told_origins(f"'{row.name}'", scene.members, scene)
+            told = origin_note(f"'{row.name}'", scene.members, scene)
             yield replace(row, message=f"{row.message}{told}")
 
 

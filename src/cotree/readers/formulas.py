@@ -58,13 +58,7 @@ def form_of(name: str) -> tuple[ast.expr, int]:
 def python_text(
     text: str, token: re.Pattern[str], spell: Callable[[re.Match[str]], str], longest: int
 ) -> str:
-    """Spell a formula as Python does, token by token.
-
-    Raises
-    ------
-    ExpressionError
-        If it holds something else than tokens, or is too long.
-    """
+    """Spell a formula as Python does, token by token."""
     text, parts, at = text.strip(), [], 0
     if len(text) > longest:
         raise ExpressionError(f"is longer than {longest} characters")
@@ -121,13 +115,7 @@ class Rewriter(ast.NodeTransformer):
         self._name, self._functions = name, tuple(functions)
 
     def text(self, formula: str) -> str:
-        """Rewrite a formula that is spelt as Python does.
-
-        Raises
-        ------
-        ExpressionError
-            If it is none, or the grammar of expressions has no equivalent of it.
-        """
+        """Rewrite a formula that is spelt as Python does."""
         try:
             return ast.unparse(self.value(read_tree(formula)))
         except RecursionError:

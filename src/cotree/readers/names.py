@@ -29,15 +29,7 @@ class Namer:
     _alike: dict[str, int] = field(default_factory=dict)
 
     def give(self, kind: str, name: str) -> str:
-        """Translate a name of the file.
-
-        Parameters
-        ----------
-        kind : str
-            What it is, for people: ``link``, ``joint``.
-        name : str
-            What the file calls it; any text.
-        """
+        """Translate a name of the file."""
         given = self.own(name)
         if given != name:
             self.changed[kind, name] = given

@@ -42,7 +42,7 @@ class Element:
         return [child for child in self.children if child.tag == tag]
 
     def first(self, tag: str) -> Element | None:
-        """Give the first child of a name, if there is one."""
+        """Return the first child of a name, if there is one."""
         return next((child for child in self.children if child.tag == tag), None)
 
 
@@ -92,28 +92,7 @@ class _Builder:
 def parse_xml(
     text: str, where: str, *, deepest: int = _DEEPEST, most: int = _MOST_ELEMENTS
 ) -> Element:
-    """Parse an XML text.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    where : str
-        What to call it in messages.
-    deepest, most : int
-        How deep elements may be nested, and how many there may be.
-
-    Returns
-    -------
-    Element
-        The outermost element.
-
-    Raises
-    ------
-    SceneError
-        If it is not well-formed, has a document type declaration, or is too large. The message
-        begins with the file and the line.
-    """
+    """Parse an XML text without document type declarations, bounded in depth and in elements."""
     builder = _Builder(where, deepest, most)
     try:
         builder.parser.Parse(text.encode("utf-8", "surrogatepass"), True)

@@ -104,7 +104,7 @@ _OF_RATES = ("storage", "content")
 
 
 def branches(law: Law | None) -> bool:
-    """Tell whether a law jumps or branches anywhere."""
+    """Return whether a law jumps or branches anywhere."""
     import sympy
 
     # Absolute values, maxima and minima are not among these: they have corners, but no jumps.
@@ -113,20 +113,14 @@ def branches(law: Law | None) -> bool:
 
 
 def may_branch(edge: Edge) -> bool:
-    """Tell whether an edge has a registered law that branches; cotree's own laws do not jump."""
+    """Return whether an edge has a registered law that branches; cotree's own laws do not jump."""
     component = edge.component
     laws = [component.law, *(getattr(port, name) for port in component.ports for name in _LAWS)]
     return component.name not in OWN and any(branches(law) for law in laws)
 
 
 def check_located(edge: Edge, parameters: Container[str]) -> None:
-    """Refuse a registered force element whose law jumps, since no event locates the jump.
-
-    Raises
-    ------
-    SceneError
-        If it does, but for corners and jumps at known times.
-    """
+    """Refuse a registered force element whose law jumps, since no event locates the jump."""
     law = edge.component.law
     if edge.component.name in OWN or law is None or not branches(law):
         return
@@ -151,13 +145,7 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
 
 
 def check_contents(scene: SceneDescription, edge: Edge) -> None:
-    """Refuse a storage by content whose content jumps, since its rate would be an impulse.
-
-    Raises
-    ------
-    SceneError
-        If it does, at some values of the parameters or of what moves.
-    """
+    """Refuse a storage by content whose content jumps, since its rate would be an impulse."""
     for i, port in enumerate(edge.component.ports):
         if port.content is None:
             continue

@@ -92,7 +92,7 @@ class Dimensions:
         return None
 
     def _alike(self, trees: list[ast.expr]) -> Dimension | None:
-        """Give the dimension that all must have, and note where they differ."""
+        """Return the dimension that all must have, and note where they differ."""
         found: Dimension | None = None
         first: ast.expr | None = None
         for tree in trees:
@@ -139,7 +139,7 @@ class Dimensions:
 
 
 def dimension_of_unit(text: str) -> Dimension | None:
-    """Give the dimension of a unit that a field or result states; None where it states none."""
+    """Return the dimension of a unit that a field or result states; None where it states none."""
     unit = stated_unit(text)
     return None if unit is None else unit.dimension
 
@@ -170,13 +170,7 @@ _DIRECTIONS = frozenset({"axis", "axis2", "normal"})
 
 
 def check_scene_units(scene: SceneDescription) -> None:
-    """Refuse a parameter or input that alone is a field of another dimension.
-
-    Raises
-    ------
-    UnitError
-        For the first one; the message names both units.
-    """
+    """Refuse a parameter or input that alone is a field of another dimension."""
     units = stated_units(scene)
     if not units:
         return
@@ -190,14 +184,14 @@ def check_scene_units(scene: SceneDescription) -> None:
 
 
 def stated_units(scene: SceneDescription) -> dict[str, str]:
-    """Give the units of the parameters and inputs that state one."""
+    """Return the units of the parameters and inputs that state one."""
     rows: Mapping[str, str] = {n: row.unit for n, row in scene.inputs.items()}
     rows = {**rows, **{n: row.unit for n, row in scene.parameters.items()}}
     return {name: unit for name, unit in rows.items() if unit.strip()}
 
 
 def alone(value: Expression) -> str:
-    """Give the name that an expression is, but for its sign; nothing for others."""
+    """Return the name that an expression is, but for its sign; nothing for others."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
     name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
     return name if type(value) is Expression else ""
@@ -247,7 +241,7 @@ def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
 
 
 def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
-    """Give the sentences of :func:`inertia_faults`."""
+    """Return the sentences of :func:`inertia_faults`."""
     return (told for _, told in inertia_faults(scene))
 
 

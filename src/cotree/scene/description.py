@@ -144,7 +144,7 @@ class SceneDescription:
         return part
 
     def copied(self) -> Self:
-        """Give a scene of the same statements, whose tables do not follow this one's."""
+        """Return a scene of the same statements, whose tables do not follow this one's."""
         other = copy.copy(self)
         for name in (*TABLES, "parts", "members", "connected"):
             setattr(other, name, copy.copy(getattr(self, name)))

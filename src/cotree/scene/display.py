@@ -23,7 +23,7 @@ class Listing(dict[str, Any]):
     titles: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Give a line for each row, of a long table for the first ones."""
+        """Return a line for each row, of a long table for the first ones."""
         rows = [list(map(str, row)) for row in self._rows()][:_MOST_LINES]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
@@ -55,7 +55,7 @@ class EdgeListing(Listing):
 
 
 def edge_cells(edge: Edge) -> tuple[str, str, str, str]:
-    """Give name, type, nodes and fields of an edge, as it was stated."""
+    """Return name, type, nodes and fields of an edge, as it was stated."""
     known = {"type", "nodes", "initial"}
     fields = ", ".join(f"{k}={_plain(v)}" for k, v in edge.statement.items() if k not in known)
     between = " → " if len(edge.nodes) == 2 else ", "

@@ -116,18 +116,7 @@ class Usage:
 
 
 def usage_of(name: str) -> Usage:
-    """Describe how edges of a component type are written.
-
-    Parameters
-    ----------
-    name : str
-        Name of the type.
-
-    Raises
-    ------
-    SceneError
-        If there is no such type; the message proposes one.
-    """
+    """Describe how edges of a component type are written."""
     component = COMPONENTS.get(name)
     if component is None:
         raise SceneError(f"there is no component '{brief(name)}'{proposed_types(name)}")
@@ -139,7 +128,7 @@ def usage_of(name: str) -> Usage:
 
 
 def proposed_types(name: object) -> str:
-    """Say which component types were probably meant, for the end of a message."""
+    """Return which component types were probably meant, for the end of a message."""
     word = str(name)[:_LONGEST].lower().replace("-", "_").strip()
     rows = COMPONENTS.items()
     # Words that textbooks use, then names and meanings that hold the word, then misspelt words.
@@ -190,7 +179,7 @@ def _ports(component: Component) -> list[Entry]:
 
 
 def _may_be_on_line(port: Terminal) -> bool:
-    """Tell whether a port may act along a line; given velocities are refused there."""
+    """Return whether a port may act along a line; given velocities are refused there."""
     return acts_on_multibody(port) and port.kind is not Kind.ACROSS_SOURCE
 
 
@@ -217,7 +206,7 @@ def _entry(field: Field) -> Entry:
 
 @lru_cache(maxsize=1)
 def examples() -> Mapping[str, tuple[str, Mapping[str, Any]]]:
-    """Give an edge of each component that cotree comes with: its name and its statement.
+    """Return an edge of each component that cotree comes with: its name and its statement.
 
     They are those of the component pages, in a file that a test compares with them.
     """
@@ -265,7 +254,7 @@ class Edge:
         return _edge_again, (self.name, dict(self.statement))
 
     def in_mechanics(self) -> Edge | None:
-        """Give what the multibody part of a scene has of it: all, shapes that touch, or nothing."""
+        """Return the edge in the multibody part of a scene, its contact shapes, or None."""
         if self.component.role is not Role.NETWORK:
             return self
         geometry = self.component.geometry
@@ -283,20 +272,14 @@ class Edge:
         return {name: value for name, value in self.fields.items() if not geometry.field(name)}
 
     def cells(self) -> tuple[str, str, str, str]:
-        """Give the row of a table: name, type, nodes and fields."""
+        """Return the row of a table: name, type, nodes and fields."""
         return edge_cells(self)
 
 
 def make_edge(
     name: str, type: str, nodes: Sequence[str], initial: Any, fields: Mapping[str, Any]
 ) -> Edge:
-    """Make an edge of a statement; see :meth:`SceneDescription.edge`.
-
-    Raises
-    ------
-    SceneError, ExpressionError, UnitError
-        If the type, a node, a field or an initial value is not accepted.
-    """
+    """Make an edge of a statement; see :meth:`SceneDescription.edge`."""
     # The type comes from a file as it stands there, and may be anything.
     component = COMPONENTS.get(type) if isinstance(type, str) else None
     if component is None:

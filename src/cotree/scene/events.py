@@ -104,23 +104,7 @@ class Event:
 def make_event(
     name: object, when: object, direction: object, values: object, stop: object, impact: object
 ) -> Event:
-    """Check an event; see :meth:`SceneDescription.event`.
-
-    Parameters
-    ----------
-    name, when, direction, values, stop, impact : object
-        The fields as they were given, of any type.
-
-    Returns
-    -------
-    Event
-        The event, its expressions parsed.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If a field is not accepted; the message names event and field.
-    """
+    """Check an event; see :meth:`SceneDescription.event`."""
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
     # True equals 1 in Python, but is no direction.
@@ -169,13 +153,7 @@ def event_expressions(events: Iterable[Event]) -> tuple[Expression, ...]:
 
 
 def check_event_table(name: str, table: Any) -> Mapping[str, Any]:
-    """Check the fields of an event in a scene file.
-
-    Raises
-    ------
-    SceneError
-        If a field is unknown or ``when`` is missing.
-    """
+    """Check the fields of an event in a scene file."""
     if not isinstance(table, dict):
         raise SceneError(f"event '{name}' must be a table")
     check_known(table, _FIELDS, f"event '{name}' has no field")

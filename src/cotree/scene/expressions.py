@@ -39,13 +39,7 @@ _MARK = "_ö"
 
 
 def read_tree(text: str) -> ast.expr:
-    """Parse a text; what the grammar of expressions refuses may still be in it.
-
-    Raises
-    ------
-    ExpressionError
-        If it is no expression of Python.
-    """
+    """Parse a text; what the grammar of expressions refuses may still be in it."""
     marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
     try:
         # Leading spaces would be an indentation to Python's parser.
@@ -88,13 +82,13 @@ _NONE: Mapping[str, Callee] = {}
 
 
 def known_tables() -> Mapping[str, Callee]:
-    """Give the tables that expressions may call now."""
+    """Return the tables that expressions may call now."""
     return _KNOWN.get(_NONE)
 
 
 @contextmanager
 def knowing(tables: Mapping[str, Callee]) -> Iterator[None]:
-    """Let what is parsed inside the ``with`` block call some tables, and no others."""
+    """Allow calls of some tables, and of no others, to what is parsed in a ``with`` block."""
     token = _KNOWN.set(tables)
     try:
         yield
@@ -103,7 +97,7 @@ def knowing(tables: Mapping[str, Callee]) -> Iterator[None]:
 
 
 def may_call_tables(method: _Method) -> _Method:
-    """Let the expressions that a method of a scene takes call the tables of the scene."""
+    """Allow calls of the scene's tables to the expressions that a method takes."""
 
     @wraps(method)
     def knowing_tables(self: Any, *args: Any, **more: Any) -> Any:
@@ -114,7 +108,7 @@ def may_call_tables(method: _Method) -> _Method:
 
 
 def calls_table(text: str, tables: Mapping[str, Callee]) -> bool:
-    """Tell whether a text may call one of some tables."""
+    """Return whether a text may call one of some tables."""
     return "(" in text and any(name in text for name in tables)
 
 
@@ -134,12 +128,12 @@ def name_of(name: str, table: Callee) -> ast.Name:
 
 
 def table_of(called: ast.expr) -> Callee | None:
-    """Give the table that a tree calls, or None for a function of the grammar."""
+    """Return the table that a tree calls, or None for a function of the grammar."""
     return getattr(called, "table", None)
 
 
 def has_table(tree: ast.expr) -> bool:
-    """Tell whether a tree calls a table anywhere."""
+    """Return whether a tree calls a table anywhere."""
     return any(isinstance(node, ast.Name) and table_of(node) for node in ast.walk(tree))
 
 
@@ -176,7 +170,7 @@ def shown(value: object) -> str:
 
 
 def finite(value: object) -> float | None:
-    """Give a finite float, or None."""
+    """Return a finite float, or None."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:
@@ -389,15 +383,7 @@ class Expression:
         return cls(ast.unparse(tree), where, tree, names_in(tree))
 
     def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:
-        """Return the expression with other names, or trees in their place; see :func:`map_names`.
-
-        Parameters
-        ----------
-        new : callable
-            Returns what stands for a name, which may have dots.
-        where : str, optional
-            What the new expression belongs to; else that of this one.
-        """
+        """Return the expression with other names; see :func:`map_names`."""
         where = where or self.where
         if not self.names:
             return Expression(self.text, where, self.tree, self.names)
@@ -454,7 +440,7 @@ FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...],
 
 @lru_cache(maxsize=1024)
 def _vanishes(expression: Expression) -> bool:
-    """Tell whether an expression folds to zero for any values of its names."""
+    """Return whether an expression folds to zero for any values of its names."""
     dag, places = Dag(), {name: i for i, name in enumerate(sorted(expression.names))}
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
@@ -521,13 +507,7 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 
 def check_number(value: object, what: str) -> float:
-    """Accept a finite number.
-
-    Raises
-    ------
-    ParameterError
-        If it is not one.
-    """
+    """Accept a finite number."""
     if isinstance(value, bool) or not hasattr(type(value), "__float__"):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
     try:

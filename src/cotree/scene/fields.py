@@ -63,17 +63,6 @@ def edge_statement(
     """Make the table of an edge in a scene file, of values that are plain.
 
     Fields that are None are left out, as are nodes and initial values where there are none.
-
-    Parameters
-    ----------
-    type : str
-        Name of the component type.
-    nodes : sequence of str
-        Its nodes.
-    fields : mapping of str to object
-        Its fields.
-    initial : mapping or None
-        Its initial values.
     """
     rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
     return {
@@ -91,22 +80,7 @@ def is_list(value: object) -> TypeGuard[Sequence[Any]]:
 def check_fields(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the fields of an edge, and add the defaults of those not given.
-
-    Parameters
-    ----------
-    edge : str
-        Its name, for messages.
-    component : Component
-        The component that has these fields.
-    given : mapping
-        The user's values, by name of the field.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If a field is unknown, missing, or has no value of its shape.
-    """
+    """Check the fields of an edge, and add the defaults of those not given."""
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
@@ -128,22 +102,7 @@ def check_fields(
 def check_initial(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the initial values of an edge.
-
-    Parameters
-    ----------
-    edge : str
-        Its name, for messages.
-    component : Component
-        The component that has these coordinates.
-    given : mapping
-        The user's values, by name of the coordinate or rate, or ``rotation``.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If it is no table, or a name or value is not accepted.
-    """
+    """Check the initial values of an edge."""
     if not isinstance(given, Mapping):
         raise SceneError(f"initial of edge '{edge}' must be a table of names and values")
     known = initial_names(component)
@@ -167,7 +126,7 @@ def initial_names(component: Component) -> list[str]:
 
 
 def initial_units(component: Component) -> dict[str, str]:
-    """Give the units of the variables whose initial values a scene may give."""
+    """Return the units of the variables whose initial values a scene may give."""
     if component.geometry is not None:
         return {}  # bodies are where their own initial values put them
     if component.role is Role.NETWORK:
@@ -194,7 +153,7 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _network_units(component: Component) -> dict[str, str]:
-    """Give the units of the variables of a scalar component that may be states.
+    """Return the units of the variables of a scalar component that may be states.
 
     A name that several ports have is that of the port before it: ``port.name``.
     """
@@ -214,26 +173,14 @@ def _network_units(component: Component) -> dict[str, str]:
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:
-    """Accept a list of three numbers or expressions.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If it is none.
-    """
+    """Accept a list of three numbers or expressions."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
 
 
 def _in_si(value: Any, wanted: str, where: str) -> Any:
-    """Convert tables of a value and its unit, also in lists; all else stays as it is.
-
-    Raises
-    ------
-    UnitError, SceneError
-        If the unit is none, does not fit, or belongs to an expression and is not of SI.
-    """
+    """Convert tables of a value and its unit, also in lists; all else stays as it is."""
     if is_list(value):
         return [_in_si(item, wanted, where) for item in value]
     if not isinstance(value, Mapping) or "unit" not in value:
@@ -330,13 +277,7 @@ class Input:
 
 
 def make_input(name: str, value: Any, unit: str, doc: str) -> Input:
-    """Check an input's value, unit and meaning.
-
-    Raises
-    ------
-    SceneError, ExpressionError, UnitError
-        If one of them is not accepted.
-    """
+    """Check an input's value, unit and meaning."""
     what = f"input '{name}'"
     text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
     own = check_unit(text, f"unit of {what}")

@@ -10,22 +10,7 @@ from cotree.errors import ParameterError, brief
 
 
 def check_whole(value: object, what: str, least: int = 0) -> int:
-    """Accept a whole number that is not too small.
-
-    Parameters
-    ----------
-    value : object
-        What was given.
-    what : str
-        What it is, for the message.
-    least : int
-        The smallest number that is accepted.
-
-    Raises
-    ------
-    ParameterError
-        If it is no whole number, or below ``least``.
-    """
+    """Accept a whole number that is not too small."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise ParameterError(
             f"{what} is {brief(repr(value))}: give a whole number of at least {least}"
@@ -34,13 +19,7 @@ def check_whole(value: object, what: str, least: int = 0) -> int:
 
 
 def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
-    """Accept a name, or several; ``kind`` says what the texts are, for the message.
-
-    Raises
-    ------
-    ParameterError
-        If something is no text.
-    """
+    """Accept a name, or several; ``kind`` says what the texts are, for the message."""
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
     if not all(isinstance(name, str) for name in found):
         raise ParameterError(f"{what} is {brief(repr(value))}: give a list of {kind}")
@@ -48,13 +27,7 @@ def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...
 
 
 def check_mapping(value: object, what: str) -> dict[str, Any]:
-    """Accept a mapping of names to values; none stands for an empty one.
-
-    Raises
-    ------
-    ParameterError
-        If it is no mapping, or a key is no name.
-    """
+    """Accept a mapping of names to values; none stands for an empty one."""
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):

@@ -215,7 +215,7 @@ class Trees:
         return tuple(name for name in self.translation.graph.edge_names if name in either)
 
     def is_branch(self, name: str, rotates: bool) -> bool:
-        """Say whether an edge is a branch of the rotation tree, or of that of translation."""
+        """Return whether an edge is a branch of the rotation tree, or of that of translation."""
         # The pair is of translation and rotation, so that false and true are its places.
         return name in self._branches[rotates]
 
@@ -230,13 +230,7 @@ class Trees:
 
 
 def check_coupled(scene: SceneDescription, trees: Trees) -> None:
-    """Refuse trees that separate a coupled translation and rotation.
-
-    Raises
-    ------
-    FormulationError
-        If an arm, a weld or a screw is a branch of one tree only.
-    """
+    """Refuse trees that separate a coupled translation and rotation."""
     for name in trees.branches:
         edge = scene.edges[name]
         if not _is_coupled(edge):
@@ -351,11 +345,6 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
     six equations that the joints' tree has not.
-
-    Raises
-    ------
-    TopologyError
-        If the scene has no edges, or a node is floating.
     """
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
@@ -383,11 +372,6 @@ def separate_trees(scene: SceneDescription) -> list[Trees]:
     In a plane: positions along the joints, angles of the bodies themselves, so that no angle
     depends on those before it. Where joints that hold a rotation close a loop, or many bodies
     make the counting long, there are none.
-
-    Raises
-    ------
-    TopologyError
-        If the scene has no edges, or a node is floating.
     """
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
@@ -411,7 +395,7 @@ def _turns(steps: Sequence[MotionStep]) -> bool:
 
 
 def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
-    """Give the rotation tree of edges that hold angles and of one body for each part that turns."""
+    """Return the rotation tree of edges that hold angles, with a body for each part that turns."""
     spaces = motion_spaces(scene).of
     order = {step.child: i for i, step in enumerate(tree_walk(translation))}
     weights = {}
@@ -428,7 +412,7 @@ def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tr
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
-    """Give the tree of joints that cuts loops far from the ground, which keeps its paths short."""
+    """Return the tree of joints that cuts loops far from the ground: its paths are short."""
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)
@@ -466,19 +450,13 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
 
 
 def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
-    """Give the trees that coordinates are formed from.
-
-    Raises
-    ------
-    FormulationError
-        If they part an arm's translation from its rotation, or a screw's.
-    """
+    """Return the trees that coordinates are formed from."""
     pair = Trees(trees["translation"], trees["rotation"])
     check_coupled(scene, pair)
     return pair
 
 
 def joint_branches(scene: SceneDescription) -> Trees:
-    """Give the trees that reach bodies by joints and arms wherever there are any."""
+    """Return the trees that reach bodies by joints and arms wherever there are any."""
     graphs = linear_graphs(scene)
     return joint_tree(scene, choose_trees(scene, graphs, None))

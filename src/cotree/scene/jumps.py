@@ -50,25 +50,10 @@ _JUMPING = ("sign", "floor", "mod", "where")
 
 
 def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
-    """Replace state-dependent jumps by modes and events.
+    """Replace state-dependent jumps by modes and events; without jumps, return the scene itself.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        A scene.
-    has_sensitivities : bool
-        Whether what no event can stand for is to be refused: its sensitivities would not jump.
-
-    Returns
-    -------
-    SceneDescription
-        The same scene where nothing jumps; else another one, with more modes and events.
-
-    Raises
-    ------
-    SceneError
-        If a law of a user's force element jumps, and sensitivities are asked for; or what a
-        storage holds does.
+    A user's force element whose law jumps is refused if sensitivities are wanted, which would not
+    jump, and so is a storage whose content jumps.
     """
     for edge in scene.edges.values():
         check_contents(scene, edge)
@@ -94,7 +79,7 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
 
 
 def _may_jump(expression: Expression) -> bool:
-    """Tell from the text whether anything in an expression might jump."""
+    """Return from the text whether anything in an expression might jump."""
     # A comparison stands within a ``where`` only, so that these names tell of all jumps.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
@@ -210,11 +195,11 @@ class _Rewriting:
         return replace(expression, tree=tree, names=names_in(tree))
 
     def _moves(self, names: frozenset[str]) -> bool:
-        """Tell whether anything but time and parameters is among some names."""
+        """Return whether anything but time and parameters is among some names."""
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, *looked_at: ast.expr) -> bool:
-        """Tell whether jumps at some values happen at times that are not known in advance."""
+        """Return whether jumps at some values happen at times that are not known in advance."""
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
@@ -241,7 +226,7 @@ class _Rewriting:
         where: str,
         rows: tuple[tuple[int, ast.expr, ast.expr], ...],
     ) -> ast.expr:
-        """Give the mode that stands for a call.
+        """Return the mode that stands for a call.
 
         Parameters
         ----------

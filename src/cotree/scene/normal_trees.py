@@ -94,7 +94,7 @@ class _Couple:
         return self.options == ((True, False), (False, True))
 
     def is_kept(self, branches: Collection[str]) -> bool:
-        """Say whether the choice of its ports as branches and chords is valid."""
+        """Return whether the choice of its ports as branches and chords is valid."""
         return tuple(name in branches for name in self.ports) in self.options
 
 
@@ -175,13 +175,7 @@ class CoupledTrees:
         return cls(graphs, ports, ends, costs, pairs, {swap.name: swap for swap in swaps})
 
     def select(self) -> frozenset[str]:
-        """Select the branches: first the fewest storages without a state of their own.
-
-        Raises
-        ------
-        TopologyError
-            If there is no such choice.
-        """
+        """Select the branches: first the fewest storages without a state of their own."""
         # Couplings with one option leave nothing to choose.
         given = {
             name: row
@@ -318,7 +312,7 @@ class CoupledTrees:
     def _open(
         self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]
     ) -> dict[str, int]:
-        """Give the costs of edges that may become branches; of each set in ``must`` one has to."""
+        """Return the costs of edges that may be branches; one of each set in ``must`` is one."""
         # A bonus larger than all costs together: one of each set is always chosen.
         bonus = 1 + sum(map(abs, self.costs.values()))
         # A swap may stand for two sources of across: that which controls, and that which is
@@ -374,14 +368,7 @@ class NormalTree:
 def normal_trees(
     graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port]
 ) -> dict[str, NormalTree]:
-    """Choose the normal tree of each scalar graph.
-
-    Raises
-    ------
-    TopologyError
-        If a part floats, across sources form a loop, only through sources reach a part, or ideal
-        transformers or amplifiers leave no choice of branches.
-    """
+    """Choose the normal tree of each scalar graph."""
     weights = {name: _weight(port) for name, port in ports.items()}
     for port in ports.values():
         _check_short(port)

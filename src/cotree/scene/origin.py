@@ -82,20 +82,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
-    """Check the table of an origin in a scene file.
-
-    Parameters
-    ----------
-    table : object
-        What stands there.
-    nodes : collection of str
-        The nodes of the scene.
-
-    Raises
-    ------
-    SceneError
-        If an entry is unknown, or is not what it should be.
-    """
+    """Check the table of an origin in a scene file."""
     # The table may have been written by hand, or come with a scene from a stranger.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])

@@ -59,7 +59,7 @@ class Parameter:
         return self.value
 
     def cells(self) -> tuple[str, float | str, str, str]:
-        """Give the row of a table: name, value or expression, unit and meaning."""
+        """Return the row of a table: name, value or expression, unit and meaning."""
         value = self.value.text if isinstance(self.value, Expression) else self.value
         return self.name, value, self.unit, self.doc
 
@@ -72,13 +72,7 @@ class Parameter:
 def make_parameter(
     name: str, value: object, unit: object, doc: object, tunable: object
 ) -> Parameter:
-    """Check a parameter's value, unit, meaning and flag.
-
-    Raises
-    ------
-    SceneError, ParameterError, ExpressionError, UnitError
-        If one of them is not accepted.
-    """
+    """Check a parameter's value, unit, meaning and flag."""
     what = f"parameter '{name}'"
     number = parse(value, what) if isinstance(value, str) else check_number(value, what)
     if isinstance(number, Expression) and number.number is not None:
@@ -102,13 +96,7 @@ def make_parameter(
 
 
 def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
-    """Refuse a derived parameter that leads back to itself.
-
-    Raises
-    ------
-    ParameterError
-        If it does; the message names the way.
-    """
+    """Refuse a derived parameter that leads back to itself."""
     uses = _uses(parameters, name)
     try:
         TopologicalSorter(uses).prepare()
@@ -129,23 +117,7 @@ def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
 def parameter_nodes(
     parameters: Mapping[str, Parameter], dag: Dag, numbers: Callable[[Parameter], Node]
 ) -> dict[str, Node]:
-    """Give every parameter its node; derived ones are nodes of others.
-
-    Parameters
-    ----------
-    parameters : mapping of str to Parameter
-        The parameters, in the scene's order.
-    dag : Dag
-        The arena.
-    numbers : callable
-        Gives the node of a parameter that has a number.
-
-    Raises
-    ------
-    ParameterError, ExpressionError
-        If a derived one is made of itself, of a name that is no parameter, or of numbers that
-        give none.
-    """
+    """Return the node of every parameter: ``numbers`` makes those that have a number."""
     found = {name: numbers(row) for name, row in parameters.items() if not row.is_derived}
     if len(found) == len(parameters):
         return found
@@ -167,26 +139,14 @@ def parameter_nodes(
 
 
 def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
-    """Give the scene's value of every parameter.
-
-    Raises
-    ------
-    ParameterError, ExpressionError
-        As :func:`parameter_nodes`.
-    """
+    """Return the scene's value of every parameter."""
     dag = Dag()
     nodes = parameter_nodes(parameters, dag, lambda row: dag.constant(row.number))
     return {name: _value(node) for name, node in nodes.items()}
 
 
 def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Sort parameters such that each comes after those it is made of.
-
-    Raises
-    ------
-    ParameterError
-        If one is made of itself.
-    """
+    """Sort parameters such that each comes after those it is made of."""
     uses = {name: _own_uses(row) for name, row in parameters.items()}
     try:
         return [name for name in TopologicalSorter(uses).static_order() if name in parameters]

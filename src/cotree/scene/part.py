@@ -243,13 +243,7 @@ class Rows:
             self.events[f"{prefix}{name}"] = renaming.event(event)
 
     def bind_parameter(self, name: str, value: Any) -> None:
-        """Give a parameter of a part another value: a number, or an expression.
-
-        Raises
-        ------
-        ParameterError, ExpressionError, SceneError, UnitError
-            If the value is not accepted.
-        """
+        """Set a parameter of a part to a number or an expression."""
         row = self.parameters[name]
         value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
         # What follows from other parameters is fixed where they are.
@@ -259,15 +253,10 @@ class Rows:
         self.parameters[name] = made
 
     def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
-        """Let an input of a part be a number, a table or an expression of the outer scene.
+        """Set an input of a part to a number, a table or an expression of the outer scene.
 
         What depends on more than parameters and time becomes an output of the same name, which
         fields may name as they do inputs.
-
-        Raises
-        ------
-        ExpressionError, SceneError, UnitError
-            If the value is not accepted.
         """
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
@@ -302,22 +291,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def in_name(text: str, index: Mapping[str, int], what: str) -> str:
-    """Put numbers in the place of braces.
-
-    Parameters
-    ----------
-    text : str
-        A name with expressions in braces.
-    index : mapping of str to int
-        The values of the index.
-    what : str
-        What the name belongs to, for messages.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If an expression is none, holds other names, or is no whole number from 0 on.
-    """
+    """Replace the expressions in braces by numbers, from the values of the index."""
     if "{" not in text:
         return text
     return _BRACES.sub(lambda match: str(_whole(match[1], index, what)), text)
@@ -425,11 +399,11 @@ class Part:
             )
 
     def nodes_of(self, member: str) -> Mapping[str, str]:
-        """Give the nodes of the outer scene by those of one part of the array."""
+        """Return the nodes of the outer scene by those of one part of the array."""
         return {**self.nodes, **self._own_nodes.get(member, {})} if self.set else self.nodes
 
     def is_node(self, name: str) -> bool:
-        """Tell whether the whole name of something in a part is that of a node it connects."""
+        """Return whether the whole name of something in a part is that of a node it connects."""
         member, _, local = name.partition(".")
         return local in self._own_nodes.get(member, {})
 

@@ -172,13 +172,7 @@ def _size(scene: SceneDescription) -> int:
 
 
 def check_entries(given: Mapping[str, Any]) -> None:
-    """Refuse a part without a scene.
-
-    Raises
-    ------
-    SceneError
-        If it has none, or names it by something other than a text.
-    """
+    """Refuse a part without a scene."""
     if "scene" not in given:
         near = [key for key in given if nearest(key, ["scene"]).endswith("?")]
         hint = f"; did you mean it by '{brief(near[0])}'?" if near else ""
@@ -228,19 +222,9 @@ _KINDS = {
 
 
 def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
-    """Find where the declarations of a scene file are stated; the first line is 1.
+    """Find the lines of the declarations of a scene file, by kind and name; the first is 1.
 
-    Parameters
-    ----------
-    text : str
-        The file.
-    section : str
-        The table of the file that holds the scene, as ``scenes.leg``; the whole file where empty.
-
-    Returns
-    -------
-    dict of (str, str) to int
-        Lines by kind and name.
+    The section is the table of the file that holds the scene, as ``scenes.leg``, or empty.
     """
     found: dict[tuple[str, str], int] = {}
     within = section.split(".") if section else []
@@ -268,20 +252,10 @@ _TABLES = (
 )
 
 
-def told_origins(
+def origin_note(
     message: str, members: Mapping[str, Part], outer: SceneDescription | None = None
 ) -> str:
-    """Say where the declarations of parts that a message names are stated, as its end.
-
-    Parameters
-    ----------
-    message : str
-        The message.
-    members : mapping of str to Part
-        The parts of the scene, by the name of each.
-    outer : SceneDescription, optional
-        The scene, whose file gives values to its parts.
-    """
+    """Return where the declarations of parts that a message names are stated, as its end."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
         if told := _told(name, members, outer):
@@ -291,12 +265,12 @@ def told_origins(
 
 
 @contextmanager
-def origins_told(scene: SceneDescription) -> Iterator[None]:
-    """Let errors about a scene say, too, where the declarations of its parts are stated."""
+def locating_errors(scene: SceneDescription) -> Iterator[None]:
+    """Append to errors about a scene where the declarations of its parts are stated."""
     try:
         yield
     except (ModelError, FormulationError) as error:
-        told = told_origins(str(error), scene.members, scene) if scene.members else ""
+        told = origin_note(str(error), scene.members, scene) if scene.members else ""
         if not told or told in str(error):
             raise
         raise type(error)(f"{error}{told}") from None
@@ -312,7 +286,7 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
 
 
 def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
-    """Say where a name of a part is stated, with ``{name}`` for itself."""
+    """Return where a name of a part is stated, with ``{name}`` for itself."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -335,14 +309,14 @@ def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None
 
 
 def _unknown_name(name: str, part: Part) -> str:
-    """Say what a name within a part may be a slip of."""
+    """Return what a name within a part may be a slip of."""
     member, _, local = name.partition(".")
     known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
 
 
 def place_of(scene: SceneDescription, kind: str, name: str) -> str:
-    """Give the file of a scene with the line of a declaration; the scene's name without one."""
+    """Return the file of a scene with the line of a declaration; the scene's name without one."""
     line = line_of(scene, kind, name)
     file = os.path.basename(scene.file) or f"scene '{scene.name}'"
     return f"{file}, line {line}" if line else file
@@ -433,7 +407,7 @@ def _made_rows(scene: SceneDescription, part: Part) -> Rows:
                 full = f"{member}.{own}"
                 rows.bind_input(full, in_value(value, index, f"input '{full}'"), scene)
         except ModelError as error:
-            told = told_origins(str(error), {member: part})
+            told = origin_note(str(error), {member: part})
             raise type(error)(f"{what}: {error}{told}") from None
     for full, value in part.set.items():
         try:
@@ -445,7 +419,7 @@ def _made_rows(scene: SceneDescription, part: Part) -> Rows:
 
 
 def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
-    """Give one parameter or input of one part another value."""
+    """Set one parameter or input of one part."""
     if name in rows.parameters:
         rows.bind_parameter(name, value)
     elif name in rows.inputs or name in rows.outputs:
@@ -458,12 +432,9 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
 
 
 def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") -> bool:
-    """Give a parameter or an input of a part another value, and keep that in its statement.
+    """Set a parameter or an input of a part, and keep the value in its statement.
 
-    Returns
-    -------
-    bool
-        Whether the name is one of a part.
+    Returns whether the name is one of a part.
     """
     found = owner_of(scene, name)
     if found is None or name not in {**scene.parameters, **scene.inputs}:
@@ -489,13 +460,7 @@ def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") 
 
 
 def check_node(scene: SceneDescription, name: object) -> str:
-    """Accept the name of a node; one of a part must be there.
-
-    Raises
-    ------
-    SceneError
-        If the name is not allowed, or the part has no such node.
-    """
+    """Accept the name of a node; one of a part must be there."""
     node = check_path("node", name)
     if node in scene.members:
         raise SceneError(f"'{node}' is a part, and no node: name one of its nodes, '{node}.node'")
@@ -520,13 +485,7 @@ def check_node(scene: SceneDescription, name: object) -> str:
 
 
 def check_nodes(scene: SceneDescription, edge: Edge) -> None:
-    """Check the nodes of an edge that stands beside parts.
-
-    Raises
-    ------
-    SceneError
-        If one is a part, or is none of a part.
-    """
+    """Check the nodes of an edge that stands beside parts."""
     along = [node for ends in edge.ports if len(ends.acts_on) == 2 for node in ends.acts_on]
     for node in (*edge.nodes, *along):
         if "." in node or node in scene.members:

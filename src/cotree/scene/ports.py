@@ -26,7 +26,7 @@ _MECHANICAL = ("translational", "rotational")
 
 
 def acts_on_multibody(port: Terminal) -> bool:
-    """Tell whether a port may act on a joint, or along a line, in place of two nodes."""
+    """Return whether a port may act on a joint, or along a line, in place of two nodes."""
     return port.domain in _MECHANICAL
 
 
@@ -146,27 +146,7 @@ def check_ports(
 
 
 def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
-    """Give a component its thermal port, where the scene says what it heats.
-
-    Parameters
-    ----------
-    edge : str
-        Name of the edge.
-    component : Component
-        Its type.
-    fields : mapping of str to object
-        Its fields; ``heat`` names the node that takes up its losses.
-
-    Returns
-    -------
-    Component
-        The type with a thermal port, or as it was where nothing is said of heat.
-
-    Raises
-    ------
-    SceneError
-        If it has no loss.
-    """
+    """Return the component, with a thermal port if the fields name a node that takes its heat."""
     if (
         HEAT not in fields
         or component.field(HEAT) is not None
@@ -236,7 +216,7 @@ def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
 def _by_terminal(
     edge: str, component: Component, nodes: Sequence[object], rest: dict[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Give the nodes of a component such as a transistor, whose ports share them."""
+    """Return the nodes of a component such as a transistor, whose ports share them."""
     if not is_list(nodes) or len(nodes) != len(component.terminals):
         wanted = ", ".join(component.terminals)
         raise SceneError(

@@ -85,24 +85,7 @@ class TableMethods:
 def add_table(
     scene: SceneDescription, name: str, given: Mapping[str, Any], read: Callable[[Any], str]
 ) -> None:
-    """Add a table to a scene.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    name : str
-        The name of the table.
-    given : mapping
-        Its entries, as of :meth:`TableMethods.table`.
-    read : callable
-        Gives the text of a file that it names.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        As of :meth:`TableMethods.table`.
-    """
+    """Add a table to a scene."""
     check_name("table", name)
     whose = f"table '{name}'"
     if name in FUNCTIONS or name == WHERE or name in RESERVED:

@@ -235,7 +235,7 @@ def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
 
 
 def _flat(rows: list[Any], width: int, where: str) -> list[Any]:
-    """Give the values of a table of two arguments, row by row."""
+    """Return the values of a table of two arguments, row by row."""
     found: list[Any] = []
     for i, row in enumerate(rows, 1):
         items = _listed(row, f"row {i} of values", where)
@@ -251,13 +251,7 @@ _OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
 
 
 def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
-    """Check a table over an expression: ``of``, ``x`` that ascend, ``y``, and what is between.
-
-    Raises
-    ------
-    ExpressionError, SceneError
-        If an entry is missing, unknown, or of no use.
-    """
+    """Check a table over an expression: ``of``, ``x`` that ascend, ``y``, and what is between."""
     if not {"of", "x", "y"} <= set(value) <= set(_OF_FIELDS):
         raise SceneError(
             f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"
@@ -270,22 +264,7 @@ def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
 
 
 def make_table(value: object, where: str, argument: str) -> Table:
-    """Check a pair of arguments and values.
-
-    Parameters
-    ----------
-    value : pair of sequences of float
-        Arguments and values.
-    where : str
-        What they belong to, for messages.
-    argument : str
-        What the arguments are called.
-
-    Raises
-    ------
-    SceneError
-        If they are not as many finite numbers each, at least two, or do not increase.
-    """
+    """Check a pair of arguments and values."""
     try:
         # Whatever a user gives is unpacked; what is no pair of rows fails here, with one message.
         x, y = cast("Any", value)
@@ -306,22 +285,7 @@ def make_table(value: object, where: str, argument: str) -> Table:
 
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
-    """Accept a number, an expression string or a pair (times, values).
-
-    Parameters
-    ----------
-    value : object
-        What the user gave.
-    where : str
-        What it belongs to, for messages.
-    unit : Unit, optional
-        The unit of numbers and values, which become those of SI.
-
-    Raises
-    ------
-    SceneError, ExpressionError, UnitError
-        If it is none of these, or an expression in a unit that is not of SI.
-    """
+    """Accept a number, an expression string or a pair (times, values)."""
     if isinstance(value, (str, numbers.Real)):
         return converted(parse(value, where), unit, where)
     made = make_table(value, where, "times")
@@ -331,13 +295,7 @@ def parse_signal(value: object, where: str, unit: Unit | None = None) -> Express
 
 
 def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
-    """Convert a number to SI.
-
-    Raises
-    ------
-    UnitError
-        If it is an expression in a unit that is not of SI.
-    """
+    """Convert a number to SI."""
     if unit is None or unit.is_si:
         return value
     if value.number is None:
@@ -360,18 +318,6 @@ def read_points(
     Two columns are arguments and values, below a line of names or without one. More columns are a
     table of two arguments: its first line holds the second argument after an empty or named corner,
     and each further line an argument and its values.
-
-    Parameters
-    ----------
-    text : str
-        The file.
-    file, where : str
-        The file and the table, for messages.
-
-    Raises
-    ------
-    SceneError
-        If a line is not of this form; the message names it.
     """
     try:
         lines = [

@@ -67,20 +67,7 @@ _ADVICE = (
 
 
 def advice(message: str, text: str) -> str:
-    """Say what to do about an error of the TOML parser.
-
-    Parameters
-    ----------
-    message : str
-        The parser's own words, which end with a place such as ``(at line 3, column 7)``.
-    text : str
-        The file.
-
-    Returns
-    -------
-    str
-        The line at fault and the remedy, to be put behind the message.
-    """
+    """Return what to do about an error of the TOML parser, from its words and the text."""
     lines = text.split("\n")
     place = re.search(r"\(at line (\d+), column (\d+)\)", message)
     number = int(place[1]) if place else len(lines)
@@ -97,7 +84,7 @@ _OF_EDGES = ("type", "nodes", "initial")
 
 
 def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
-    """Say which key stands for a misspelt ``type``, ``nodes`` or ``initial``; or nothing."""
+    """Return which key stands for a misspelt ``type``, ``nodes`` or ``initial``; or nothing."""
     component = COMPONENTS.get(str(edge.get("type")))
     own = {row.name for row in component.fields} if component else set()
     absent = [key for key in _OF_EDGES if key not in edge]
@@ -274,22 +261,7 @@ def shipped_parts() -> tuple[str, ...]:
 
 
 def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene.
-
-    Parameters
-    ----------
-    source : str or Path
-        Name of a shipped scene or part, or path of a TOML file.
-    scene_type : type
-        The class to make.
-
-    Raises
-    ------
-    SceneError
-        If there is no such scene or the file cannot be read or is not TOML.
-    ModelError
-        If the scene is wrong; the message begins with the file.
-    """
+    """Read a scene."""
     # Names of shipped scenes, those of parts too, go before files of the same name.
     known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
     if isinstance(source, str) and source in known:
@@ -302,18 +274,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def load_part(source: str | Path) -> tuple[SceneDescription, str]:
-    """Read a scene that parts are made of, and what it was read from.
-
-    Parameters
-    ----------
-    source : str or Path
-        Name of a shipped part, or path of a TOML file.
-
-    Raises
-    ------
-    ModelError
-        As of :func:`load_scene`.
-    """
+    """Read a scene that parts are made of, and what it was read from."""
     known = shipped_parts()
     if isinstance(source, str) and source in known:
         return _read_shipped("parts", source, SceneDescription), source
@@ -341,22 +302,7 @@ def _read_file(path: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from TOML text, whose parts are shipped ones or stand in the text.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    where : str
-        Names it in messages; its stem is the name of a scene that has none.
-    scene_type : type
-        The class to make.
-
-    Raises
-    ------
-    ModelError
-        If it is no valid TOML, or a statement is not accepted; the message names ``where``.
-    """
+    """Read a scene from TOML text, whose parts are shipped ones or stand in the text."""
     return _Reading(text, where).scene(scene_type)
 
 
@@ -448,17 +394,7 @@ class _Reading:
         return read_text(path, LARGEST_POINTS)
 
     def place(self, name: str, kind: str, here: str, beside: str, suffix: str) -> tuple[str, str]:
-        """Find a file that this one names, in its folder or below.
-
-        Parameters
-        ----------
-        name, kind : str
-            The path as it stands in this file, and the entry that holds it.
-        here, beside : str
-            What to do where this file is none, and where the other is elsewhere, for messages.
-        suffix : str
-            The end of names that a slip is compared with.
-        """
+        """Find a file that this one names, in its folder or below."""
         if not self.folder:
             raise SceneError(
                 f"{kind} '{brief(name)}' is a file, but the scene that names it was not read from "
@@ -514,7 +450,7 @@ class _Scenes:
     around: _Scenes | None = None
 
     def find(self, name: str) -> tuple[SceneDescription, str]:
-        """Give the scene that a part names: one of this file, a file, or a shipped one."""
+        """Return the scene that a part names: one of this file, a file, or a shipped one."""
         if name in self.tables:
             return self._defined(name), name
         if self.around is not None:

@@ -38,14 +38,7 @@ _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
 def save_scene(scene: SceneDescription, path: Path) -> None:
-    """Write a scene to a file, whole or not at all; see :func:`scene_text`.
-
-    Raises
-    ------
-    SceneError
-        If the file's name does not end in .toml, it cannot be written, or the scene cannot be told
-        in TOML.
-    """
+    """Write a scene to a file, whole or not at all; see :func:`scene_text`."""
     if path.suffix.lower() != ".toml":
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
     text = scene_text(scene)
@@ -58,11 +51,6 @@ def scene_text(scene: SceneDescription) -> str:
 
     The text is read back before it is returned: scenes may be changed by more than their methods,
     and the file must describe the scene that runs.
-
-    Raises
-    ------
-    SceneError
-        If it would not load, or not to the same scene.
     """
     text = "\n".join(_lines(scene)) + "\n"
     if len(text.encode()) > LARGEST_FILE:
@@ -141,17 +129,7 @@ def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
 def _scenes_of_parts(
     scene: SceneDescription, found: dict[str, SceneDescription], names: dict[int, str]
 ) -> None:
-    """Name the scenes that parts are made of, those of parts within parts first.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    found : dict of str to SceneDescription
-        Scenes to be written beside this one, by name; grows.
-    names : dict of int to str
-        What parts call their scene, by its identity; grows.
-    """
+    """Name the scenes that parts are made of, those of parts within parts first."""
     for part in scene.parts.values():
         made = part.scene
         if id(made) in names:
@@ -199,7 +177,7 @@ def _signal(value: Expression | Table) -> object:
 
 
 def _named(row: Any, value: object) -> object:
-    """Give the value of a parameter, input or mode, in a table where there is more to say."""
+    """Return the value of a parameter, input or mode, in a table where there is more to say."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
     if (given := getattr(row, "given", None)) is not None:
         more["unit"] = given[1]  # the file says what the user said

@@ -39,7 +39,7 @@ _SIDE = Field("side", "", "the sign of its load", constant=False)
 
 
 def with_friction(scene: _Scene) -> _Scene:
-    """Give every edge with dry friction its mode and events; a scene without any stays itself."""
+    """Add mode and events to every edge with dry friction; a scene without any stays itself."""
     ports = {
         port.edge.name: port
         for port in scalar_ports(scene).values()
@@ -91,7 +91,7 @@ def _with_modes(port: Port) -> Edge:
 
 
 def _at_start(port: Port) -> str:
-    """Give the mode by the speed at the start; what is at rest there is chosen by the engine."""
+    """Return the mode by the speed at the start; what is at rest there is chosen by the engine."""
     speed = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     assert port.terminal.friction is not None
     if port.terminal.friction.grip is None:
@@ -139,7 +139,7 @@ def _events(port: Port, mode: str) -> list[Event]:
 
 
 def with_stops(scene: _Scene) -> _Scene:
-    """Give rigid stops, and the friction that these press, modes and events; others stay as is."""
+    """Add modes and events to rigid stops and to the friction that these press."""
     ports = [port for port in scalar_ports(scene).values() if _is_due(port)]
     if not ports:
         return scene
@@ -244,7 +244,7 @@ def _stop_rows(port: Port) -> list[_Row]:
 
 
 def _pressed_rows(port: Port) -> list[_Row]:
-    """Give the events of friction that a stop presses together."""
+    """Return the events of friction that a stop presses together."""
     friction, name, holder = port.terminal.friction, port.name, _holder(port)
     assert friction is not None
     row = DOMAINS[port.terminal.domain]

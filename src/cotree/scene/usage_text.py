@@ -74,12 +74,12 @@ _TAKES = {
 
 
 def takes_of(entry: Entry) -> str:
-    """Say in words what an entry takes."""
+    """Describe what an entry takes."""
     return _TAKES[entry.takes]
 
 
 def default_of(entry: Entry) -> str:
-    """Say what holds where an entry is not given: a number, ``required`` or nothing."""
+    """Return what holds where an entry is not given: a number, ``required`` or nothing."""
     if entry.required:
         return "required"
     return "" if entry.default is None else f"{entry.default:g}"
@@ -127,7 +127,7 @@ def _name_doc(usage: Usage) -> str:
 
 
 def nodes_of(usage: Usage) -> str:
-    """Tell in a line which nodes are listed."""
+    """Describe in a line which nodes are listed."""
     needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
     if usage.has_ports:
         return "those of its ports, below; or a list of one of each, the other being the ground"

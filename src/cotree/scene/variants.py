@@ -42,23 +42,8 @@ def with_inputs(
 ) -> _Scene:
     """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene, which stays as it is.
-    inputs : mapping of str to number, str or (times, values)
-        What stands in place of each input.
-    parameters : mapping of str to float, optional
-        Values of parameters that the expressions use and the scene does not have.
-    kind : str
-        The word by which messages name an input that becomes an output.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown or of no use, or an input would depend on itself.
-    ExpressionError, SceneError
-        If a value is not accepted.
+    ``parameters`` are new ones that the expressions use; ``kind`` is what messages call an input
+    that becomes an output.
     """
     given = dict(parameters or {})
     changed = scene.copied()
@@ -164,13 +149,7 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
 
 
 def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
-    """Accept one name, several, or none.
-
-    Raises
-    ------
-    ParameterError
-        If one is no text.
-    """
+    """Accept one name, several, or none."""
     if isinstance(names, str):
         return [names]
     found = list(names or ())
@@ -183,22 +162,7 @@ def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
 def keep_tunable(
     scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
 ) -> _Scene:
-    """Return the scene with only the wanted parameters tunable.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene, which stays as it is.
-    tunable : sequence of str or None
-        The parameters that a run may change. None leaves that to the scene.
-    sensitivities : sequence of str
-        Sensitivities are wanted to these; parameters among them stay as the scene has them.
-
-    Raises
-    ------
-    ParameterError
-        If a name is no parameter.
-    """
+    """Return the scene with only the wanted parameters tunable; None leaves that to the scene."""
     if tunable is None:
         return scene
     wanted = listed_names(tunable, "tunable")
@@ -230,22 +194,7 @@ _DOMAIN = "electrical"
 def standing_scene(
     scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
 ) -> SceneDescription:
-    """Make the scene of an operating point.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        An electrical network, which stays as it is.
-    wanted : sequence of str
-        Variables that the outputs ``wanted_0``, ``wanted_1``, ... are to give.
-    jumps : mapping of str to Expression
-        The values of those that are modes of jumps.
-
-    Raises
-    ------
-    SceneError
-        If it is more than an electrical network.
-    """
+    """Make the scene of an operating point, with the variables as outputs ``wanted_0``, ..."""
     # A shallow copy: what differs at rest is replaced, the rest is shared with the scene.
     standing = copy.copy(scene)
     standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}

@@ -98,14 +98,7 @@ class ConditionReader:
             self._check(condition)
 
     def settings(self, name: str) -> Settings:
-        """Return the values that a condition sets at the start of its run.
-
-        Raises
-        ------
-        SceneError
-            If it names a parameter that is not in the parameter table, or a quantity has no value
-            in the condition, the parameter table and the model.
-        """
+        """Return the values that a condition sets at the start of its run."""
         condition, entities = self._tables.conditions[name], self._entities
         found = Settings(self._parameters(condition))
         for identifier, state in entities.states.items():

@@ -81,29 +81,12 @@ class Formula:
         return _Rewriter(tree, _FUNCTIONS).text(self._text)
 
     def expression(self, meaning: Callable[[str], str]) -> str:
-        """Write the formula as an expression of a scene.
-
-        Parameters
-        ----------
-        meaning : callable
-            Returns the expression that a name stands for.
-
-        Raises
-        ------
-        ExpressionError
-            If it is longer than expressions may be.
-        """
+        """Write the formula as an expression of a scene."""
         return self._rewritten(meaning)
 
 
 def number_of(expression: str, where: str) -> float | None:
-    """Return the value of an expression without names, else None.
-
-    Raises
-    ------
-    ExpressionError
-        If it is not an expression, or has no value.
-    """
+    """Return the value of an expression without names, else None."""
     checked = parse(expression, where)
     return None if checked.names else checked.lower(Dag(), _unknown).value
 
@@ -167,13 +150,7 @@ class Outputs:
         self.expressions: dict[str, str] = {}
 
     def of_row(self, row: MeasurementRow) -> tuple[str, str | float]:
-        """Return the outputs of a row's observable and noise; constant noise is a number.
-
-        Raises
-        ------
-        SceneError
-            If a formula is invalid, or the overrides do not match its placeholders.
-        """
+        """Return the outputs of a row's observable and noise; constant noise is a number."""
         key = (row.observable, row.observable_parameters, row.noise_parameters)
         if key not in self._found:
             observable = self._tables.observables[row.observable]

@@ -67,13 +67,7 @@ class PetabModel:
         return self._namer.own(wish)
 
     def add_outputs(self, outputs: Outputs) -> None:
-        """Add observables and noise to the scene.
-
-        Raises
-        ------
-        SceneError
-            If the scene does not accept one.
-        """
+        """Add observables and noise to the scene."""
         for name, expression in outputs.expressions.items():
             try:
                 self.scene.output(name, expression)
@@ -184,18 +178,7 @@ class Mapped:
 
 
 def mapped(tables: Tables) -> Mapped:
-    """Assemble the problem and compile its model.
-
-    Parameters
-    ----------
-    tables : Tables
-        The tables.
-
-    Raises
-    ------
-    ModelError, FormulationError, BuildError
-        If a row is invalid, or the model cannot be formed or compiled.
-    """
+    """Assemble the problem and compile its model."""
     rows = [row for row in tables.parameters.values() if row.is_estimated]
     if not rows:
         raise SceneError(f"{tables.file}: no parameter is estimated: set 'estimate' to 1 in a row")

@@ -66,7 +66,7 @@ class Priors:
         return found
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
-        """Give residuals for least-squares methods, with their Jacobian.
+        """Return residuals for least-squares methods, with their Jacobian.
 
         Half of their sum of squares is minus the sum of the logarithms up to a constant, and the
         transposed Jacobian times the residuals is its exact gradient. Uniform priors have none.
@@ -120,7 +120,7 @@ class Prior:
         return value + factor, -math.copysign(bool(r), r) / self._b * z_slope + factor_slope
 
     def squares(self, theta: float) -> list[tuple[float, float]]:
-        """Give residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
+        """Return residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
         if self._family == "uniform":
             return []
         x, slope = self._stated(theta)
@@ -142,13 +142,7 @@ class Prior:
         return [*rows, (math.sqrt(missing), 0.0)]
 
     def sample(self, n: int, random: np.random.Generator) -> Array:
-        """Draw starts on the parameter's scale, within its bounds, shape (n,).
-
-        Raises
-        ------
-        ParameterError
-            If the prior has almost no probability between the bounds.
-        """
+        """Draw starts on the parameter's scale, within its bounds, shape (n,)."""
         low, high = self._bounds
         found: Array = np.empty(0)
         for _ in range(_MOST_DRAWS):
@@ -171,7 +165,7 @@ class Prior:
             return self._scaled.scaled(values[:, None])[:, 0]
 
     def _stated(self, theta: float) -> tuple[float, float]:
-        """Give the quantity that the prior describes, and its derivative by ``theta``."""
+        """Return the quantity that the prior describes, and its derivative by ``theta``."""
         if self._is_on_scale:
             return theta, 1.0
         given = np.array([theta])
@@ -181,29 +175,7 @@ class Prior:
 def sample_starts(
     estimated: Sequence[Estimated], rows: Sequence[PriorRow | None], n: int, seed: int | None
 ) -> Array:
-    """Draw starts: from initialization priors, and uniformly on the scale where there is none.
-
-    Parameters
-    ----------
-    estimated : sequence of Estimated
-        The parameters.
-    rows : sequence of PriorRow or None
-        The initialization prior of each.
-    n : int
-        Number of starts.
-    seed : int or None
-        Seed of the generator.
-
-    Returns
-    -------
-    ndarray, shape (n, n_estimated)
-        On their scales.
-
-    Raises
-    ------
-    ParameterError
-        If a prior does not match the bounds, or there are no finite bounds to draw between.
-    """
+    """Draw starts on the scales, shape (n, n_estimated); uniform where there is no prior."""
     random, scaled = np.random.default_rng(seed), Scaled(estimated)
     found = np.empty((n, len(rows)))
     for i, (parameter, row) in enumerate(zip(estimated, rows, strict=True)):

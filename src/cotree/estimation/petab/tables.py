@@ -200,20 +200,7 @@ def as_number(text: str) -> float | None:
 
 
 def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
-    """Read all tables.
-
-    Parameters
-    ----------
-    tables : Tables
-        Receives the rows.
-    files : mapping of str to paths
-        Files by kind: parameter, observable, condition, measurement.
-
-    Raises
-    ------
-    SceneError
-        If a file cannot be read or a row is invalid; the message begins with file and line.
-    """
+    """Read all tables."""
     for row in _rows(files["parameter"], "parameterId", "parameterScale", "nominalValue"):
         _put(tables.parameters, _parameter(row), "parameter")
     for row in _rows(files["observable"], "observableId", "observableFormula", "noiseFormula"):
@@ -383,20 +370,7 @@ _MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]
 
 
 def read_tables(path: str | Path) -> Tables:
-    """Read the tables that a YAML file names.
-
-    Parameters
-    ----------
-    path : str or Path
-        The YAML file; paths in it are relative to its folder.
-
-    Raises
-    ------
-    SceneError
-        If a file is missing or cannot be read, has another version, or a row is invalid.
-    Error
-        If the extra ``petab`` is not installed.
-    """
+    """Read the tables that a YAML file names."""
     data, folder = _parsed(path), Path(path).parent
     version = str(_version(data)).strip()
     if version.split(".")[0] != "1":

@@ -183,22 +183,7 @@ _DECLARATION, _UTF_8 = re.compile(r"\A\s*<\?xml[^>]*\?>"), '<?xml version="1.0" 
 
 
 def read_document(text: str, where: str) -> SbmlContent:
-    """Read the model of an SBML text.
-
-    Parameters
-    ----------
-    text : str
-        The file's text.
-    where : str
-        Its name in messages.
-
-    Raises
-    ------
-    Error
-        If python-libsbml is not installed.
-    SceneError
-        If the text is not valid XML or SBML, or the model contains something that is not supported.
-    """
+    """Read the model of an SBML text."""
     # This check comes first, since it refuses document types, whose entities libsbml would follow.
     root = parse_xml(text, where, deepest=_DEEPEST, most=_MOST_ELEMENTS)
     if root.tag.rpartition(":")[2] != "sbml":

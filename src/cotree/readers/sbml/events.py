@@ -73,22 +73,8 @@ class Dependencies:
 def groups_of(rows: Sequence[Triggered], dependencies: Dependencies) -> list[list[Triggered]]:
     """Sort events by priority, and group those that become one event of the scene.
 
-    Parameters
-    ----------
-    rows : sequence of Triggered
-        The events in the order of the file.
-    dependencies : Dependencies
-        Dependencies of the same model.
-
-    Returns
-    -------
-    list of list of Triggered
-        Events of equal priority remain in the order of the file, since SBML leaves it undefined.
-
-    Raises
-    ------
-    SceneError
-        If events with one trigger affect each other in a way that a scene cannot represent.
+    Events of equal priority remain in the order of the file, since SBML leaves it undefined.
+    Events of one trigger that affect each other as no scene can represent are refused.
     """
     ordered = sorted(rows, key=lambda row: -row.event.priority)
     by_crossing: dict[tuple[str, int], list[Triggered]] = {}
@@ -157,21 +143,7 @@ def check_coincidences(
 ) -> None:
     """Refuse events with different triggers at the same fixed time that affect each other.
 
-    Parameters
-    ----------
-    groups : iterable of sequence of Triggered
-        From :func:`groups_of`.
-    dependencies : Dependencies
-        Dependencies of the same model.
-    is_fixed : callable
-        Returns whether an identifier denotes a constant.
-    start_value : callable
-        Returns the initial value of the expression of a trigger.
-
-    Raises
-    ------
-    SceneError
-        If there are such events: the second would use the values after the first.
+    The second would use the values after the first.
     """
     timed = [
         (row, start_value(row))
@@ -214,13 +186,7 @@ class Crossing:
 
 
 def crossing_of(reader: FormulaReader, node: Any) -> Crossing:
-    """Convert a condition to an expression that crosses zero where it becomes true.
-
-    Raises
-    ------
-    ExpressionError
-        As :meth:`FormulaReader.read`.
-    """
+    """Convert a condition to an expression that crosses zero where it becomes true."""
     relation = kind_of(node).removeprefix("RELATIONAL_")
     if relation in (*RELATIONS, "EQ") and node.getNumChildren() == 2:
         a, b = (reader.read(part) for part in children(node))
@@ -310,10 +276,7 @@ def assigned_values(
 def check_sizes(content: SbmlContent, roles: Roles, dependencies: Dependencies) -> None:
     """Refuse concentrations with rate rules in compartments whose size events change indirectly.
 
-    Raises
-    ------
-    SceneError
-        If there is one: an event would dilute it without setting its compartment.
+    An event would dilute them without setting their compartment.
     """
     set_by_events = {id for event in content.events for id in event.sets}
     for id, formula in content.rates.items():

@@ -52,13 +52,7 @@ class Term:
 
 
 def number(value: float) -> Term:
-    """Make a number.
-
-    Raises
-    ------
-    ExpressionError
-        If it is not finite.
-    """
+    """Make a number."""
     if not math.isfinite(value):
         raise ExpressionError(f"contains {value}, which is not finite")
     # Integers are written without a decimal point.
@@ -208,30 +202,14 @@ class FormulaReader:
     _total: list[int] = field(default_factory=lambda: [0])
 
     def read(self, node: Any, bound: Mapping[str, Term] | None = None) -> Term:
-        """Read a formula whose value is a number.
+        """Read a formula whose value is a number; ``bound`` has the local parameters in it.
 
-        Parameters
-        ----------
-        node : libsbml.ASTNode
-            Its tree.
-        bound : mapping of str to Term, optional
-            Names with a local meaning in the formula: local parameters.
-
-        Raises
-        ------
-        ExpressionError
-            If scenes have no equivalent; the message continues the description of the formula.
+        The message of an ExpressionError continues the description of the formula.
         """
         return self._inner(bound or {})._value(node)
 
     def condition(self, node: Any) -> Term:
-        """Read a formula whose value is Boolean.
-
-        Raises
-        ------
-        ExpressionError
-            As :meth:`read`.
-        """
+        """Read a formula whose value is Boolean."""
         return self._inner({})._condition(node)
 
     def _inner(self, bound: Mapping[str, Term], *calls: str) -> FormulaReader:

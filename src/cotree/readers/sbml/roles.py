@@ -25,15 +25,7 @@ def rate_name(identifier: str) -> str:
 
 
 def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
-    """List the identifiers of a formula, the rates that it names, and :data:`TIME`.
-
-    Parameters
-    ----------
-    node : libsbml.ASTNode
-        Its tree.
-    functions : mapping of str to node
-        The model's functions, which may name the time.
-    """
+    """List the identifiers of a formula, the rates that it names, and :data:`TIME`."""
     found: set[str] = set()
     waiting, seen = [node], set()
     while waiting:
@@ -57,18 +49,7 @@ def names_of(node: Any, functions: Mapping[str, Any]) -> frozenset[str]:
 
 
 def rate_dependencies(content: SbmlContent) -> dict[str, frozenset[str]]:
-    """List the identifiers that the rate of each quantity depends on, by its :func:`rate_name`.
-
-    Parameters
-    ----------
-    content : SbmlContent
-        The model.
-
-    Returns
-    -------
-    dict of str to frozenset of str
-        Quantities, reactions and other rates.
-    """
+    """List the identifiers that the rate of each quantity depends on, by its :func:`rate_name`."""
     found: dict[str, set[str]] = {}
     for id, quantity in content.quantities.items():
         own = found[rate_name(id)] = set()
@@ -130,14 +111,7 @@ class Roles:
 
 
 def roles_of(content: SbmlContent) -> Roles:
-    """Determine the role of each quantity.
-
-    Raises
-    ------
-    SceneError
-        If rules contradict each other or the reactions, form a cycle, or determine an unknown
-        quantity.
-    """
+    """Determine the role of each quantity."""
     reactions = {reaction.id: reaction for reaction in content.reactions}
     _check(content)
     formulas = {id: f.node for id, f in content.assignments.items()}
@@ -265,13 +239,7 @@ class Rates:
         self._open: list[str] = []
 
     def of(self, id: str, reader: FormulaReader) -> Term:
-        """Return the rate of change of a quantity, in units of its identifier per time.
-
-        Raises
-        ------
-        ExpressionError
-            If an assignment rule determines the quantity, or its rate depends on itself.
-        """
+        """Return the rate of change of a quantity, in units of its identifier per time."""
         if id in self._open:
             raise ExpressionError(f"depends on itself through rateOf({brief(id)})")
         if id not in self._found:

@@ -147,13 +147,7 @@ class SceneWriter(Generic[_Scene]):
         return FormulaReader(self.content.functions, symbol, time, TermMaker(cut), rates.of)
 
     def write(self) -> SbmlModel[_Scene]:
-        """Declare everything, and return the scene with the quantities of the model.
-
-        Raises
-        ------
-        SceneError
-            If scenes have no equivalent of an element; the message begins with file and line.
-        """
+        """Declare everything, and return the scene with the quantities of the model."""
         for id, quantity in self.content.quantities.items():
             with located(quantity.at):
                 self._quantity(id, quantity)
@@ -468,45 +462,14 @@ _LARGEST_FILE = 50_000_000  # bytes; large networks of the literature have ten m
 
 
 def read_sbml_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a model from an SBML file.
-
-    Parameters
-    ----------
-    source : str or Path
-        Path of the file.
-    scene_type : type
-        Class of the scene.
-
-    Raises
-    ------
-    Error
-        If python-libsbml is not installed.
-    SceneError
-        If the file cannot be read, or contains something that is not supported; the message begins
-        with file and line.
-    """
+    """Read a model from an SBML file."""
     return read_sbml_model(source, scene_type).scene
 
 
 def read_sbml_model(
     source: str | Path, scene_type: type[_Scene], values: Mapping[str, float] | None = None
 ) -> SbmlModel[_Scene]:
-    """Read a model as a scene, with the quantities of the scene by identifiers of the model.
-
-    Parameters
-    ----------
-    source : str or Path
-        Path of the file.
-    scene_type : type
-        Class of the scene.
-    values : mapping of str to float, optional
-        Values of quantities, by identifier, for which the file gives none.
-
-    Raises
-    ------
-    Error, SceneError
-        As :func:`read_sbml_scene`.
-    """
+    """Read a model as a scene, with the quantities of the scene by identifiers of the model."""
     text = read_text(source, _LARGEST_FILE)
     return read_sbml_text(text, str(source), scene_type, values)
 

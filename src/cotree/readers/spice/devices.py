@@ -32,13 +32,7 @@ _Key = TypeVar("_Key")
 
 
 def find_couplings(place: Instance, lines: list[Line]) -> None:
-    """Find the inductors that are coupled, before they are written.
-
-    Raises
-    ------
-    SceneError
-        If one is not there, two are coupled twice, or too many share flux.
-    """
+    """Find the inductors that are coupled, before they are written."""
     inductors = {line.key: line for line in lines if line.key[0] == "l"}
     for line in lines:
         if line.key[0] == "k":
@@ -78,17 +72,9 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
-    """Give the sign of each winding against the first, if they are coupled without leakage.
+    """Return the sign of each winding against the first; None where no coupling is 1 or -1.
 
-    Returns
-    -------
-    dict of str to float, or None
-        None where no coupling is 1 or -1 as a number.
-
-    Raises
-    ------
-    SceneError
-        If only some are, or their signs contradict each other.
+    Refuses couplings of which only some are complete, and signs that contradict each other.
     """
     values = {
         pair: (place.scope.value(line.words[-1], line.at), line)
@@ -118,17 +104,7 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
 def coupled_fields(
     place: Instance, coupled: Coupled, windings: Mapping[str, tuple[list[str], Any]]
 ) -> dict[str, Any]:
-    """Give the fields of coupled inductors.
-
-    Parameters
-    ----------
-    place : Instance
-        The circuit that they stand in.
-    coupled : Coupled
-        The inductors, and the line of each coupling.
-    windings : mapping of str to (list of str, value)
-        By inductor: its nodes and its inductance, [H].
-    """
+    """Return the fields of coupled inductors from the nodes and the inductance of each, [H]."""
     fields: dict[str, Any] = {}
     number = {name: i for i, name in enumerate(coupled.inductors, 1)}
     for name, (nodes, inductance) in windings.items():
@@ -234,7 +210,7 @@ def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
 def _initial_value(
     place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]
 ) -> dict[str, Any]:
-    """Give the initial value of a storage, where the netlist asks for ``uic``.
+    """Return the initial value of a storage, where the netlist asks for ``uic``.
 
     It is the voltage ``v``, [V], of a capacitor or the current ``i``, [A], of an inductor.
     """
@@ -251,7 +227,7 @@ def _initial_value(
 
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
-    """Give the voltage between two nodes by .ic, which is zero for nodes that it does not name."""
+    """Return the voltage between two nodes by .ic, zero at nodes that it does not name."""
     ends = []
     for word in (plus, minus):
         own = place.node(word)
@@ -428,7 +404,7 @@ _LEAST_CAPACITANCE = 5e-11
 
 
 def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None:
-    """Give junctions with a transit time but no capacitance a small one, scaled by the run."""
+    """Add a small capacitance, scaled by the run, to junctions with a transit time and none."""
     if not place.sheet.times.stop:
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop

@@ -24,7 +24,7 @@ _MOST_ARGUMENTS, _MOST_COEFFICIENTS = 20, 80
 
 
 def has_polynomial(line: Line) -> bool:
-    """Say whether a controlled source follows a polynomial."""
+    """Return whether a controlled source follows a polynomial."""
     return len(line.words) > 3 and line.words[3].lower() == "poly"
 
 
@@ -32,11 +32,6 @@ def add_polynomial(place: Instance, line: Line) -> None:
     """Add a source whose voltage or current is a polynomial of voltages or currents.
 
     The coefficients become parameters ``NAME_p0``, ``NAME_p1``, ...
-
-    Raises
-    ------
-    SceneError
-        If words are missing or too many, or the current of what is no voltage source is taken.
     """
     letter, rest = line.key[0], line.words[4:]
     # Digits of other scripts pass ``isdigit``, hence ASCII is asked first.
@@ -95,17 +90,7 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
 
 
 def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> str:
-    """Write the voltage between two nodes as part of an expression.
-
-    Parameters
-    ----------
-    place : Instance
-        The circuit that names them.
-    plus, minus : str
-        The nodes, as in the netlist.
-    at : SourceLine
-        The line that names them.
-    """
+    """Write the voltage between two nodes as part of an expression."""
     ends = [place.node(word) for word in (plus, minus)]
     place.sheet.named += [(end, word, at) for end, word in zip(ends, (plus, minus), strict=True)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
@@ -114,22 +99,7 @@ def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> s
 
 
 def current_of(place: Instance, line: Line, name: str) -> str:
-    """Write the current of a voltage source as part of an expression.
-
-    Parameters
-    ----------
-    place : Instance
-        The circuit that asks.
-    line : Line
-        The line that asks.
-    name : str
-        Name of the source.
-
-    Raises
-    ------
-    SceneError
-        If there is no such source.
-    """
+    """Write the current of a voltage source as part of an expression."""
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
         raise line.at.error(
@@ -167,13 +137,7 @@ def has_signals(word: str) -> bool:
 
 
 def law_of(place: Instance, line: Line, text: str) -> str:
-    """Write an expression of voltages, currents, time and parameters as scenes do.
-
-    Raises
-    ------
-    SceneError
-        If it is none.
-    """
+    """Write an expression of voltages, currents, time and parameters as scenes do."""
     own = text.strip()
     if own[:1] + own[-1:] in ("{}", "''"):
         own = own[1:-1]
@@ -190,13 +154,7 @@ def law_of(place: Instance, line: Line, text: str) -> str:
 
 
 def add_law(place: Instance, line: Line) -> None:
-    """Add a source whose voltage or current is an expression.
-
-    Raises
-    ------
-    SceneError
-        If it is not written as ``B a b V=...``, or the expression is none.
-    """
+    """Add a source whose voltage or current is an expression."""
     match, gives = _LAW.match(line.text), _GIVES[line.key[0]]
     if match is None or match[1].lower() not in gives:
         raise line.at.error(f"{line.name} needs two nodes, and V= or I= with an expression")
@@ -209,11 +167,6 @@ def add_switch(place: Instance, line: Line) -> None:
     """Add a switch: a resistance of two values, by a voltage (S) or a current (W).
 
     With hysteresis, whether it is on is the mode ``NAME_on``.
-
-    Raises
-    ------
-    SceneError
-        If words are missing or too many, or its model is none of such a switch.
     """
     letter = line.key[0]
     words = line.words[1:]

@@ -170,20 +170,7 @@ class DeviceModel:
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
-    """Read the parameters of a model.
-
-    Parameters
-    ----------
-    card : ModelCard
-        The statement.
-    own : callable
-        ``own(name, word, unit)`` gives the value of a parameter of the model.
-
-    Raises
-    ------
-    SceneError
-        If its type or a parameter is not modelled.
-    """
+    """Read the parameters of a model; ``own(name, word, unit)`` returns the value of one."""
     if card.type not in TYPES:
         hint = nearest(card.type, TYPES)
         raise card.at.error(f"models of type '{brief(card.type)}' are not known here{hint}")
@@ -214,17 +201,7 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
 
 
 def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Value]:
-    """Give the fields of a diode or a bipolar transistor from its model.
-
-    Parameters
-    ----------
-    model : DeviceModel
-        The model.
-    area : float or str
-        Factor of its area.
-    gmin : float or str
-        Conductance across its junctions, [S].
-    """
+    """Return the fields of a diode or a bipolar transistor; gmin is across its junctions, [S]."""
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
@@ -245,19 +222,7 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
 
 
 def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) -> dict[str, Value]:
-    """Give the fields of the diode between bulk and drain or source.
-
-    Parameters
-    ----------
-    model : DeviceModel
-        The model.
-    side : {'cbd', 'cbs'}
-        Its junction capacitance, by the side.
-    gmin : float
-        Conductance across it, [S].
-    count : float or str
-        Number of parallel devices.
-    """
+    """Return the fields of the diode between bulk and drain or source, ``cbd`` or ``cbs``."""
     v = model.values
     fields: dict[str, Value] = {
         "saturation_current": scaled(v["is"], count),
@@ -273,15 +238,7 @@ def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) 
 
 
 def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
-    """Give the fields of a field-effect transistor's channel.
-
-    Parameters
-    ----------
-    model : DeviceModel
-        The model.
-    width, length : float or str
-        Of the gate, [m].
-    """
+    """Return the fields of a field-effect transistor's channel; size of its gate in [m]."""
     v = model.values
     # Diffusion under the gate shortens the channel at both ends.
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"

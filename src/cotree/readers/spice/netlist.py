@@ -53,13 +53,7 @@ class Line:
 
 
 def read_lines(text: str, file: str) -> Iterator[Line]:
-    """Give the statements of a netlist, from the second line up to ``.end``.
-
-    Raises
-    ------
-    SceneError
-        If a line cannot be split into words, or is too long.
-    """
+    """Return the statements of a netlist, from the second line up to ``.end``."""
     at, whole = SourceLine(file, 0), ""
     is_skipped = False
     # The first line is the title, whatever it looks like.
@@ -108,13 +102,7 @@ def _words(line: str, at: SourceLine) -> tuple[str, ...]:
 
 
 def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
-    """Read ``name = value`` from a row of words; names in small letters.
-
-    Raises
-    ------
-    SceneError
-        If the words are no such row, or a name comes twice.
-    """
+    """Read ``name = value`` from a row of words; names in small letters."""
     found: dict[str, str] = {}
     for i in range(0, len(words), 3):
         triple = words[i : i + 3]
@@ -128,18 +116,7 @@ def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
 
 
 def assignments(line: Line) -> dict[str, tuple[str, str]]:
-    """Read ``name = value`` behind the first word, where values may hold spaces and parentheses.
-
-    Returns
-    -------
-    dict of str to (str, str)
-        Names and values as written, by name in small letters.
-
-    Raises
-    ------
-    SceneError
-        If the line holds anything else, or a name comes twice.
-    """
+    """Read ``name = value`` behind the first word, where values may hold spaces and parentheses."""
     text = line.text.split(None, 1)[1] if len(line.words) > 1 else ""
     marks = list(_ASSIGNMENT.finditer(text))
     found: dict[str, tuple[str, str]] = {}
@@ -239,13 +216,7 @@ class Netlist:
 
 
 def parse_netlist(text: str, where: str) -> Netlist:
-    """Sort the statements of a netlist.
-
-    Raises
-    ------
-    SceneError
-        If one is not known, or not complete; the message begins with file and line.
-    """
+    """Sort the statements of a netlist."""
     return _Parser(where).parse(text)
 
 

@@ -40,41 +40,12 @@ _ROOM_TEMPERATURE = 27.0  # degrees Celsius
 
 
 def read_spice_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a circuit from a netlist.
-
-    Parameters
-    ----------
-    source : str or Path
-        Path of the file.
-    scene_type : type
-        The class to make.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read, or holds what is not known; the message begins with file and
-        line.
-    """
+    """Read a circuit from a netlist."""
     return read_spice_text(read_text(source, LARGEST_FILE), str(source), scene_type)
 
 
 def read_spice_text(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a circuit from the text of a netlist.
-
-    Parameters
-    ----------
-    text : str
-        The netlist.
-    where : str
-        Names it in messages.
-    scene_type : type
-        The class to make.
-
-    Raises
-    ------
-    SceneError
-        If a line is not accepted; the message names its number.
-    """
+    """Read a circuit from the text of a netlist."""
     return Writer(scene_type, parse_netlist(text, where), where).write()
 
 
@@ -89,13 +60,7 @@ class Writer(Sheet[_Scene]):
         self.count = 0
 
     def write(self) -> _Scene:
-        """Write the whole netlist.
-
-        Raises
-        ------
-        SceneError
-            As :func:`read_spice_scene`.
-        """
+        """Write the whole netlist."""
         whole, top = self.netlist.circuit, Scope()
         # Options, parameters, times and held voltages come before the elements, wherever they stand
         # in the file: values, waveforms and initial states of elements depend on them.

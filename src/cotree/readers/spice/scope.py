@@ -65,19 +65,7 @@ class Sheet(Generic[_Scene]):
             raise at.error(" ".join(str(error).split())) from None
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
-        """Make a parameter of a number, and give its name; expressions stay as they are.
-
-        Parameters
-        ----------
-        name : str
-            The name wished for.
-        value : float or str
-            A number, or an expression.
-        at : SourceLine
-            Line of the netlist, for messages.
-        unit : str
-            Its unit.
-        """
+        """Make a parameter of a number, and return its name; expressions stay as they are."""
         # The parameters that an expression is made of can be changed instead.
         if isinstance(value, str):
             return value
@@ -112,7 +100,7 @@ class Sheet(Generic[_Scene]):
         return node
 
     def node(self, path: str, name: str) -> str:
-        """Give the node of a name in an instance."""
+        """Return the node of a name in an instance."""
         key = (path, name.lower())
         # The ground is the same in all subcircuits.
         if name.lower() in ("0", "gnd"):
@@ -180,13 +168,7 @@ class Instance:
         return f"{self.path}{name}".replace(".", "_")
 
     def check_name(self, line: Line) -> None:
-        """Refuse a second element of a name.
-
-        Raises
-        ------
-        SceneError
-            If there is one.
-        """
+        """Refuse a second element of a name."""
         # SPICE ignores case: R1 and r1 are one name.
         if line.key in self.taken:
             raise line.at.error(f"there is a second {line.name}")
@@ -200,13 +182,7 @@ class Instance:
             place = place.defined_in
 
     def circuit_named(self, name: str, at: SourceLine) -> tuple[Circuit, Instance]:
-        """Look up a subcircuit, and the place of its definition.
-
-        Raises
-        ------
-        SceneError
-            If there is none.
-        """
+        """Look up a subcircuit, and the place of its definition."""
         # The innermost definition hides those around it.
         for place in self._around():
             found = place.circuit.circuits.get(name.lower())
@@ -216,26 +192,11 @@ class Instance:
         raise at.error(f"there is no subcircuit '{brief(name)}'{hint}")
 
     def has_model(self, name: str) -> bool:
-        """Say whether there is a model of a name."""
+        """Return whether there is a model of a name."""
         return any(name.lower() in place.circuit.models for place in self._around())
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
-        """Look up the model of an element, here or in the circuits around.
-
-        Parameters
-        ----------
-        name : str
-            Name of the model.
-        letter : str
-            The letter of the elements that it must be for.
-        line : Line
-            The line that asks for it.
-
-        Raises
-        ------
-        SceneError
-            If there is none, or it is for other elements.
-        """
+        """Look up the model of an element, here or in the circuits around."""
         key = name.lower()
         place = next((place for place in self._around() if key in place.circuit.models), None)
         if place is None:
@@ -263,7 +224,7 @@ class Instance:
         return self._models[name]
 
     def node(self, word: str) -> str:
-        """Give the node of a name."""
+        """Return the node of a name."""
         return self.sheet.node(self.path, word)
 
     def inner_node(self, line: Line, name: str) -> str:
@@ -278,19 +239,7 @@ class Instance:
         fields: Mapping[str, Any],
         initial: Mapping[str, Any] | None = None,
     ) -> str:
-        """Add an edge to the scene, and give its name there.
-
-        Parameters
-        ----------
-        name : str
-            Name of the element in the netlist.
-        type : str
-            Component type.
-        nodes : sequence of str
-            Its nodes in the scene.
-        fields, initial : mapping of str to value
-            Fields and initial values.
-        """
+        """Add an edge to the scene, and return its name there."""
         # Nodes and elements of a netlist may have the same names; in a scene each name is given
         # once.
         edge = self.sheet.names.give("element", self.label(name))
@@ -320,16 +269,6 @@ class Instance:
                 raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {told}")
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
-        """Read the value of an element; a number becomes a parameter of the element's name.
-
-        Parameters
-        ----------
-        line : Line
-            The line of the element.
-        word : str
-            The value as it is written.
-        unit : str
-            Its unit.
-        """
+        """Read the value of an element; a number becomes a parameter of the element's name."""
         value = self.scope.value(word, line.at)
         return self.sheet.own_parameter(self.label(line.words[0]), value, line.at, unit)

@@ -47,24 +47,7 @@ class Source:
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
-    """Read the waveform of a source from the words after its nodes.
-
-    Parameters
-    ----------
-    words : tuple of str
-        The words after its nodes.
-    scope : Scope
-        Parameters that they may use.
-    times : Times
-        Step and end of the run, which waveforms take defaults from.
-    at : SourceLine
-        The line, for messages.
-
-    Raises
-    ------
-    SceneError
-        If it is no waveform that is known, or a number is missing.
-    """
+    """Read the waveform of a source from the words after its nodes."""
     constant: Value = 0.0
     rest = list(words)
     waveform: Source | None = None
@@ -110,16 +93,9 @@ class _Numbers:
         return self.values[place] if place < len(self.values) else 0.0
 
     def or_else(self, place: int, default: float | None, what: str) -> Value:
-        """Give a number, or its default if it is absent or zero.
+        """Return the number at a place, or its default if it is absent or zero.
 
-        Parameters
-        ----------
-        place : int
-            Its place among the numbers, from 0.
-        default : float or None
-            Its default; None where there is no ``.tran`` to take it from.
-        what : str
-            Its meaning, for the message.
+        The default is None where there is no ``.tran`` to take it from.
         """
         # A number that is zero counts as absent, as in ngspice.
         if not is_zero(self[place]):
@@ -244,7 +220,7 @@ _MADE = {
 
 
 def edge_of(source: Source, is_voltage: bool) -> tuple[str, dict[str, Any]]:
-    """Give type and fields of a source's edge."""
+    """Return type and fields of a source's edge."""
     kind = "voltage" if is_voltage else "current"
     if source.shape:
         return f"{source.shape}_{kind}", source.fields

@@ -60,14 +60,7 @@ def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> li
     """Sort parameters such that each comes after those that its value names.
 
     They stay in the order of the file otherwise. A name that leads back to itself is left where it
-    is: it means that of the circuit around, or is unknown.
-
-    Parameters
-    ----------
-    rows : mapping of str to (str, str, SourceLine)
-        Names, values as written, and lines, by name in small letters.
-    given : collection of str
-        Those whose values are known already.
+    is: it means that of the circuit around, or is unknown. ``given`` are known already.
     """
     done: dict[str, None] = {}
     begun: set[str] = set()
@@ -95,13 +88,7 @@ def read_number(word: str) -> float | None:
 
 
 def number_text(word: str) -> str:
-    """Write a number with a suffix as scenes do.
-
-    Raises
-    ------
-    ExpressionError
-        If it is none, or has its factor in the place of the point.
-    """
+    """Write a number with a suffix as scenes do."""
     check_point(word)
     value = read_number(word)
     if value is None:
@@ -110,13 +97,7 @@ def number_text(word: str) -> str:
 
 
 def check_point(word: str) -> None:
-    """Refuse numbers with their factor in the place of the point, which simulators read apart.
-
-    Raises
-    ------
-    ExpressionError
-        If the word is one.
-    """
+    """Refuse numbers with their factor in the place of the point, which simulators read apart."""
     match = _PRINTED.match(word)
     if match is not None:
         whole, factor, rest = match.groups()
@@ -185,13 +166,7 @@ class Scope:
         return None
 
     def value(self, word: str, at: SourceLine) -> Value:
-        """Read a number, a parameter's name, or an expression in braces or quotes.
-
-        Raises
-        ------
-        SceneError
-            If it is none of these.
-        """
+        """Read a number, a parameter's name, or an expression in braces or quotes."""
         self._check_unit(word, at)
         # Numbers go first: what looks like one is never a name.
         number = read_number(word)
@@ -205,13 +180,7 @@ class Scope:
             raise at.error(f"'{brief(word)}' {error}") from None
 
     def number(self, word: str, at: SourceLine) -> float:
-        """Read what must be a number.
-
-        Raises
-        ------
-        SceneError
-            If it is none, or depends on parameters.
-        """
+        """Read what must be a number."""
         value = self.value(word, at)
         if isinstance(value, str):
             raise at.error(f"'{brief(word)}' must be a number without parameters")
@@ -255,13 +224,7 @@ class SpiceFormula(Rewriter):
         self._length = 0
 
     def text(self, formula: str) -> str:
-        """Rewrite an expression as it is written in a netlist.
-
-        Raises
-        ------
-        ExpressionError
-            If it is none, or holds what scenes do not know.
-        """
+        """Rewrite an expression as it is written in a netlist."""
         if not formula.strip():
             raise ExpressionError("ends where a value should stand")
         return super().text(python_text(formula, _TOKEN, self._spelt, _LONGEST))
@@ -367,20 +330,7 @@ def text_of(value: Value) -> str:
 
 
 def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
-    """Multiply or divide two values; a factor of one changes nothing.
-
-    Parameters
-    ----------
-    value, factor : float or str
-        Numbers or expressions.
-    sign : {'*', '/'}
-        The operation.
-
-    Returns
-    -------
-    float or str
-        A number where both are.
-    """
+    """Multiply or divide two values; a factor of one changes nothing."""
     if factor == 1.0:
         return value
     if isinstance(value, float) and isinstance(factor, float):
@@ -389,5 +339,5 @@ def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
 
 
 def is_zero(value: Value | None) -> bool:
-    """Say whether a value is absent or the number zero."""
+    """Return whether a value is absent or the number zero."""
     return value is None or value == 0.0

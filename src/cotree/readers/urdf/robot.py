@@ -89,13 +89,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
 
 
 def check_mimics(joints: Iterable[Joint]) -> None:
-    """Require that every mimic follows a joint with one coordinate, and none follows itself.
-
-    Raises
-    ------
-    SceneError
-        If one does not.
-    """
+    """Require that every mimic follows a joint with one coordinate, and none follows itself."""
     by_name = {joint.name: joint for joint in joints}
     for joint in by_name.values():
         # A fixed joint has no coordinate that could follow another.
@@ -169,22 +163,7 @@ class Pose:
 
 
 def child_of(element: Element, tag: str, what: str) -> Element:
-    """Give a child element that must exist.
-
-    Parameters
-    ----------
-    element : Element
-        The parent.
-    tag : str
-        Tag of the child.
-    what : str
-        The robot's part that it describes, for messages.
-
-    Raises
-    ------
-    SceneError
-        If there is none.
-    """
+    """Return a child element that must exist."""
     found = element.first(tag)
     if found is None:
         raise element.at.error(f"<{element.tag}> of {what} has no <{tag}>")
@@ -192,22 +171,7 @@ def child_of(element: Element, tag: str, what: str) -> Element:
 
 
 def name_of(element: Element, what: str, attribute: str = "name") -> str:
-    """Give a name that must exist.
-
-    Parameters
-    ----------
-    element : Element
-        The element.
-    what : str
-        The part that it names, for messages.
-    attribute : str
-        The attribute that holds it.
-
-    Raises
-    ------
-    SceneError
-        If it is missing, empty or too long.
-    """
+    """Return a name that must exist."""
     found = element.attributes.get(attribute, "").strip()
     if not found:
         raise element.at.error(f'the {what} has no name: write {attribute}="..."')
@@ -217,48 +181,14 @@ def name_of(element: Element, what: str, attribute: str = "name") -> str:
 
 
 def number_of(element: Element, name: str, what: str, default: float | None = None) -> float:
-    """Give a number, which must exist where there is no default.
-
-    Parameters
-    ----------
-    element : Element
-        The element.
-    name : str
-        Its attribute.
-    what : str
-        The robot's part that it describes, for messages.
-    default : float, optional
-        Value where the attribute is missing.
-
-    Raises
-    ------
-    SceneError
-        If it is missing, or no finite number.
-    """
+    """Return a number, which must exist where there is no default."""
     if name not in element.attributes and default is not None:
         return default
     return _number(element, name, _text(element, name, what).strip(), what)
 
 
 def vector_of(element: Element, name: str, what: str, default: Vector | None = _ZERO) -> Vector:
-    """Give three numbers.
-
-    Parameters
-    ----------
-    element : Element
-        The element.
-    name : str
-        Its attribute.
-    what : str
-        The robot's part that it describes, for messages.
-    default : tuple of three float or None
-        Value where the attribute is missing; None where it must exist.
-
-    Raises
-    ------
-    SceneError
-        If there are not three finite numbers.
-    """
+    """Return three numbers; a default of None where they must exist."""
     if name not in element.attributes and default is not None:
         return default
     # URDF writes vectors as words in one attribute.
@@ -272,7 +202,7 @@ def vector_of(element: Element, name: str, what: str, default: Vector | None = _
 
 
 def pose_of(element: Element, what: str) -> Pose:
-    """Give the pose in an element's <origin>; without one it is zero."""
+    """Return the pose in an element's <origin>; without one it is zero."""
     origin = element.first("origin")
     if origin is None:
         return Pose()
@@ -393,13 +323,7 @@ class Robot:
 
 
 def read_robot(root: Element) -> Robot:
-    """Read the elements of a URDF file, from the outermost one.
-
-    Raises
-    ------
-    SceneError
-        If an element is missing or wrong; the message begins with file and line.
-    """
+    """Read the elements of a URDF file, from the outermost one."""
     if root.tag != "robot":
         raise root.at.error(f"the outermost element is <{brief(root.tag)}>, not <robot>")
     known = ("link", "joint")

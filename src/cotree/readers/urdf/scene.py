@@ -114,44 +114,12 @@ class UrdfOptions:
 
 
 def read_urdf_scene(source: str | Path, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
-    """Read a robot from a URDF file.
-
-    Parameters
-    ----------
-    source : str or Path
-        Path of the file.
-    scene_type : type
-        The class to make.
-    options : UrdfOptions
-        How to read it.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read, or is not a robot; the message begins with file and line.
-    """
+    """Read a robot from a URDF file."""
     return read_urdf_text(read_text(source, LARGEST_FILE), str(source), scene_type, options)
 
 
 def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: UrdfOptions) -> _Scene:
-    """Read a robot from the text of a URDF file.
-
-    Parameters
-    ----------
-    text : str
-        The XML text.
-    where : str
-        Names it in messages.
-    scene_type : type
-        The class to make.
-    options : UrdfOptions
-        The choices that the format leaves open.
-
-    Raises
-    ------
-    SceneError
-        If the text is no XML, or an element is not accepted; the message names it.
-    """
+    """Read a robot from the text of a URDF file."""
     robot = read_robot(parse_xml(text, where))
     root, joints = order_joints(robot)
     if options.mimic:
@@ -256,7 +224,7 @@ class _SceneWriter(Generic[_Scene]):
         return self.options.mimic and joint.mimic is not None and has_one_coordinate(joint)
 
     def _mimicked_start(self, joint: Joint) -> dict[str, float]:
-        """Give the start of a mimicking joint, whose leader starts at zero."""
+        """Return the start of a mimicking joint, whose leader starts at zero."""
         factors = []
         follower = joint
         by_name = {other.name: other for other in self.robot.joints}
