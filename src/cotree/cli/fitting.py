@@ -169,7 +169,7 @@ def fit_scene(
         result.to_json(output)
         typer.echo(f"wrote {output}")
     if plot is not None:
-        from cotree.plot.figures import save_figure
+        from cotree.plot.files import save_figure
 
         save_figure(result.plot(), plot)
         typer.echo(f"wrote {plot}")

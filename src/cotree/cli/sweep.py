@@ -135,7 +135,7 @@ def sweep_scene(
     from cotree.ensemble.dataset import check_dataset_file, check_xarray, write_dataset
     from cotree.ensemble.run import MemberError
     from cotree.plot.ensembles import SUMMARIES, picture
-    from cotree.plot.figures import save_figure
+    from cotree.plot.files import save_figure
     from cotree.solvers.engine import build_ahead
 
     # Whatever can be refused is refused before the scene is compiled.

@@ -1,4 +1,4 @@
-"""Figures: to files, and known to pyplot so that ``plt.show()`` shows them.
+"""Figures that pyplot knows, so that ``plt.show()`` shows them.
 
 A figure is made by pyplot where someone may ask pyplot for it: where the program has imported it,
 in a notebook, and at an interactive prompt. Other programs get a figure that belongs to nothing: it
@@ -8,72 +8,13 @@ needs no window system, is not kept in memory, and is saved all the same.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from cotree.files import check_suffix, written_whole
-
 if TYPE_CHECKING:
-    import os
     from collections.abc import Callable
-
-
-_SUFFIXES = (".svg", ".png", ".pdf")
-
-
-def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure to a file, whole or not at all.
-
-    Parameters
-    ----------
-    fig : Figure
-        The figure.
-    path : path
-        Where to write; its suffix says in which format: .svg, .png or .pdf.
-
-    Raises
-    ------
-    SceneError
-        If the suffix is unknown or the file cannot be written.
-    """
-    import matplotlib
-
-    path = Path(path)
-    format = check_picture(path).removeprefix(".")
-    # Neither date nor random identifiers, so that the same picture is the same file.
-    dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    with (
-        written_whole(path, "the picture") as draft,
-        matplotlib.rc_context({"svg.hashsalt": "cotree"}),
-    ):
-        fig.savefig(draft, format=format, dpi=150, metadata=dates.get(format, {}))
-
-
-def svg_text(fig: Figure) -> str:
-    """Return a figure as the text of an SVG element, on its own light ground."""
-    import io
-
-    import matplotlib
-
-    text = io.StringIO()
-    with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
-        fig.savefig(text, format="svg", metadata={"Date": None})
-    # A page takes the element, without the declaration of a document.
-    return text.getvalue().partition("<svg")[2].join(["<svg", ""])
-
-
-def check_picture(path: Path) -> str:
-    """Return the suffix of a picture's file.
-
-    Raises
-    ------
-    SceneError
-        If it is unknown.
-    """
-    return check_suffix(path, _SUFFIXES, "draw")
 
 
 class ShownFigure(Figure):

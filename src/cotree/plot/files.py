@@ -1,0 +1,67 @@
+"""Figures to files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cotree.files import check_suffix, written_whole
+
+if TYPE_CHECKING:
+    import os
+
+    from matplotlib.figure import Figure
+
+_SUFFIXES = (".svg", ".png", ".pdf")
+
+
+def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure to a file, whole or not at all.
+
+    Parameters
+    ----------
+    fig : Figure
+        The figure.
+    path : path
+        Where to write; its suffix says in which format: .svg, .png or .pdf.
+
+    Raises
+    ------
+    SceneError
+        If the suffix is unknown or the file cannot be written.
+    """
+    import matplotlib
+
+    path = Path(path)
+    format = check_picture(path).removeprefix(".")
+    # Neither date nor random identifiers, so that the same picture is the same file.
+    dates: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with (
+        written_whole(path, "the picture") as draft,
+        matplotlib.rc_context({"svg.hashsalt": "cotree"}),
+    ):
+        fig.savefig(draft, format=format, dpi=150, metadata=dates.get(format, {}))
+
+
+def svg_text(fig: Figure) -> str:
+    """Return a figure as the text of an SVG element, on its own light ground."""
+    import io
+
+    import matplotlib
+
+    text = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "cotree"}):
+        fig.savefig(text, format="svg", metadata={"Date": None})
+    # A page takes the element, without the declaration of a document.
+    return text.getvalue().partition("<svg")[2].join(["<svg", ""])
+
+
+def check_picture(path: Path) -> str:
+    """Return the suffix of a picture's file.
+
+    Raises
+    ------
+    SceneError
+        If it is unknown.
+    """
+    return check_suffix(path, _SUFFIXES, "draw")
