@@ -47,6 +47,11 @@ class Features:
         Whether a method takes a Jacobian.
     helper : bool
         Whether another program finds states where iterations fail.
+    conditions, breakpoints : bool
+        Of an FMU: whether the start satisfies constraints or conditions; whether there are time
+        events or upper bounds of steps.
+    exchange, steps : bool
+        Whether an FMU offers Model Exchange, and Co-Simulation.
     """
 
     sensitivities: bool = True
@@ -57,6 +62,10 @@ class Features:
     moving_corners: bool = True
     implicit: bool = True
     helper: bool = True
+    conditions: bool = True
+    breakpoints: bool = True
+    exchange: bool = True
+    steps: bool = True
 
     def macros(self) -> dict[str, bool]:
         """Return the value of each macro by name."""

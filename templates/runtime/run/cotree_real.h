@@ -38,6 +38,18 @@
 #ifndef COTREE_HAS_HELPER
 #define COTREE_HAS_HELPER 1 /* solvers of the caller, used if iterations fail */
 #endif
+#ifndef COTREE_HAS_CONDITIONS
+#define COTREE_HAS_CONDITIONS 1 /* of an FMU: its start satisfies constraints or conditions */
+#endif
+#ifndef COTREE_HAS_BREAKPOINTS
+#define COTREE_HAS_BREAKPOINTS 1 /* of an FMU: time events, or upper bounds of steps */
+#endif
+#ifndef COTREE_HAS_EXCHANGE
+#define COTREE_HAS_EXCHANGE 1 /* of an FMU: Model Exchange */
+#endif
+#ifndef COTREE_HAS_STEPS
+#define COTREE_HAS_STEPS 1 /* of an FMU: Co-Simulation */
+#endif
 
 /* COTREE_F(x): a literal of the type. COTREE_SELECT(a, b): a in double precision, b in single;
  * tolerances are the same share of the digits of either. */

@@ -1,7 +1,7 @@
 """The variables of an FMU: names, units, start values, and what depends on what.
 
 A value reference is a place in consecutive blocks, in the order of ``enum fmu_block`` of
-``fmu.h``.
+``cotree_fmu.h``.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ states, inputs and parameters alike, whichever sensitivities were compiled.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.codegen.context import (
@@ -209,9 +209,10 @@ def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], 
 
 @dataclass(frozen=True)
 class PatternContext:
-    """A matrix of derivatives."""
+    """A matrix of derivatives, and the field of ``fmu_tables`` that it is."""
 
     name: str
+    field: str
     n_rows: int
     n_columns: int
     n_nonzeros: int
@@ -219,21 +220,14 @@ class PatternContext:
 
 @dataclass(frozen=True)
 class TablesContext(KernelFile):
-    """Data of the template of a model's tables."""
+    """Data of the template of a model's tables; flags and fields are those of ``fmu_tables``."""
 
     token_literal: str
     integrator: str
-    has_sensitivities: bool
-    is_exchangeable: bool
     is_implicit: bool
-    is_strict: bool
-    is_extended: bool
+    flags: list[str]
+    fields: list[str]
     n_inputs: int
-    n_signals: int
-    is_found: bool
-    is_at_rest: bool
-    has_states: bool
-    has_sizes: bool
     rtol: str
     atol: str
     span: str
@@ -314,20 +308,31 @@ def source_files(
     mapping of str to str
         Text by file name.
     """
-    # Without Co-Simulation no integrator is called, but the job is compiled all the same.
-    integrator = facts.integrator
-    method = integrator or "dopri5"
-    files = {
-        **render_model(model_context(program)),
-        **method_files(method),
-        **stepper_files(method),
-    }
-    if integrator and INTEGRATORS[integrator].is_implicit:
+    integrator, is_implicit = facts.integrator, _is_implicit(facts)
+    model = model_context(program)
+    files = dict(render_model(model))
+    if integrator:
+        files |= {**method_files(integrator), **stepper_files(integrator)}
+    if is_implicit:
         files |= render_newton(newton_context(program))
-    files |= source_texts(f"cotree_fmi{version}.h")
     tables = _tables_context(program, kernels, facts)
     files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
-    return with_runtime(files)
+    features = replace(
+        model.features(),
+        sensitivities=facts.has_sensitivities,
+        moving_corners=facts.has_sensitivities and bool(kernels.starts),
+        implicit=is_implicit,
+        conditions=tables.start_tables.has_assembly,
+        breakpoints=kernels.stops is not None,
+        exchange=facts.is_exchangeable,
+        steps=bool(integrator),
+    )
+    files |= source_texts(f"cotree_fmi{version}.h", features=features)
+    return with_runtime(files, features=features)
+
+
+def _is_implicit(facts: Facts) -> bool:
+    return bool(facts.integrator) and INTEGRATORS[facts.integrator].is_implicit
 
 
 def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> TablesContext:
@@ -336,28 +341,35 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
     nodes = [node for kernel in present for node in kernel.order]
     names = name_tables(nodes)
     contexts = [kernel_context(prefix, kernel, program, names, {}) for kernel in present]
-    is_implicit = bool(facts.integrator) and INTEGRATORS[facts.integrator].is_implicit
-    arrays = list(_arrays(program, kernels, facts))
+    is_implicit = _is_implicit(facts)
+    own = list(_arrays(program, kernels, facts))
+    patterns = {
+        "partials": kernels.partials,
+        "initial": kernels.initial,
+        "constraints": kernels.constraints,
+    }
+    arrays = [*own, *(row for pattern in patterns.values() for row in _pattern(pattern))]
     further = [line for array in arrays for line in (array.name, *array.lines)]
-    signals = [i for i in range(len(layout.inputs)) if i not in facts.outside]
+    flags = {
+        "has_sensitivities": facts.has_sensitivities,
+        "is_exchangeable": facts.is_exchangeable,
+        "is_implicit": is_implicit,
+        "is_strict": facts.is_strict,
+        "is_extended": not is_implicit
+        and program.can_extend
+        and not layout.events
+        and not layout.inputs,
+        "is_found": facts.is_found,
+        "is_at_rest": facts.is_at_rest,
+    }
     return TablesContext(
         **file_fields(layout.name, nodes, contexts, [*further, facts.token]),
         token_literal=c_string(facts.token),
         integrator=facts.integrator,
-        has_sensitivities=facts.has_sensitivities,
-        is_exchangeable=facts.is_exchangeable,
         is_implicit=is_implicit,
-        is_strict=facts.is_strict,
-        is_extended=not is_implicit
-        and program.can_extend
-        and not layout.events
-        and not layout.inputs,
+        flags=[name for name, holds in flags.items() if holds],
+        fields=[array.name for array in own],
         n_inputs=len(facts.outside),
-        n_signals=len(signals),
-        is_found=facts.is_found,
-        is_at_rest=facts.is_at_rest,
-        has_states=bool(layout.states),
-        has_sizes=bool(facts.sizes),
         rtol=DOUBLE.literal(facts.rtol),
         atol=DOUBLE.literal(facts.atol),
         span=DOUBLE.literal(facts.t_end),
@@ -368,24 +380,21 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         n_limits=kernels.n_limits,
         start_tables=start_tables(layout),
         patterns=[
-            PatternContext(own.name, own.n_rows, own.n_columns, len(own.rows))
-            for own in (kernels.partials, kernels.initial, kernels.constraints)
+            PatternContext(own.name, name, own.n_rows, own.n_columns, len(own.rows))
+            for name, own in patterns.items()
         ],
         arrays=arrays,
     )
 
 
 def _arrays(program: Program, kernels: FmuKernels, facts: Facts) -> Iterable[Constants]:
-    layout = program.layout
-    signals = [i for i in range(len(layout.inputs)) if i not in facts.outside]
+    signals = [i for i in range(len(program.layout.inputs)) if i not in facts.outside]
     yield from _ints("inputs", facts.outside)
     yield from _doubles("values", facts.input_values)
     yield from _ints("signals", signals)
     yield from _doubles("start", facts.start)
     yield from _doubles("sizes", facts.sizes)
     yield from _ints("stop_starts", [int(starts) for starts in kernels.starts])
-    for own in (kernels.partials, kernels.initial, kernels.constraints):
-        yield from _pattern(own)
 
 
 def _pattern(own: Partials) -> Iterable[Constants]:

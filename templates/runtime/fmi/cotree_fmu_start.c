@@ -1,44 +1,39 @@
-/* fmu_start.c: initialization with a consistent start, and its derivatives.
+/* cotree_fmu_start.c: initialization with a consistent start, and its derivatives.
  * Part of the runtime of cotree, the same for every model. */
-#include "fmu.h"
+#include "cotree_fmu_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
-#define N_STATES (m->model->n_states)
-#define N_RATES (m->model->n_states - m->model->n_algebraic)
-
-/* The largest number of mode changes of jumps. */
-#define MAX_MODE_CHANGES 100
-
-int fmu_set_up(fmu *m, double t, double end, double tolerance)
+int fmu_set_up(void *instance, const char *function, double t, double end, double tolerance)
 {
-    if (!(fabs(t) <= DBL_MAX)) return fmu_refuse(m, "the start time is no finite number");
-    if (!(end > t))
-        return fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
-    if (!(tolerance > 0.0 && tolerance < 1.0)) {
-        return fmu_refuse(m, "the tolerance %g is not between 0 and 1", tolerance);
+    fmu *const m = fmu_call(instance, function, FMU_INSTANTIATED);
+    int result = 0;
+    if (m == NULL) return FMU_ERROR;
+    if (!(fabs(t) <= DBL_MAX)) {
+        result = fmu_refuse(m, "the start time is no finite number");
+    } else if (!(end > t)) {
+        result = fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
+    } else if (!(tolerance > 0.0 && tolerance < 1.0)) {
+        result = fmu_refuse(m, "the tolerance %g is not between 0 and 1", tolerance);
     }
+    if (result != 0) return FMU_ERROR;
     m->numbers[FMU_NOW] = m->numbers[FMU_BEGIN] = t;
     m->numbers[FMU_END] = end;
     m->numbers[FMU_TOLERANCE] = tolerance;
     m->numbers[FMU_IS_SET_UP] = 1.0;
-    return 0;
+    return FMU_OK;
 }
 
-int fmu_begin(fmu *m)
+int fmu_enter_initialization(void *instance, const char *function)
 {
+    fmu *const m = fmu_call(instance, function, FMU_INSTANTIATED);
+    if (m == NULL) return FMU_ERROR;
+    if (m->numbers[FMU_IS_SET_UP] == 0.0) {
+        fmu_refuse(m, "%s needs the start time: call fmi2SetupExperiment first", function);
+        return FMU_ERROR;
+    }
     m->numbers[FMU_IS_STARTED] = 0.0;
     fmu_invalidate(m);
     fmu_enter(m, FMU_INITIALIZATION);
-    return 0;
-}
-
-/* Return whether a state keeps its initial value. */
-static int is_prescribed(const fmu *m, int i)
-{
-    return m->is_own[i] != 0.0 || m->tables->start_tables->given[i];
+    return FMU_OK;
 }
 
 /* Write the prescribed initial values, and guesses of the others. */
@@ -66,16 +61,18 @@ static int write_initial_values(fmu *m)
     return 0;
 }
 
+#if COTREE_HAS_CONDITIONS
 /* Mark prescribed states: with given or set initial values, and those of is_known unless NULL.
  * Conditions hold unless all coordinates, or all speeds, are set. */
 static void mark_prescribed(fmu *m, const int *is_known)
 {
     cotree_assembly *const a = &m->assembly;
     int i;
-    for (i = 0; i < N_STATES; ++i) m->pivots[i] = m->is_own[i] != 0.0;
-    cotree_assembly_hold(a, m->pivots);
+    for (i = 0; i < N_STATES; ++i) m->is_set[i] = m->is_own[i] != 0.0;
+    cotree_assembly_hold(a, m->is_set);
     for (i = 0; i < N_STATES; ++i) {
-        a->is_kept[i] = is_prescribed(m, i) || (is_known != NULL && is_known[i]);
+        a->is_kept[i] = m->is_own[i] != 0.0 || m->tables->start_tables->given[i] ||
+                        (is_known != NULL && is_known[i]);
     }
 }
 
@@ -86,7 +83,6 @@ static int assemble(fmu *m)
     const double t = m->numbers[FMU_NOW];
     int i, status;
     m->numbers[FMU_IS_CHOSEN] = 0.0;
-    if (m->tables->start_tables->assembly == NULL) return 0;
     fmu_set_up_run(m);
     if (cotree_run_inputs(&m->run, t) != 0) return fmu_refuse(m, "the inputs have no values");
     mark_prescribed(m, NULL);
@@ -107,6 +103,11 @@ static int assemble(fmu *m)
     m->numbers[FMU_IS_CHOSEN] = (double)cotree_assembly_is_chosen(a, t, m->work, m->z);
     return 0;
 }
+#endif
+
+#if COTREE_HAS_EVENTS
+/* The largest number of mode changes of jumps. */
+#define MAX_MODE_CHANGES 100
 
 /* Select the modes of dry friction and rigid stops; the start may contain an impact. */
 static int select_modes(fmu *m)
@@ -116,9 +117,9 @@ static int select_modes(fmu *m)
     int i, status;
     cotree_run_narrow(&m->run, t, m->z, m->work);
     cotree_events_restore(e, m->event_history); /* without the history of an earlier run */
-    m->run.is_held = 1;
+    fmu_hold(m, 1);
     status = cotree_events_select_modes(e, t, m->work);
-    m->run.is_held = 0;
+    fmu_hold(m, 0);
     if (status != 0) {
         return fmu_refuse(m, "event '%s' stops the initialization at t = %.10g: %s",
                           e->rows[e->event].name, t, cotree_events_message(status));
@@ -137,7 +138,7 @@ static int initialize_jump_modes(fmu *m)
 {
     const cotree_hybrid *const hybrid = m->model->hybrid;
     const double t = m->numbers[FMU_NOW];
-    int round, i, is_changed = hybrid != NULL;
+    int round, i, is_changed = 1;
     for (round = 0; is_changed && round < MAX_MODE_CHANGES; ++round) {
         is_changed = 0;
         m->valid = 0;
@@ -156,56 +157,75 @@ static int initialize_jump_modes(fmu *m)
         }
     }
     if (is_changed) return fmu_refuse(m, "jumps make each other happen at the start");
-    return hybrid == NULL ? 0 : select_modes(m);
+    return select_modes(m);
 }
+#endif
+
+#if COTREE_HAS_SENSITIVITIES
+/* Compute the sensitivities at the start. */
+static int start_sensitivities(fmu *m)
+{
+    int i, j;
+    for (j = 0; j < N_SENSITIVITIES; ++j) {
+        const int seed = m->tables->start_tables->seeds[j];
+        double *const s = m->z + N_STATES * (1 + j);
+        for (i = 0; i < m->tables->partials.n_columns; ++i) m->seed[i] = 0.0;
+        m->seed[seed < 0 ? -1 - seed : N_STATES + m->tables->n_inputs + seed] = 1.0;
+        if (fmu_move_start(m, NULL, m->seed) != 0) return 1;
+        for (i = 0; i < N_STATES; ++i) s[i] = i < N_RATES ? m->seed[i] : 0.0;
+    }
+    return 0;
+}
+#endif
 
 int fmu_start(fmu *m)
 {
-    const int m_s = m->tables->has_sensitivities ? m->model->n_sensitivities : 0;
-    int i, j;
+    int status;
     if (fmu_prepare(m) != 0) return 1;
     m->run.low = m->numbers[FMU_LOW] = -HUGE_VAL;
     m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
     fmu_invalidate(m);
     m->numbers[FMU_IS_STARTED] = 1.0; /* prevents recursion: refresh would call this function */
-    if (write_initial_values(m) != 0 || assemble(m) != 0 || fmu_refresh(m, FMU_POINT) != 0 ||
-        initialize_jump_modes(m) != 0) {
-        m->numbers[FMU_IS_STARTED] = 0.0;
-        return 1;
-    }
-    for (j = 0; j < m_s; ++j) {
-        const int seed = m->tables->start_tables->seeds[j];
-        double *const s = m->z + N_STATES * (1 + j);
-        for (i = 0; i < m->tables->partials.n_columns; ++i) m->seed[i] = 0.0;
-        m->seed[seed < 0 ? -1 - seed : N_STATES + m->tables->n_inputs + seed] = 1.0;
-        if (fmu_move_start(m, NULL, m->seed) != 0) {
-            m->numbers[FMU_IS_STARTED] = 0.0;
-            return 1;
-        }
-        for (i = 0; i < N_STATES; ++i) s[i] = i < N_RATES ? m->seed[i] : 0.0;
-    }
+    status = write_initial_values(m);
+#if COTREE_HAS_CONDITIONS
+    if (status == 0) status = assemble(m);
+#endif
+    if (status == 0) status = fmu_refresh(m, FMU_POINT);
+#if COTREE_HAS_EVENTS
+    if (status == 0) status = initialize_jump_modes(m);
+#endif
+#if COTREE_HAS_SENSITIVITIES
+    if (status == 0) status = start_sensitivities(m);
+#endif
+    if (status != 0) m->numbers[FMU_IS_STARTED] = 0.0;
     fmu_invalidate(m);
-    return 0;
+    return status;
 }
 
-int fmu_leave_initialization(fmu *m)
+int fmu_exit_initialization(void *instance, const char *function)
 {
-    if (m->numbers[FMU_IS_STARTED] == 0.0 && fmu_start(m) != 0) return 1;
-    if (fmu_refresh(m, FMU_POINT | FMU_HAS_RATES | FMU_HAS_OUTPUTS) != 0) return 1;
+    fmu *const m = fmu_call(instance, function, FMU_INITIALIZATION);
+    int status;
+    if (m == NULL) return FMU_ERROR;
+    status = m->numbers[FMU_IS_STARTED] == 0.0 ? fmu_start(m) : 0;
+    if (status == 0) status = fmu_refresh(m, FMU_POINT | FMU_HAS_RATES | FMU_HAS_OUTPUTS);
     m->numbers[FMU_IS_CHANGED] = 0.0;
     m->numbers[FMU_IS_BEGUN] = 0.0;
-    if (!m->is_exchanged && m->model->hybrid != NULL && fmu_enter_steps(m) != 0) return 1;
-    fmu_enter(m, m->is_exchanged ? FMU_EVENT : FMU_STEP);
-    return 0;
+#if COTREE_HAS_EVENTS && COTREE_HAS_STEPS
+    if (status == 0 && !m->is_exchanged) status = fmu_enter_steps(m);
+#endif
+    if (status == 0) fmu_enter(m, m->is_exchanged ? FMU_EVENT : FMU_STEP);
+    return fmu_status(m, status);
 }
 
+#if COTREE_HAS_CONDITIONS
 /* Complete a direction by the states of one level that are not prescribed. */
 static int complete_direction(fmu *m, double *seed, int level)
 {
     const cotree_assembly_tables *const rows = m->assembly.tables;
     const fmu_pattern *const c = &m->tables->constraints;
     const int n_held = rows->n_values + rows->n_rows, n = n_held + rows->n_conditions;
-    double *const rates = m->solved;
+    double *const rates = m->residual;
     int i, j;
     for (i = 0; i < n; ++i) rates[i] = 0.0;
     for (j = 0; j < c->n_columns; ++j) {
@@ -223,6 +243,23 @@ static int complete_direction(fmu *m, double *seed, int level)
     }
     return 0;
 }
+
+/* Complete a direction by the states that are not prescribed. */
+static int complete_directions(fmu *m, const int *is_known, double *seed)
+{
+    if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
+        return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
+                             "initial values that satisfy the constraints");
+    }
+    if (fmu_refresh(m, FMU_POINT) != 0) return 1;
+    if (m->tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
+        return fmu_refuse(m, "the constraints have no derivatives");
+    }
+    mark_prescribed(m, is_known);
+    cotree_assembly_turn(&m->assembly, m->z, seed);
+    return complete_direction(m, seed, 0) != 0 ? 1 : complete_direction(m, seed, 1);
+}
+#endif
 
 /* Complete a direction of prescribed states, inputs and parameters by the other states.
  * is_known: states whose own entry is prescribed; NULL: only those that were set. */
@@ -251,16 +288,9 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
             seed[row] += m->initial[i] * of_p[j];
         }
     }
-    if (tables->start_tables->assembly == NULL) return 0;
-    if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
-        return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
-                             "initial values that satisfy the constraints");
-    }
-    if (fmu_refresh(m, FMU_POINT) != 0) return 1;
-    if (tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
-        return fmu_refuse(m, "the constraints have no derivatives");
-    }
-    mark_prescribed(m, is_known);
-    cotree_assembly_turn(&m->assembly, m->z, seed);
-    return complete_direction(m, seed, 0) != 0 ? 1 : complete_direction(m, seed, 1);
+#if COTREE_HAS_CONDITIONS
+    return complete_directions(m, is_known, seed);
+#else
+    return 0;
+#endif
 }

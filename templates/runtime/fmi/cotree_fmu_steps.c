@@ -1,43 +1,14 @@
-/* fmu_steps.c: Co-Simulation with one job for each communication step.
+/* cotree_fmu_steps.c: Co-Simulation with one job for each communication step.
  * Part of the runtime of cotree, the same for every model. */
-#include "fmu.h"
+#include "cotree_fmu_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#define N_STATES (m->model->n_states)
-#define N_SENSITIVITIES (m->tables->has_sensitivities ? m->model->n_sensitivities : 0)
-
+#if COTREE_HAS_STEPS
 /* Relative tolerance of the start time of a step: importers accumulate rounding. */
 #define TIME_RTOL 1e-9
-
-static int replace_inputs(double t, double *u, void *context)
-{
-    const fmu *const m = (const fmu *)context;
-    int i;
-    (void)t;
-    for (i = 0; i < m->tables->n_inputs; ++i) u[m->tables->inputs[i]] = m->outside[i];
-    return 0;
-}
-
-/* Return the scale of a parameter of sensitivity; 1 for an initial value. */
-static double size_of(const fmu *m, int j)
-{
-    const int seed = m->tables->start_tables->seeds[j];
-    return seed < 0 ? 1.0 : fabs(m->p[seed]);
-}
 
 static double atol_of(const fmu *m)
 {
     return m->tables->atol * (m->numbers[FMU_TOLERANCE] / m->tables->rtol);
-}
-
-static double atol_of_slope(const fmu *m, int j)
-{
-    const double size = size_of(m, j);
-    return size > 0.0 ? fmin(atol_of(m) / size, 1e100) : atol_of(m);
 }
 
 static double factor_of(const fmu *m, int state)
@@ -45,22 +16,37 @@ static double factor_of(const fmu *m, int state)
     return m->tables->sizes == NULL ? 1.0 : m->tables->sizes[state];
 }
 
+#if COTREE_HAS_SENSITIVITIES
+/* Return the absolute tolerance of sensitivities to a parameter, whose scale is 1 for an initial
+ * value. */
+static double atol_of_slope(const fmu *m, int j)
+{
+    const int seed = m->tables->start_tables->seeds[j];
+    const double size = seed < 0 ? 1.0 : fabs(m->p[seed]);
+    return size > 0.0 ? fmin(atol_of(m) / size, 1e100) : atol_of(m);
+}
+#endif
+
 /* Set the absolute tolerances of the entries that are integrated; return their number. */
 static int set_tolerances(fmu *m)
 {
     const fmu_tables *const tables = m->tables;
+    const int n_states = tables->is_implicit || tables->is_extended ? N_STATES : N_RATES;
+#if COTREE_HAS_SENSITIVITIES
     const cotree_model *const model = m->model;
-    const int n_rates = N_STATES - model->n_algebraic;
-    const int n_states = tables->is_implicit || tables->is_extended ? N_STATES : n_rates;
-    const int n = tables->is_implicit ? N_STATES : n_rates; /* sensitivities */
-    int i, j, k = 0;
+    const int n = tables->is_implicit ? N_STATES : N_RATES; /* sensitivities */
+    int j;
+#endif
+    int i, k = 0;
     for (i = 0; i < n_states; ++i) m->atols[k++] = atol_of(m) * factor_of(m, i);
+#if COTREE_HAS_SENSITIVITIES
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         for (i = model->sensitivity_starts[j]; i < model->sensitivity_starts[j + 1]; ++i) {
             const int row = model->sensitivity_rows[i];
             if (row < n) m->atols[k++] = atol_of_slope(m, j) * factor_of(m, row);
         }
     }
+#endif
     return k;
 }
 
@@ -76,12 +62,33 @@ static int reserve_corners(fmu *m, size_t n)
     return 0;
 }
 
+#if COTREE_HAS_MOVING_CORNERS
+/* Write the derivatives of the times of corners by the parameters. */
+static void write_slopes(fmu *m, cotree_job *job)
+{
+    const int n_sensitivities = N_SENSITIVITIES;
+    double *const slopes = m->corners + m->n_corners;
+    double *const spreads = slopes + m->n_corners * (size_t)n_sensitivities;
+    double least = 1.0;
+    int i;
+    for (i = 0; i < job->n_corners; ++i) {
+        const double at = m->corners[i];
+        cotree_find_breakpoint_slopes(&m->stops, at, at == m->numbers[FMU_BEGIN],
+                                      slopes + i * n_sensitivities, spreads + i * n_sensitivities);
+    }
+    for (i = 0; i < N_STATES; ++i) least = fmin(least, factor_of(m, i));
+    for (i = 0; i < n_sensitivities; ++i) m->turn_tolerances[i] = least * atol_of_slope(m, i);
+    job->slopes = slopes;
+    job->spreads = spreads;
+    job->turn_tolerances = m->turn_tolerances;
+}
+#endif
+
 /* List the corners: the start, time events and the end. */
 static int list_corners(fmu *m, double t, double end, cotree_job *job)
 {
-    const size_t n_sensitivities = (size_t)N_SENSITIVITIES;
     const double begin = t;
-    size_t i, n = 0;
+    size_t n = 0;
     for (;;) {
         if (reserve_corners(m, n + 1) != 0) return 1;
         m->corners[n++] = t;
@@ -93,23 +100,9 @@ static int list_corners(fmu *m, double t, double end, cotree_job *job)
     job->scale = fmu_largest_stop(m, end);
     job->is_start_sharp = fmu_is_stop(m, begin);
     job->is_end_sharp = fmu_is_stop(m, end);
-    if (n_sensitivities == 0 || m->tables->n_stops == 0) return 0;
-    m->slopes = m->corners + m->n_corners;
-    m->spreads = m->slopes + m->n_corners * n_sensitivities;
-    for (i = 0; i < n; ++i) {
-        const double at = m->corners[i];
-        fmu_stop_slopes(m, at, at == m->numbers[FMU_BEGIN], m->slopes + i * n_sensitivities,
-                        m->spreads + i * n_sensitivities);
-    }
-    for (i = 0; i < n_sensitivities; ++i) {
-        double least = 1.0;
-        int k;
-        for (k = 0; k < N_STATES; ++k) least = fmin(least, factor_of(m, k));
-        m->turn_tolerances[i] = least * atol_of_slope(m, (int)i);
-    }
-    job->slopes = m->slopes;
-    job->spreads = m->spreads;
-    job->turn_tolerances = m->turn_tolerances;
+#if COTREE_HAS_MOVING_CORNERS
+    write_slopes(m, job);
+#endif
     return 0;
 }
 
@@ -117,31 +110,53 @@ static int list_corners(fmu *m, double t, double end, cotree_job *job)
 static double longest_step(const fmu *m)
 {
     double longest = DBL_MAX;
+#if COTREE_HAS_BREAKPOINTS
     int i;
     for (i = 0; i < m->tables->n_limits; ++i) {
-        const double limit = fabs(m->stops[i]);
+        const double limit = fabs(m->limits[i]);
         if (limit > 0.0 && limit < longest) longest = limit;
     }
+#else
+    (void)m;
+#endif
     return longest;
 }
+
+#if COTREE_HAS_EVENTS
+static void set_up_events(fmu *m, cotree_job *job)
+{
+    job->records = m->records;
+    job->most_records = COTREE_EVENTS_AT_ONCE(N_EVENTS);
+    job->watched = m->event_history;
+    job->is_continued = m->numbers[FMU_IS_BEGUN] != 0.0;
+    job->is_changed = m->numbers[FMU_IS_CHANGED] != 0.0;
+    job->span = fmu_span(m);
+    job->most_events = m->returns_early ? 1 : 0;
+}
+#endif
 
 static int set_up_job(fmu *m, cotree_job *job, double t, double end)
 {
     const fmu_tables *const tables = m->tables;
-    const int n_events = m->model->hybrid == NULL ? 0 : m->model->hybrid->n_events;
     size_t n_bytes;
     memset(job, 0, sizeof(*job));
     job->model = m->model;
     job->p = m->p;
     job->k = m->k;
     job->u = m->u;
-    job->input_function = tables->n_inputs > 0 ? replace_inputs : NULL;
+#if COTREE_HAS_INPUTS
+    job->input_function = tables->n_inputs > 0 ? fmu_write_inputs : NULL;
     job->input_context = m;
+#endif
     job->has_sensitivities = N_SENSITIVITIES > 0;
+#if COTREE_HAS_CONSTRAINTS
     job->is_held = 1;
     job->is_strict = tables->is_strict;
     job->constraints = tables->start_tables->assembly;
+#endif
+#if COTREE_HAS_ALGEBRAIC
     job->is_extended = tables->is_extended;
+#endif
     job->stepper = tables->stepper();
     job->aid = tables->aid == NULL ? NULL : tables->aid();
     job->n = set_tolerances(m);
@@ -151,15 +166,9 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     job->max_step = longest_step(m);
     job->z = m->z;
     job->t = t;
-    if (n_events > 0) {
-        job->records = m->records;
-        job->most_records = COTREE_EVENTS_AT_ONCE(n_events);
-        job->watched = m->event_history;
-        job->is_continued = m->numbers[FMU_IS_BEGUN] != 0.0;
-        job->is_changed = m->numbers[FMU_IS_CHANGED] != 0.0;
-        job->span = fmu_span(m);
-        job->most_events = m->returns_early ? 1 : 0;
-    }
+#if COTREE_HAS_EVENTS
+    set_up_events(m, job);
+#endif
     if (list_corners(m, t, end, job) != 0) return 1;
     job->wanted = job->corners; /* not read: n_wanted is zero */
     n_bytes = cotree_job_memory(job);
@@ -174,14 +183,16 @@ static int set_up_job(fmu *m, cotree_job *job, double t, double end)
     return 0;
 }
 
-/* Log why a job failed. */
-static int log_failure(fmu *m, const cotree_job *job, int is_eventful)
+/* Log why a job failed. n_events: of the step. */
+static int log_failure(fmu *m, const cotree_job *job, long n_events)
 {
     if (job->status == COTREE_TOO_MANY_STEPS) {
+        const int is_eventful = n_events >= m->tables->most_events;
         return fmu_discard(m, "the step stops at t = %.10g: the limit of %ld %s is reached", job->t,
                            is_eventful ? m->tables->most_events : m->tables->most_steps,
                            is_eventful ? "events" : "integrator steps");
     }
+#if COTREE_HAS_MOVING_CORNERS
     if (job->status == COTREE_RUN_TURNED) {
         return fmu_discard(
             m,
@@ -190,15 +201,19 @@ static int log_failure(fmu *m, const cotree_job *job, int is_eventful)
             m->model->states[job->turned % N_STATES].name,
             m->model->sensitivities[job->turned / N_STATES - 1], job->t);
     }
+#endif
+#if COTREE_HAS_EVENTS
     if (job->status >= COTREE_EVENTS_FAILED) {
         return fmu_discard(m, "event '%s' stops the simulation at t = %.10g: %s",
                            m->model->hybrid->events[job->event].name, job->event_time,
                            cotree_events_message(job->status));
     }
+#endif
     return fmu_discard(m, "the simulation stops at t = %.10g: %s", job->t,
                        cotree_status_message((cotree_status)job->status));
 }
 
+#if COTREE_HAS_EVENTS
 /* Log the events, except for jumps. Return their number. */
 static int log_events(const fmu *m, cotree_job *job)
 {
@@ -207,21 +222,25 @@ static int log_events(const fmu *m, cotree_job *job)
     for (i = 0; i < job->n_records; ++i) {
         const cotree_event *const row = m->model->hybrid->events + (int)job->records[i * width + 1];
         if (row->kind == COTREE_JUMP) continue;
-        fmu_log(m, FMU_NOTE, "event '%s' at t = %.10g", row->name, job->records[i * width]);
+        fmu_log(m, FMU_OK, "event '%s' at t = %.10g", row->name, job->records[i * width]);
         ++n_told;
     }
     job->n_records = 0;
     return n_told;
 }
+#endif
 
 /* Integrate to the end of the step, or to the first event, within the budgets. */
 static int run_job(fmu *m, cotree_job *job, long *n_events)
 {
-    int result = COTREE_JOB_MORE, has_told = 0;
+    int result = COTREE_JOB_MORE;
     while (result == COTREE_JOB_MORE) {
+        int has_told = 0;
         result = cotree_job_run(job, m->tables->most_steps - job->n_steps);
+#if COTREE_HAS_EVENTS
         *n_events += job->n_records;
-        if (log_events(m, job) > 0) has_told = 1;
+        has_told = log_events(m, job) > 0;
+#endif
         if (result != COTREE_JOB_MORE) break;
         if (m->returns_early && has_told) {
             cotree_job_sync(job);
@@ -246,6 +265,7 @@ static void copy_results(fmu *m, const cotree_job *job, int result)
     fmu_invalidate(m);
 }
 
+#if COTREE_HAS_EVENTS
 int fmu_enter_steps(fmu *m)
 {
     const double t = m->numbers[FMU_NOW];
@@ -257,6 +277,7 @@ int fmu_enter_steps(fmu *m)
     copy_results(m, &job, result);
     return result == COTREE_JOB_FAILED ? log_failure(m, &job, 0) : 0;
 }
+#endif
 
 static int check_step(const fmu *m, double t, double step)
 {
@@ -272,21 +293,19 @@ static int check_step(const fmu *m, double t, double step)
         return fmu_refuse(m, "the step ends at t = %.10g, after the stop time %.10g", t + step,
                           end);
     }
+    if (!(t + step > t)) return fmu_refuse(m, "the step size %g is below the rounding of t", step);
     return 0;
 }
 
-int fmu_step(fmu *m, double t, double step, int *is_early, double *reached)
+static int take_step(fmu *m, double t, double step, fmu_progress *progress)
 {
     const double end = t + step;
     cotree_job job;
     long n_events = 0;
     int result;
-    *is_early = 0;
-    *reached = m->numbers[FMU_NOW];
     if (check_step(m, t, step) != 0 || fmu_prepare(m) != 0) return 1;
-    if (!(end > t)) return fmu_refuse(m, "the step size %g is below the rounding of t", step);
     if (m->numbers[FMU_HAS_ENDED] != 0.0) {
-        *is_early = m->returns_early;
+        progress->is_early = m->returns_early;
         return 0;
     }
     /* New inputs or parameters may move algebraic unknowns beyond the convergence of the
@@ -295,10 +314,67 @@ int fmu_step(fmu *m, double t, double step, int *is_early, double *reached)
     if (set_up_job(m, &job, t, end) != 0) return 1;
     result = run_job(m, &job, &n_events);
     copy_results(m, &job, result);
-    *reached = job.t;
-    *is_early = m->returns_early && job.t != end; /* else an event ended the simulation */
+    progress->reached = job.t;
+    progress->is_early = m->returns_early && job.t != end; /* else an event ended the simulation */
     if (result != COTREE_JOB_FAILED) return 0;
     /* If a part of the step was computed, a shorter step succeeds. */
     m->may_discard = job.t > t;
-    return log_failure(m, &job, n_events >= m->tables->most_events);
+    return log_failure(m, &job, n_events);
 }
+
+int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress)
+{
+    fmu *const m = fmu_call(instance, function, FMU_STEP);
+    int result;
+    if (m == NULL || fmu_check_pointer(m, function, progress) != 0) return FMU_ERROR;
+    memcpy(m->spare, m->saved, m->n_saved * sizeof(double));
+    progress->reached = m->numbers[FMU_NOW];
+    progress->is_early = 0;
+    result = take_step(m, t, step, progress);
+    progress->terminates = m->numbers[FMU_HAS_ENDED] != 0.0;
+    if (m->importer.version == 2 && progress->terminates) {
+        m->may_discard = 1;
+        result = fmu_discard(m, "the simulation ends at t = %.10g", progress->reached);
+    }
+    if (!m->is_discarded) return fmu_status(m, result);
+    if (m->importer.version == 2) {
+        /* The importer queries the time reached, and continues from a saved state or terminates. */
+        fmu_enter(m, FMU_FAILED);
+    } else {
+        /* The state is unchanged, so that a shorter step may follow. */
+        fmu_restore(m, m->spare);
+    }
+    return FMU_DISCARD;
+}
+
+int fmu_get_progress(void *instance, const char *function, int is_known, fmu_progress *progress)
+{
+    fmu *const m = fmu_call(instance, function, FMU_STEP | FMU_FAILED | FMU_TERMINATED);
+    if (m == NULL) return FMU_ERROR;
+    if (!is_known) {
+        m->may_discard = 1;
+        return fmu_status(m, fmu_discard(m,
+                                         "%s: there is no such status, since steps are never "
+                                         "pending",
+                                         function));
+    }
+    if (fmu_check_pointer(m, function, progress) != 0) return FMU_ERROR;
+    progress->reached = m->numbers[FMU_NOW];
+    progress->terminates = m->numbers[FMU_HAS_ENDED] != 0.0;
+    return FMU_OK;
+}
+#else
+/* Reject all calls. */
+
+int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress)
+{
+    (void)t, (void)step, (void)progress;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_get_progress(void *instance, const char *function, int is_known, fmu_progress *progress)
+{
+    (void)is_known, (void)progress;
+    return fmu_allow(instance, function, 0);
+}
+#endif

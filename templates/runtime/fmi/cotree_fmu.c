@@ -1,0 +1,548 @@
+/* cotree_fmu.c: instances with their modes, messages and saved states.
+ * Part of the runtime of cotree, the same for every model. */
+#include "cotree_fmu_internal.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+/* Allocate the state, in the order in which it is saved. */
+static void lay_out_state(fmu *m, cotree_arena *arena)
+{
+    const size_t begin = arena->used;
+    m->saved = m->numbers = cotree_arena_reals(arena, FMU_N_NUMBERS);
+    m->z = cotree_arena_reals(arena, N_STATES * (1 + N_SENSITIVITIES));
+    m->p = cotree_arena_reals(arena, m->model->n_parameters);
+    m->outside = cotree_arena_reals(arena, m->tables->n_inputs);
+    m->own_values = cotree_arena_reals(arena, N_STATES);
+    m->is_own = cotree_arena_reals(arena, N_STATES);
+#if COTREE_HAS_ALGEBRAIC
+    m->old = cotree_arena_reals(arena, N_RATES);
+#endif
+#if COTREE_HAS_EVENTS
+    m->event_history = cotree_arena_reals(arena, COTREE_EVENTS_SAVED(N_EVENTS));
+#endif
+    m->n_saved = (arena->used - begin) / sizeof(double);
+}
+
+#if COTREE_HAS_EVENTS
+static void lay_out_events(fmu *m, cotree_arena *arena)
+{
+    m->g = cotree_arena_reals(arena, N_EVENTS + m->model->hybrid->n_quantities);
+    m->records = cotree_arena_reals(arena, COTREE_EVENTS_AT_ONCE(N_EVENTS) *
+                                               COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES));
+    /* No steps are searched for events: tolerances of points are not needed. */
+    cotree_events_init(&m->events, &m->run, m->run.n, m->tables->span, m->tables->rtol, NULL,
+                       m->tables->atol, NULL, NULL, arena);
+}
+#endif
+
+static double *reals_of(cotree_arena *arena, const fmu_pattern *pattern)
+{
+    return cotree_arena_reals(arena, pattern->starts[pattern->n_columns]);
+}
+
+static void lay_out(fmu *m, cotree_arena *arena)
+{
+    const cotree_model *const model = m->model;
+    const fmu_tables *const tables = m->tables;
+    const int n_full = N_STATES * (1 + N_SENSITIVITIES);
+    lay_out_state(m, arena);
+    m->k = cotree_arena_reals(arena, model->n_prepared);
+    m->u = cotree_arena_reals(arena, model->n_inputs);
+    m->dx = cotree_arena_reals(arena, N_STATES);
+    m->y = cotree_arena_reals(arena, model->n_outputs);
+    m->dy = cotree_arena_reals(arena, model->n_outputs * N_SENSITIVITIES);
+    m->partials = reals_of(arena, &tables->partials);
+    m->initial = reals_of(arena, &tables->initial);
+    m->seed = cotree_arena_reals(arena, tables->partials.n_columns);
+    m->rows = cotree_arena_reals(arena, tables->partials.n_rows);
+    m->work = cotree_arena_reals(arena, n_full);
+    m->known = cotree_arena_ints(arena, N_STATES);
+    cotree_run_init(&m->run, model, m->p, m->k, m->u, 0, arena);
+#if COTREE_HAS_ALGEBRAIC
+    m->solved = cotree_arena_reals(arena, N_ALGEBRAIC);
+    m->dense = cotree_arena_reals(arena, N_ALGEBRAIC * N_ALGEBRAIC);
+    m->pivots = cotree_arena_ints(arena, N_ALGEBRAIC);
+#endif
+#if COTREE_HAS_CONDITIONS
+    m->moved = reals_of(arena, &tables->constraints);
+    m->residual = cotree_arena_reals(arena, model->n_constraints +
+                                                tables->start_tables->assembly->n_conditions);
+    m->is_set = cotree_arena_ints(arena, N_STATES);
+    cotree_assembly_init(&m->assembly, &m->run, tables->start_tables->assembly, arena);
+#endif
+#if COTREE_HAS_EVENTS
+    lay_out_events(m, arena);
+#endif
+#if COTREE_HAS_BREAKPOINTS
+    m->stops.n = tables->n_stops;
+    m->stops.n_sensitivities = model->n_sensitivities;
+    m->limits = cotree_arena_reals(arena, tables->n_limits);
+    m->stops.rows = cotree_arena_reals(arena, tables->n_stops * (3 + 2 * model->n_sensitivities));
+#endif
+#if COTREE_HAS_EXCHANGE
+    m->before = cotree_arena_reals(arena, N_STATES);
+#endif
+#if COTREE_HAS_STEPS
+    m->atols = cotree_arena_reals(arena, n_full);
+    m->spare = cotree_arena_reals(arena, (int)m->n_saved);
+#if COTREE_HAS_MOVING_CORNERS
+    m->turn_tolerances = cotree_arena_reals(arena, N_SENSITIVITIES);
+#endif
+#endif
+}
+
+static void find_offsets(fmu *m)
+{
+    const cotree_model *const model = m->model;
+    const int counts[FMU_N_BLOCKS] = {
+        1,
+        N_STATES,
+        N_RATES,
+        model->n_parameters,
+        m->tables->n_inputs,
+        model->n_inputs - m->tables->n_inputs,
+        model->n_outputs,
+        N_EVENTS,
+        model->n_outputs * N_SENSITIVITIES,
+        N_STATES * N_SENSITIVITIES,
+    };
+    int i;
+    m->offsets[0] = 0;
+    for (i = 0; i < FMU_N_BLOCKS; ++i) m->offsets[i + 1] = m->offsets[i] + counts[i];
+}
+
+/* Reset the instance to its instantiation. */
+static void reset(fmu *m)
+{
+    size_t i;
+    int j;
+    for (i = 0; i < m->n_saved; ++i) m->saved[i] = 0.0;
+    for (j = 0; j < m->model->n_parameters; ++j) m->p[j] = m->model->parameter_values[j];
+    for (j = 0; j < m->tables->n_inputs; ++j) m->outside[j] = m->tables->values[j];
+    for (j = 0; j < N_STATES; ++j) m->z[j] = m->tables->start[j];
+    m->numbers[FMU_END] = HUGE_VAL;
+    m->numbers[FMU_TOLERANCE] = m->tables->rtol;
+    m->numbers[FMU_LOW] = -HUGE_VAL;
+    m->numbers[FMU_HIGH] = HUGE_VAL;
+    m->numbers[FMU_NEXT] = HUGE_VAL;
+    m->is_prepared = 0;
+    fmu_invalidate(m);
+    fmu_enter(m, FMU_INSTANTIATED);
+}
+
+/* Return NULL if there is no memory. */
+static fmu *new_instance(const fmu_importer *importer, const fmu_tables *tables)
+{
+    cotree_arena arena = {NULL, 0};
+    const size_t n_characters = strlen(importer->name) + 1;
+    fmu *const m = (fmu *)calloc(1, sizeof(fmu) + n_characters);
+    if (m == NULL) return NULL;
+    m->tables = tables;
+    m->model = tables->model();
+    m->importer = *importer;
+    memcpy(m->name, importer->name, n_characters);
+    m->importer.name = m->name;
+    lay_out(m, &arena);
+    m->memory = calloc(1, arena.used);
+    if (m->memory == NULL) {
+        free(m);
+        return NULL;
+    }
+    arena.base = (char *)m->memory;
+    arena.used = 0;
+    lay_out(m, &arena);
+    find_offsets(m);
+    reset(m);
+    return m;
+}
+
+fmu *fmu_instantiate(const fmu_importer *importer, const char *token, int is_exchanged,
+                     int returns_early)
+{
+    const fmu_tables *const tables = fmu_tables_of_model();
+    fmu *m;
+    if (importer->name == NULL || importer->name[0] == '\0')
+        return fmu_reject(importer, "the instance has no name");
+    if (token == NULL || strcmp(token, tables->token) != 0)
+        return fmu_reject(importer, "the instantiation token (GUID) is not that of this unit");
+    if (is_exchanged ? !tables->is_exchangeable : tables->stepper == NULL)
+        return fmu_reject(importer, "the unit was exported without this interface type");
+    m = new_instance(importer, tables);
+    if (m == NULL) return fmu_reject(importer, "there is no memory");
+    m->is_exchanged = is_exchanged;
+    m->returns_early = returns_early;
+    return m;
+}
+
+void fmu_free(void *instance)
+{
+    fmu *const m = (fmu *)instance;
+    size_t i;
+    if (m == NULL) return;
+    for (i = 0; i < m->n_kept; ++i) free(m->kept[i]);
+    free(m->kept);
+#if COTREE_HAS_STEPS
+    free(m->job_memory);
+    free(m->corners);
+#endif
+    free(m->memory);
+    free(m);
+}
+
+/* Messages. */
+
+/* The log categories of the model description, by status. */
+static const char *const categories[] = {"logEvents", NULL, "logStatusDiscard", "logStatusError"};
+
+/* Errors are logged even if logging is off, as the standards require. */
+static void log_message(const fmu_importer *importer, int status, const char *message)
+{
+    if (importer->callback == NULL || !(status == FMU_ERROR || importer->is_logging)) return;
+    importer->log(importer, status, categories[status], message);
+}
+
+static void log_format(const fmu *m, int status, const char *format, va_list arguments)
+{
+    char message[1024];
+    if (vsnprintf(message, sizeof(message), format, arguments) < 0) return;
+    log_message(&m->importer, status, message);
+}
+
+#if COTREE_HAS_EVENTS
+void fmu_log(const fmu *m, int status, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    log_format(m, status, format, arguments);
+    va_end(arguments);
+}
+#endif
+
+int fmu_refuse(const fmu *m, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    log_format(m, FMU_ERROR, format, arguments);
+    va_end(arguments);
+    return 1;
+}
+
+int fmu_discard(fmu *m, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    log_format(m, m->may_discard ? FMU_DISCARD : FMU_ERROR, format, arguments);
+    va_end(arguments);
+    m->is_discarded = m->may_discard;
+    return 1;
+}
+
+fmu *fmu_reject(const fmu_importer *importer, const char *why)
+{
+    log_message(importer, FMU_ERROR, why);
+    return NULL;
+}
+
+int fmu_check_pointer(const fmu *m, const char *function, const void *pointer)
+{
+    if (pointer != NULL) return 0;
+    fmu_refuse(m, "%s is called with a null pointer", function);
+    return 1;
+}
+
+static int is_category(const char *name)
+{
+    size_t i;
+    for (i = 0; i < sizeof(categories) / sizeof(categories[0]); ++i) {
+        if (name != NULL && categories[i] != NULL && strcmp(name, categories[i]) == 0) return 1;
+    }
+    return 0;
+}
+
+int fmu_set_logging(void *instance, const char *function, int is_logging, size_t n,
+                    const char *const names[])
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    size_t i;
+    if (m == NULL || (n > 0 && fmu_check_pointer(m, function, names) != 0)) return FMU_ERROR;
+    for (i = 0; i < n; ++i) {
+        if (is_category(names[i])) continue;
+        return fmu_status(m, fmu_refuse(m, "there is no log category '%.100s'",
+                                        names[i] == NULL ? "" : names[i]));
+    }
+    m->importer.is_logging = is_logging;
+    return FMU_OK;
+}
+
+/* Calls and modes. */
+
+const char *fmu_mode_name(const fmu *m)
+{
+    switch (m->mode) {
+    case FMU_INSTANTIATED:
+        return "the state Instantiated";
+    case FMU_INITIALIZATION:
+        return "Initialization Mode";
+    case FMU_EVENT:
+        return "Event Mode";
+    case FMU_CONTINUOUS:
+        return "Continuous-Time Mode";
+    case FMU_STEP:
+        return "Step Mode";
+    case FMU_FAILED:
+        return "the state Step Failed";
+    default:
+        return "the state Terminated";
+    }
+}
+
+fmu *fmu_call(void *instance, const char *function, int modes)
+{
+    fmu *const m = (fmu *)instance;
+    if (m == NULL) return NULL;
+    m->may_discard = m->is_discarded = 0;
+    if ((m->mode & modes) != 0) return m;
+    fmu_refuse(m, "%s is not allowed in %s", function, fmu_mode_name(m));
+    return NULL;
+}
+
+fmu *fmu_evaluation(void *instance, const char *function, int modes)
+{
+    fmu *const m = fmu_call(instance, function, modes);
+    if (m != NULL) m->may_discard = m->is_exchanged;
+    return m;
+}
+
+int fmu_status(const fmu *m, int result)
+{
+    return result == 0 ? FMU_OK : m->is_discarded ? FMU_DISCARD : FMU_ERROR;
+}
+
+void fmu_enter(fmu *m, int mode)
+{
+    m->mode = mode;
+    m->numbers[FMU_MODE] = (double)mode;
+}
+
+int fmu_refuse_call(void *instance, const char *function, const char *why)
+{
+    const fmu *const m = fmu_call(instance, function, FMU_ANY);
+    if (m != NULL) fmu_refuse(m, "%s: %s", function, why);
+    return FMU_ERROR;
+}
+
+int fmu_refuse_type(void *instance, const char *function, size_t n)
+{
+    if (n == 0) return fmu_allow(instance, function, FMU_ANY);
+    return fmu_refuse_call(instance, function, "every variable is a floating-point number");
+}
+
+int fmu_allow(void *instance, const char *function, int modes)
+{
+    return fmu_call(instance, function, modes) == NULL ? FMU_ERROR : FMU_OK;
+}
+
+int fmu_terminate(void *instance, const char *function)
+{
+    fmu *const m = fmu_call(instance, function, FMU_RUNNING | FMU_FAILED);
+    if (m == NULL) return FMU_ERROR;
+    fmu_enter(m, FMU_TERMINATED);
+    return FMU_OK;
+}
+
+int fmu_reset(void *instance, const char *function)
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    if (m == NULL) return FMU_ERROR;
+    reset(m);
+    return FMU_OK;
+}
+
+/* Saved states. */
+
+/* Head of a state that another instance may read. */
+#define MAGIC 0x46746f63
+
+typedef struct fmu_state_head {
+    unsigned magic, n;
+    unsigned long long checksum; /* of the bytes after it; set when the state is serialized */
+    char token[64];
+} fmu_state_head;
+
+/* A state: its head, then n doubles. */
+typedef struct fmu_state {
+    fmu_state_head head;
+    double values[];
+} fmu_state;
+
+static size_t size_of_state(const fmu *m)
+{
+    return sizeof(fmu_state) + m->n_saved * sizeof(double);
+}
+
+/* Return the FNV-1a checksum (Fowler, Noll, Vo), which detects damaged bytes. */
+static unsigned long long checksum_of(const void *state_bytes, size_t n)
+{
+    const unsigned char *const own = (const unsigned char *)state_bytes;
+    unsigned long long sum = 14695981039346656037ULL;
+    size_t i;
+    for (i = offsetof(fmu_state_head, token); i < n; ++i) sum = (sum ^ own[i]) * 1099511628211ULL;
+    return sum;
+}
+
+static int is_state(const fmu *m, const fmu_state_head *head)
+{
+    return head->magic == MAGIC && head->n == m->n_saved &&
+           strncmp(head->token, m->tables->token, sizeof(head->token) - 1) == 0;
+}
+
+/* Return the place of a saved state, or n_kept if there is none: pointers to other memory, such as
+ * that of a freed state, are rejected before they are read. Recent states are used most often. */
+static size_t find_state(const fmu *m, const void *own)
+{
+    size_t i;
+    for (i = m->n_kept; i > 0; --i) {
+        if (m->kept[i - 1] == own) return i - 1;
+    }
+    return m->n_kept;
+}
+
+static int check_state(const fmu *m, const char *function, const void *own)
+{
+    if (fmu_check_pointer(m, function, own) != 0) return 1;
+    if (find_state(m, own) < m->n_kept) return 0;
+    return fmu_refuse(m, "%s: the pointer is not a state of this instance, or the state was freed",
+                      function);
+}
+
+/* Start a call with a saved state. */
+static fmu *call_with_state(void *instance, const char *function, const void *own)
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    return m == NULL || check_state(m, function, own) != 0 ? NULL : m;
+}
+
+/* Return memory for a new state, or that of the saved state that *place points to. */
+static fmu_state *take_state(fmu *m, const char *function, void **place)
+{
+    fmu_state *own;
+    if (fmu_check_pointer(m, function, place) != 0) return NULL;
+    if (*place != NULL) return check_state(m, function, *place) == 0 ? (fmu_state *)*place : NULL;
+    if (m->n_kept == m->n_places) {
+        const size_t n = 2 * m->n_kept + 4;
+        fmu_state **const more = (fmu_state **)realloc(m->kept, n * sizeof(fmu_state *));
+        if (more == NULL) {
+            fmu_refuse(m, "%s: out of memory", function);
+            return NULL;
+        }
+        m->kept = more;
+        m->n_places = n;
+    }
+    own = (fmu_state *)malloc(size_of_state(m));
+    if (own == NULL) {
+        fmu_refuse(m, "%s: out of memory", function);
+        return NULL;
+    }
+    m->kept[m->n_kept++] = own;
+    *place = own;
+    return own;
+}
+
+int fmu_save_state(void *instance, const char *function, void **place)
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    fmu_state *const own = m == NULL ? NULL : take_state(m, function, place);
+    if (own == NULL) return FMU_ERROR;
+    memset(&own->head, 0, sizeof(own->head));
+    own->head.magic = MAGIC;
+    own->head.n = (unsigned)m->n_saved;
+    strncpy(own->head.token, m->tables->token, sizeof(own->head.token) - 1);
+    memcpy(own->values, m->saved, m->n_saved * sizeof(double));
+    return FMU_OK;
+}
+
+/* Return whether an instance of this kind has a mode. */
+static int is_mode(const fmu *m, double mode)
+{
+    int bit;
+    for (bit = FMU_INSTANTIATED; bit <= FMU_FAILED; bit *= 2) {
+        const int is_own = bit == FMU_STEP || bit == FMU_FAILED        ? !m->is_exchanged
+                           : bit == FMU_EVENT || bit == FMU_CONTINUOUS ? m->is_exchanged
+                                                                       : 1;
+        if (is_own && mode == (double)bit) return 1;
+    }
+    return 0;
+}
+
+int fmu_restore(fmu *m, const double *from)
+{
+    if (!is_mode(m, from[FMU_MODE])) return fmu_refuse(m, "this is no state of such an instance");
+    memcpy(m->saved, from, m->n_saved * sizeof(double));
+    m->mode = (int)m->numbers[FMU_MODE];
+    m->is_prepared = 0;
+    fmu_invalidate(m);
+    return 0;
+}
+
+int fmu_restore_state(void *instance, const char *function, const void *from)
+{
+    fmu *const m = call_with_state(instance, function, from);
+    return m == NULL ? FMU_ERROR : fmu_status(m, fmu_restore(m, ((const fmu_state *)from)->values));
+}
+
+int fmu_free_state(void *instance, const char *function, void **place)
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    if (m == NULL) return FMU_ERROR;
+    if (place == NULL || *place == NULL) return FMU_OK;
+    if (check_state(m, function, *place) != 0) return FMU_ERROR;
+    m->kept[find_state(m, *place)] = m->kept[m->n_kept - 1];
+    --m->n_kept;
+    free(*place);
+    *place = NULL;
+    return FMU_OK;
+}
+
+int fmu_measure_state(void *instance, const char *function, const void *from, size_t *n)
+{
+    const fmu *const m = call_with_state(instance, function, from);
+    if (m == NULL || fmu_check_pointer(m, function, n) != 0) return FMU_ERROR;
+    *n = size_of_state(m);
+    return FMU_OK;
+}
+
+int fmu_write_state(void *instance, const char *function, const void *from, void *bytes, size_t n)
+{
+    const fmu *const m = call_with_state(instance, function, from);
+    fmu_state_head head;
+    if (m == NULL || fmu_check_pointer(m, function, bytes) != 0) return FMU_ERROR;
+    if (n < size_of_state(m)) {
+        fmu_refuse(m, "%s: a state has %lu bytes, but there is room for %lu", function,
+                   (unsigned long)size_of_state(m), (unsigned long)n);
+        return FMU_ERROR;
+    }
+    head = ((const fmu_state *)from)->head;
+    head.checksum = checksum_of(from, size_of_state(m));
+    memcpy(bytes, from, size_of_state(m));
+    memcpy(bytes, &head, sizeof(head));
+    return FMU_OK;
+}
+
+int fmu_read_state(void *instance, const char *function, const void *bytes, size_t n, void **place)
+{
+    fmu *const m = fmu_call(instance, function, FMU_ANY);
+    fmu_state_head head;
+    fmu_state *own;
+    if (m == NULL || fmu_check_pointer(m, function, bytes) != 0) return FMU_ERROR;
+    memset(&head, 0, sizeof(head));
+    if (n >= sizeof(head)) memcpy(&head, bytes, sizeof(head));
+    if (n != size_of_state(m) || !is_state(m, &head) || head.checksum != checksum_of(bytes, n)) {
+        fmu_refuse(m, "%s: the bytes are not a state of this model", function);
+        return FMU_ERROR;
+    }
+    own = take_state(m, function, place);
+    if (own == NULL) return FMU_ERROR;
+    memcpy(own, bytes, n);
+    return FMU_OK;
+}

@@ -1,0 +1,282 @@
+/* cotree_fmu_exchange.c: Model Exchange: the importer sets states, and events are applied between
+ * its steps.
+ * Part of the runtime of cotree, the same for every model. */
+#include "cotree_fmu_internal.h"
+
+#if COTREE_HAS_EXCHANGE
+/* Start a call with the numbers of a block; return NULL if it is rejected. */
+static fmu *call_with_numbers(void *instance, const char *function, int modes, enum fmu_block block,
+                              const double *values, size_t n)
+{
+    fmu *const m = fmu_evaluation(instance, function, modes);
+    const int is_indicator = block == FMU_INDICATORS;
+    int wanted;
+    if (m == NULL) return NULL;
+    if (!m->is_exchanged) {
+        fmu_refuse(m, "%s belongs to Model Exchange", function);
+        return NULL;
+    }
+    if (n > 0 && fmu_check_pointer(m, function, values) != 0) return NULL;
+    wanted = is_indicator ? fmu_size_of(m, FMU_INDICATORS) : N_RATES;
+    if (n == (size_t)wanted) return m;
+    fmu_refuse(m, "there are %d %s, not %lu", wanted,
+               is_indicator ? "event indicators" : "continuous states", (unsigned long)n);
+    return NULL;
+}
+
+#define KNOWN_STATES (FMU_INITIALIZATION | FMU_EVENT | FMU_CONTINUOUS | FMU_TERMINATED)
+
+int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
+                    size_t n)
+{
+    fmu *const m = call_with_numbers(instance, function, KNOWN_STATES, block, values, n);
+    const double *from;
+    size_t i;
+    if (m == NULL) return FMU_ERROR;
+    if (n == 0) return FMU_OK;
+    if (fmu_refresh(m, block == FMU_STATES  ? FMU_POINT
+                       : block == FMU_RATES ? FMU_HAS_RATES
+                                            : FMU_HAS_INDICATORS) != 0)
+        return fmu_status(m, 1);
+    from = block == FMU_STATES ? m->z : block == FMU_RATES ? m->dx : m->g;
+    for (i = 0; i < n; ++i) values[i] = from[i];
+    return FMU_OK;
+}
+
+int fmu_get_nominals(void *instance, const char *function, double *sizes, size_t n)
+{
+    const fmu *const m = call_with_numbers(instance, function, KNOWN_STATES, FMU_STATES, sizes, n);
+    size_t i;
+    if (m == NULL) return FMU_ERROR;
+    for (i = 0; i < n; ++i) sizes[i] = m->tables->sizes == NULL ? 1.0 : m->tables->sizes[i];
+    return FMU_OK;
+}
+
+int fmu_set_time(void *instance, const char *function, int modes, double t)
+{
+    fmu *const m = fmu_call(instance, function, modes);
+    if (m == NULL) return FMU_ERROR;
+    if (!(fabs(t) <= DBL_MAX)) return fmu_status(m, fmu_refuse(m, "the time is no finite number"));
+    m->numbers[FMU_NOW] = t;
+    fmu_invalidate(m);
+    return FMU_OK;
+}
+
+int fmu_set_states(void *instance, const char *function, const double *x, size_t n)
+{
+    fmu *const m = call_with_numbers(instance, function, FMU_CONTINUOUS, FMU_STATES, x, n);
+    size_t i;
+    if (m == NULL) return FMU_ERROR;
+    for (i = 0; i < n; ++i) {
+        if (fabs(x[i]) <= DBL_MAX) continue;
+        return fmu_status(m, fmu_discard(m, "state '%s' is set to a value that is not finite",
+                                         m->model->states[i].name));
+    }
+    for (i = 0; i < n; ++i) m->z[i] = x[i];
+    fmu_invalidate(m);
+    return FMU_OK;
+}
+
+#if COTREE_HAS_CONSTRAINTS
+/* States are projected if a residual of the constraints exceeds this many tolerances. */
+#define DRIFT_TOLERANCES 10.0
+
+/* Find whether the states have drifted from the constraints. */
+static int find_drift(fmu *m, int *has_drifted)
+{
+    double *const found = m->residual;
+    double largest = 1.0;
+    int i;
+    if (fmu_refresh(m, FMU_POINT) != 0) return 1;
+    if (m->model->constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, found) != 0) {
+        return fmu_refuse(m, "the constraints have no values at t = %.10g", m->numbers[FMU_NOW]);
+    }
+    for (i = 0; i < N_RATES; ++i) largest = fmax(largest, fabs(m->z[i]));
+    for (i = 0; i < m->model->n_constraints; ++i) {
+        if (!(fabs(found[i]) <= DRIFT_TOLERANCES * m->numbers[FMU_TOLERANCE] * largest))
+            *has_drifted = 1;
+    }
+    return 0;
+}
+
+static int project(fmu *m)
+{
+    int status;
+    m->run.is_held = 1;
+    status = cotree_run_project_all(&m->run, m->numbers[FMU_NOW], m->z);
+    m->run.is_held = 0;
+    if (status == 0) return 0;
+    return fmu_refuse(m, "the constraints cannot be satisfied at t = %.10g", m->numbers[FMU_NOW]);
+}
+#endif
+
+/* Request Event Mode if the states have drifted from the constraints: they may be projected
+ * there. */
+int fmu_complete_step(void *instance, const char *function, int *enters_event_mode)
+{
+    fmu *const m = fmu_call(instance, function, FMU_CONTINUOUS);
+    if (m == NULL || fmu_check_pointer(m, function, enters_event_mode) != 0) return FMU_ERROR;
+    *enters_event_mode = 0;
+#if COTREE_HAS_CONSTRAINTS
+    if (find_drift(m, enters_event_mode) != 0) return FMU_ERROR;
+#endif
+    return FMU_OK;
+}
+
+/* Find the segment between time events: no evaluation may lie beyond either of them. */
+static void find_segment(fmu *m)
+{
+    const double t = m->numbers[FMU_NOW], next = fmu_next_stop(m, t, HUGE_VAL);
+    const int is_last = !(next <= DBL_MAX);
+    const double size = fmax(fabs(t), is_last ? 0.0 : fmu_largest_stop(m, next));
+    const double margin = fmin(8.0 * DBL_EPSILON * size, is_last ? HUGE_VAL : 0.25 * (next - t));
+    m->numbers[FMU_NEXT] = next;
+    m->numbers[FMU_LOW] = fmu_is_stop(m, t) ? t + margin : -HUGE_VAL;
+    m->numbers[FMU_HIGH] = is_last ? HUGE_VAL : next - margin;
+    m->run.low = m->numbers[FMU_LOW];
+    m->run.high = m->numbers[FMU_HIGH];
+    fmu_invalidate(m);
+}
+
+#if COTREE_HAS_EVENTS
+/* Apply events at the present point. */
+static int apply_events(fmu *m, fmu_event_info *news)
+{
+    cotree_events *const e = fmu_events(m);
+    const double t = m->numbers[FMU_NOW];
+    double *const w = m->work;
+    int i, status;
+    fmu_hold(m, 1);
+    cotree_run_narrow(&m->run, t, m->z, w);
+    cotree_events_restore(e, m->event_history); /* zeros before the first update */
+    if (m->numbers[FMU_IS_BEGUN] == 0.0) {
+        status = cotree_events_begin(e, t, w);
+    } else if (m->numbers[FMU_IS_CHANGED] != 0.0 || fmu_is_stop(m, t)) {
+        status = cotree_events_resume(e, t, w, NULL); /* speeds may have jumped */
+    } else {
+        status = cotree_events_apply_passed(e, t, w);
+    }
+    fmu_hold(m, 0);
+    if (status != 0) {
+        return fmu_refuse(m, "event '%s' stops the simulation at t = %.10g: %s",
+                          m->model->hybrid->events[e->event].name, e->failure_time,
+                          cotree_events_message(status));
+    }
+    cotree_events_save(e, m->event_history);
+    if (cotree_run_complete(&m->run, t, w) != 0) {
+        return fmu_refuse(m, "no values of the algebraic unknowns are found at t = %.10g", t);
+    }
+    for (i = 0; i < N_STATES; ++i) m->z[i] = m->run.full[i];
+    news->terminates = e->terminal_event >= 0;
+    for (i = 0; i < e->n_events; ++i) {
+        if (e->has_fired[i]) fmu_log(m, FMU_OK, "event '%s' at t = %.10g", e->rows[i].name, t);
+    }
+    return 0;
+}
+
+#endif
+
+/* Process time events, constraints and events at the present point. */
+static int update(fmu *m, fmu_event_info *news)
+{
+    int i, status = 0;
+    news->terminates = news->are_states_changed = 0;
+    if (fmu_prepare(m) != 0) return 1;
+    find_segment(m);
+    if (fmu_refresh(m, FMU_POINT) != 0) return 1;
+    for (i = 0; i < N_RATES; ++i) m->before[i] = m->z[i];
+#if COTREE_HAS_CONSTRAINTS
+    status = project(m);
+#endif
+#if COTREE_HAS_EVENTS
+    if (status == 0) status = apply_events(m, news);
+#endif
+    fmu_invalidate(m);
+    if (status != 0) return status;
+    m->numbers[FMU_IS_BEGUN] = 1.0;
+    m->numbers[FMU_IS_CHANGED] = 0.0;
+    for (i = 0; i < N_RATES; ++i) {
+        if (m->z[i] != m->before[i]) news->are_states_changed = 1;
+    }
+    news->has_next = m->numbers[FMU_NEXT] <= DBL_MAX;
+    news->next = news->has_next ? m->numbers[FMU_NEXT] : 0.0;
+    return 0;
+}
+
+int fmu_enter_event_mode(void *instance, const char *function)
+{
+    fmu *const m = fmu_call(instance, function, FMU_CONTINUOUS);
+    if (m == NULL) return FMU_ERROR;
+    fmu_enter(m, FMU_EVENT);
+    return FMU_OK;
+}
+
+int fmu_update(void *instance, const char *function, fmu_event_info *news)
+{
+    fmu *const m = fmu_call(instance, function, FMU_EVENT);
+    if (m == NULL || fmu_check_pointer(m, function, news) != 0) return FMU_ERROR;
+    return fmu_status(m, update(m, news));
+}
+
+/* Leave Event Mode, after an update if there was none. */
+int fmu_leave_event_mode(void *instance, const char *function)
+{
+    fmu *const m = fmu_call(instance, function, FMU_EVENT);
+    fmu_event_info news;
+    int status;
+    if (m == NULL) return FMU_ERROR;
+    status = m->numbers[FMU_IS_BEGUN] == 0.0 ? update(m, &news) : 0;
+    if (status == 0) status = fmu_prepare(m);
+    if (status == 0) fmu_enter(m, FMU_CONTINUOUS);
+    return fmu_status(m, status);
+}
+#else
+/* Reject all calls. */
+
+int fmu_set_time(void *instance, const char *function, int modes, double t)
+{
+    (void)modes, (void)t;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_set_states(void *instance, const char *function, const double *x, size_t n)
+{
+    (void)x, (void)n;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
+                    size_t n)
+{
+    (void)block, (void)values, (void)n;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_get_nominals(void *instance, const char *function, double *sizes, size_t n)
+{
+    (void)sizes, (void)n;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_complete_step(void *instance, const char *function, int *enters_event_mode)
+{
+    (void)enters_event_mode;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_enter_event_mode(void *instance, const char *function)
+{
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_update(void *instance, const char *function, fmu_event_info *news)
+{
+    (void)news;
+    return fmu_allow(instance, function, 0);
+}
+
+int fmu_leave_event_mode(void *instance, const char *function)
+{
+    return fmu_allow(instance, function, 0);
+}
+#endif

@@ -1,0 +1,202 @@
+/* cotree_fmu_internal.h: declarations shared by the sources of cotree_fmu.h.
+ * Part of the runtime of cotree, the same for every model.
+ *
+ * Functions return 0, or 1 after logging an error, unless noted. */
+#ifndef COTREE_FMU_INTERNAL_H
+#define COTREE_FMU_INTERNAL_H
+
+#include "cotree_fmu.h"
+#include "cotree_run.h"
+#if COTREE_HAS_CONDITIONS
+#include "cotree_assembly.h"
+#endif
+#if COTREE_HAS_EVENTS
+#include "cotree_events.h"
+#endif
+#if COTREE_HAS_BREAKPOINTS
+#include "cotree_breakpoints.h"
+#endif
+#if COTREE_HAS_STEPS
+#include "cotree_integrator.h"
+#include "cotree_job.h"
+#endif
+#if COTREE_HAS_ALGEBRAIC
+#include "cotree_lu.h"
+#endif
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define N_STATES (m->model->n_states)
+#define N_RATES (m->model->n_states - m->model->n_algebraic)
+#define N_ALGEBRAIC (m->model->n_algebraic)
+#if COTREE_HAS_SENSITIVITIES
+#define N_SENSITIVITIES (m->tables->has_sensitivities ? m->model->n_sensitivities : 0)
+#else
+#define N_SENSITIVITIES 0
+#endif
+
+#if COTREE_HAS_EVENTS
+#define N_EVENTS (m->model->hybrid->n_events)
+#else
+#define N_EVENTS 0
+#endif
+
+/* Numbers in the state of an instance, before its arrays. */
+enum fmu_number {
+    FMU_MODE,
+    FMU_NOW,
+    FMU_BEGIN, /* start time */
+    FMU_END,   /* stop time, or infinity */
+    FMU_TOLERANCE,
+    FMU_LOW, /* times between which rates have no kink */
+    FMU_HIGH,
+    FMU_NEXT,       /* the next time event, or infinity */
+    FMU_IS_STARTED, /* 1: the states are those of the start for the present parameters */
+    FMU_IS_CHOSEN,  /* 1: the start is one of several projections */
+    FMU_IS_BEGUN,   /* 1: events have been processed once */
+    FMU_IS_CHANGED, /* 1: inputs or parameters changed since the last step */
+    FMU_IS_SOLVED,  /* 1: algebraic unknowns are known at the next number and the old states */
+    FMU_SOLVED_AT,
+    FMU_IS_SET_UP, /* 1: the times and the tolerance of the experiment are set */
+    FMU_HAS_ENDED, /* 1: an event ended the simulation */
+    FMU_N_NUMBERS
+};
+
+/* Bits of the values that are valid for the present state. */
+#define FMU_POINT 1
+#define FMU_HAS_RATES 2
+#define FMU_HAS_OUTPUTS 4
+#define FMU_HAS_INDICATORS 8
+#define FMU_HAS_PARTIALS 16
+#define FMU_HAS_SLOPES 32
+
+struct fmu {
+    const fmu_tables *tables;
+    const cotree_model *model;
+    fmu_importer importer;
+    int is_exchanged; /* 1: Model Exchange, 0: Co-Simulation */
+    int returns_early;
+    int mode; /* a copy of FMU_MODE */
+    /* 1: the present call may discard a value that cannot be computed, so that the importer
+     * tries a smaller step; 1: it did. */
+    int may_discard, is_discarded;
+    int offsets[FMU_N_BLOCKS + 1]; /* the first value reference of each block */
+    /* The states that were saved and not freed. */
+    struct fmu_state **kept;
+    size_t n_kept, n_places;
+    /* The state: numbers, then arrays, adjacent in memory. */
+    size_t n_saved;
+    double *saved;
+    double *numbers;
+    double *z; /* states, then sensitivities */
+    double *p;
+    double *outside;    /* inputs */
+    double *own_values; /* initial values set by the importer */
+    double *is_own;
+#if COTREE_HAS_ALGEBRAIC
+    double *old; /* states at which algebraic unknowns were found last */
+#endif
+#if COTREE_HAS_EVENTS
+    double *event_history;
+#endif
+    /* Values computed from the state. */
+    int valid;
+    int is_prepared;
+    double *k, *u, *dx, *y, *g, *dy, *partials, *initial;
+    double *seed, *rows, *work;
+    int *known;
+    cotree_run run;
+#if COTREE_HAS_ALGEBRAIC
+    double *solved, *dense;
+    int *pivots;
+#endif
+#if COTREE_HAS_CONDITIONS
+    double *moved, *residual;
+    int *is_set;
+    cotree_assembly assembly;
+#endif
+#if COTREE_HAS_EVENTS
+    cotree_events events;
+    double *records;
+#endif
+#if COTREE_HAS_BREAKPOINTS
+    double *limits; /* upper bounds of steps, then the rows of time events */
+    cotree_breakpoints stops;
+#endif
+#if COTREE_HAS_EXCHANGE
+    double *before; /* the states before an update */
+#endif
+#if COTREE_HAS_STEPS
+    double *spare; /* the state before a step */
+    double *atols;
+    double *corners;
+    size_t n_corners; /* allocated */
+    void *job_memory;
+    size_t n_job_memory;
+#if COTREE_HAS_MOVING_CORNERS
+    double *turn_tolerances;
+#endif
+#endif
+    void *memory;
+    char name[];
+};
+
+/* Start a call: return NULL without an instance, or after rejecting the call in a mode that does
+ * not allow it. A call that evaluates the model may discard values in Model Exchange, where the
+ * importer chooses the step. fmu_status returns the status of a call with a result. */
+COTREE_PRIVATE fmu *fmu_call(void *instance, const char *function, int modes);
+COTREE_PRIVATE fmu *fmu_evaluation(void *instance, const char *function, int modes);
+COTREE_PRIVATE int fmu_status(const fmu *m, int result);
+COTREE_PRIVATE const char *fmu_mode_name(const fmu *m);
+COTREE_PRIVATE void fmu_enter(fmu *m, int mode);
+
+/* Messages. fmu_refuse logs an error; fmu_discard logs that a value is discarded, if the present
+ * call may do so. Both return 1. fmu_check_pointer rejects a null pointer. */
+COTREE_PRIVATE int fmu_refuse(const fmu *m, const char *format, ...);
+COTREE_PRIVATE int fmu_discard(fmu *m, const char *format, ...);
+COTREE_PRIVATE int fmu_check_pointer(const fmu *m, const char *function, const void *pointer);
+
+/* The state. */
+COTREE_PRIVATE int fmu_restore(fmu *m, const double *from);
+
+/* Variables. fmu_find returns the block of a variable, or -1. */
+COTREE_PRIVATE int fmu_find(const fmu *m, unsigned reference, int *index);
+COTREE_PRIVATE int fmu_size_of(const fmu *m, enum fmu_block block);
+
+/* Values. */
+COTREE_PRIVATE int fmu_prepare(fmu *m);
+COTREE_PRIVATE void fmu_set_up_run(fmu *m);
+COTREE_PRIVATE int fmu_refresh(fmu *m, int what);
+COTREE_PRIVATE void fmu_invalidate(fmu *m);
+#if COTREE_HAS_INPUTS
+COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context); /* set by the importer */
+#endif
+
+/* Initialization. fmu_move_start completes a direction of prescribed states, inputs and
+ * parameters by the other states. */
+COTREE_PRIVATE int fmu_start(fmu *m);
+COTREE_PRIVATE int fmu_move_start(fmu *m, const int *is_known, double *seed);
+
+/* Time events: the next one after t, or end; whether there is one at t; the largest time that they
+ * are computed from. */
+COTREE_PRIVATE double fmu_next_stop(const fmu *m, double t, double end);
+COTREE_PRIVATE int fmu_is_stop(const fmu *m, double t);
+COTREE_PRIVATE double fmu_largest_stop(const fmu *m, double end);
+
+#if COTREE_HAS_EVENTS
+COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
+
+/* Events. fmu_events returns them with the present settings, without their history; fmu_hold sets
+ * whether constraints are satisfied by projection, as they are while events are processed. */
+COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
+COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);
+COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop time, or the default */
+#if COTREE_HAS_STEPS
+COTREE_PRIVATE int fmu_enter_steps(fmu *m); /* process the events at the start */
+#endif
+#endif
+
+#endif
