@@ -64,21 +64,11 @@ _COMPARISONS: dict[type[ast.cmpop], str] = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """A scalar quantity of a run.
+    """A scalar quantity of a run."""
 
-    Attributes
-    ----------
-    kind : str
-        A key of :data:`QUANTITIES`.
-    text : str
-        Its argument: an expression, or for ``time`` the name of an event.
-    t : float
-        Time, for ``at`` only, [s].
-    """
-
-    kind: str
-    text: str
-    t: float = 0.0
+    kind: str  # a key of :data:`QUANTITIES`
+    text: str  # its argument: an expression, or for ``time`` the name of an event
+    t: float = 0.0  # time, for ``at`` only, [s]
 
 
 class Formula:
@@ -114,21 +104,11 @@ class Formula:
 
 @dataclass(frozen=True)
 class Condition:
-    """A constraint ``excess <= 0`` or ``excess == 0``.
+    """A constraint ``excess <= 0`` or ``excess == 0``."""
 
-    Attributes
-    ----------
-    text : str
-        As the user wrote it.
-    excess : Expression
-        Its left-hand side, with placeholders for quantities.
-    is_equality : bool
-        Whether it is an equality constraint.
-    """
-
-    text: str
-    excess: Expression
-    is_equality: bool
+    text: str  # as the user wrote it
+    excess: Expression  # its left-hand side, with placeholders for quantities
+    is_equality: bool  # whether it is an equality constraint
 
 
 class Goals:

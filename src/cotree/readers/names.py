@@ -16,14 +16,9 @@ _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a s
 
 @dataclass
 class Namer:
-    """Gives each element of a file a unique name.
+    """Gives each element of a file a unique name."""
 
-    Attributes
-    ----------
-    changed : dict of (str, str) to str
-        Names that had to change: what the file calls it, by kind and name, to what the scene does.
-    """
-
+    #: Names that had to change: what the file calls it, by kind and name, to what the scene does.
     changed: dict[tuple[str, str], str] = field(default_factory=dict)
     _taken: set[str] = field(default_factory=lambda: {"ground", *RESERVED, *FUNCTIONS})
     _alike: dict[str, int] = field(default_factory=dict)
@@ -58,18 +53,10 @@ LARGEST_FILE = 20_000_000
 
 @dataclass(frozen=True)
 class SourceLine:
-    """A line of a file; as text ``file:line``.
+    """A line of a file; as text ``file:line``."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the file.
-    line : int
-        Number of the line, from 1.
-    """
-
-    file: str
-    line: int
+    file: str  # name of the file
+    line: int  # number of the line, from 1
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}"

@@ -18,23 +18,12 @@ _LONGEST_VALUE = 10_000  # characters of an attribute
 
 @dataclass
 class Element:
-    """An element of an XML file.
+    """An element of an XML file."""
 
-    Attributes
-    ----------
-    tag : str
-        Its name, with its prefix as written.
-    attributes : dict of str to str
-        Its attributes.
-    at : SourceLine
-        Where it begins.
-    children : list of Element
-        The elements in it. Text between them is not kept.
-    """
-
-    tag: str
+    tag: str  # its name, with its prefix as written
     attributes: dict[str, str]
-    at: SourceLine
+    at: SourceLine  # where it begins
+    #: The elements in it. Text between them is not kept.
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Element]:

@@ -71,48 +71,28 @@ class Entry:
     ----------
     name, doc, unit : str
         Its name in scenes, meaning and unit; no unit where it is no quantity.
-    takes : str
-        Kind of its value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
-    required : bool
-        Whether every edge of the type needs it.
-    default : float or None
-        Value where a scene gives none; None leaves the entry out.
     """
 
     name: str
     doc: str
-    takes: str
+    takes: str  # kind of its value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
     unit: str = ""
-    required: bool = False
-    default: float | None = None
+    required: bool = False  # whether every edge of the type needs it
+    default: float | None = None  # value where a scene gives none; None leaves the entry out
 
 
 @dataclass(frozen=True)
 class Usage:
-    """The form in which edges of a component type are written.
+    """The form in which edges of a component type are written."""
 
-    Attributes
-    ----------
-    component : Component
-        The type.
-    nodes : tuple of str
-        Names of its nodes, as they are listed; empty where it has ports with nodes of their own.
-    n_needed : int
-        How many of them must be given.
-    has_ports : bool
-        Whether a list of nodes stands for one of each port, the other node being the ground.
-    entries : tuple of Entry
-        Its ports and fields.
-    initial : tuple of str
-        Variables whose initial values may be given.
-    """
-
-    component: Component
+    component: Component  # the type
+    #: Names of its nodes, as they are listed; empty where it has ports with nodes of their own.
     nodes: tuple[str, ...]
-    n_needed: int
+    n_needed: int  # how many of them must be given
+    #: Whether a list of nodes stands for one of each port, the other node being the ground.
     has_ports: bool
-    entries: tuple[Entry, ...]
-    initial: tuple[str, ...]
+    entries: tuple[Entry, ...]  # its ports and fields
+    initial: tuple[str, ...]  # variables whose initial values may be given
 
 
 def usage_of(name: str) -> Usage:

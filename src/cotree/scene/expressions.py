@@ -351,23 +351,13 @@ _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
 
 @dataclass(frozen=True)
 class Expression:
-    """A checked expression.
+    """A checked expression."""
 
-    Attributes
-    ----------
-    text : str
-        As the user wrote it.
-    where : str
-        What it belongs to, for messages: "stiffness of edge 'k'".
-    tree : ast.expr
-        The parsed text.
-    names : frozenset of str
-        The names in it: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
-    """
-
-    text: str
-    where: str = field(repr=False)
+    text: str  # as the user wrote it
+    where: str = field(repr=False)  # what it belongs to, for messages: "stiffness of edge 'k'"
+    #: The parsed text.
     tree: ast.expr = field(compare=False, repr=False)  # the text says the same
+    #: The names in it: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:

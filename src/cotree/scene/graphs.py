@@ -42,18 +42,10 @@ _PLACES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class MotionSpaces:
-    """Motion spaces by edge, and the plane that everything moves in.
+    """Motion spaces by edge, and the plane that everything moves in."""
 
-    Attributes
-    ----------
-    plane : str
-        The plane's normal, ``x``, ``y`` or ``z``; empty where there is none.
-    of : mapping of str to tuple of MotionStep
-        The motion space of each edge, were it a branch.
-    """
-
-    plane: str
-    of: Mapping[str, tuple[MotionStep, ...]]
+    plane: str  # the plane's normal, ``x``, ``y`` or ``z``; empty where there is none
+    of: Mapping[str, tuple[MotionStep, ...]]  # the motion space of each edge, were it a branch
 
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
@@ -187,14 +179,9 @@ _GRAPHS = ("translation", "rotation")
 
 @dataclass(frozen=True)
 class Trees:
-    """The trees of the translation and of the rotation graph.
+    """The trees of the translation and of the rotation graph."""
 
-    Attributes
-    ----------
-    translation, rotation : Tree
-        Of graphs on the same nodes.
-    """
-
+    #: Of graphs on the same nodes.
     translation: Tree
     rotation: Tree
 

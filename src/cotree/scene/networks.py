@@ -28,24 +28,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Port:
-    """An edge of a scalar graph: one port of a component.
+    """An edge of a scalar graph: one port of a component."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the edge in the graph: the component's, with that of the port where it has several.
-    edge : Edge
-        The component in the scene.
-    terminal : Terminal
-        Its terminal equation.
-    ends : PortEnds
-        Its nodes, or what it acts on in a multibody system.
-    """
-
+    #: Name of the edge in the graph: the component's, with that of the port where it has several.
     name: str
-    edge: Edge
-    terminal: Terminal
-    ends: PortEnds
+    edge: Edge  # the component in the scene
+    terminal: Terminal  # its terminal equation
+    ends: PortEnds  # its nodes, or what it acts on in a multibody system
 
     @property
     def tail(self) -> str:
@@ -134,22 +123,14 @@ _MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
 
 @dataclass(frozen=True)
 class Swap:
-    """A controlled source that may determine what controls it.
-
-    Attributes
-    ----------
-    source : Port
-        The source.
-    control : Port
-        The edge of the controlling variable. An across variable of nodes, or of an edge with a law
-        of its own, is that of an open edge beside, which is in no other graph.
-    quantity : str
-        The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose
-        ports have laws for either.
-    """
+    """A controlled source that may determine what controls it."""
 
     source: Port
+    #: The edge of the controlling variable. An across variable of nodes, or of an edge with a law
+    #: of its own, is that of an open edge beside, which is in no other graph.
     control: Port
+    #: The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose ports
+    #: have laws for either.
     quantity: str
 
     @property

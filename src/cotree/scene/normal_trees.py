@@ -109,30 +109,14 @@ class _Found:
 
 @dataclass(frozen=True)
 class CoupledTrees:
-    """The choice of branches of several graphs together.
-
-    Attributes
-    ----------
-    graphs : sequence of LinearGraph
-        The graphs.
-    ports : mapping of str to Port
-        Their edges.
-    ends : mapping of str to (str, str)
-        The nodes of each edge, of all graphs apart.
-    costs : mapping of str to int
-        Of each edge that may be a branch.
-    couples : tuple of _Couple
-        The ideal couplings.
-    swaps : mapping of str to Swap
-        The controlled sources that may determine what controls them.
-    """
+    """The choice of branches of several graphs together."""
 
     graphs: Sequence[LinearGraph]
-    ports: Mapping[str, Port]
-    ends: Mapping[str, tuple[str, str]]
-    costs: Mapping[str, int]
-    couples: tuple[_Couple, ...]
-    swaps: Mapping[str, Swap]
+    ports: Mapping[str, Port]  # their edges
+    ends: Mapping[str, tuple[str, str]]  # the nodes of each edge, of all graphs apart
+    costs: Mapping[str, int]  # of each edge that may be a branch
+    couples: tuple[_Couple, ...]  # the ideal couplings
+    swaps: Mapping[str, Swap]  # the controlled sources that may determine what controls them
 
     @classmethod
     def of(
@@ -345,19 +329,12 @@ _AMONG_LIKE = 0.2
 
 @dataclass(frozen=True)
 class NormalTree:
-    """The trees of f-circuits and of f-cutsets, which are one tree without ideal amplifiers.
+    """The trees of f-circuits and of f-cutsets, which are one tree without ideal amplifiers."""
 
-    Attributes
-    ----------
-    across, through : Tree
-        Of across and of through variables.
-    swaps : tuple of Swap
-        The controlled sources whose laws determine what controls them.
-    """
-
+    #: Of across and of through variables.
     across: Tree
     through: Tree
-    swaps: tuple[Swap, ...] = ()
+    swaps: tuple[Swap, ...] = ()  # the controlled sources whose laws determine what controls them
 
     @property
     def is_split(self) -> bool:

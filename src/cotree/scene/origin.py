@@ -20,27 +20,15 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Visual:
-    """A shape fixed in a node, for drawings only.
+    """A shape fixed in a node, for drawings only."""
 
-    Attributes
-    ----------
-    node : str
-        The node that carries it.
-    shape : str
-        ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``.
-    size : tuple of three float
-        Lengths along x, y, z of a box; radius, radius, length of a cylinder or capsule; the radius
-        of a sphere three times, [m]; factors of a mesh.
-    file : str
-        Name of a mesh's file as written. Only animations open it.
-    xyz, rpy : tuple of three float
-        Where it is in the node's axes, [m], and its roll, pitch and yaw, [rad].
-    """
-
-    node: str
-    shape: str
+    node: str  # the node that carries it
+    shape: str  # ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
+    #: Lengths along x, y, z of a box; radius, radius, length of a cylinder or capsule; the radius
+    #: of a sphere three times, [m]; factors of a mesh.
     size: tuple[float, float, float]
-    file: str = ""
+    file: str = ""  # name of a mesh's file as written. Only animations open it
+    #: Where it is in the node's axes, [m], and its roll, pitch and yaw, [rad].
     xyz: tuple[float, float, float] = _ZERO
     rpy: tuple[float, float, float] = _ZERO
 

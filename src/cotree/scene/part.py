@@ -50,21 +50,11 @@ _tree = lru_cache(maxsize=1024)(read_tree)
 
 @dataclass(frozen=True)
 class Renaming:
-    """From names within a part to those of the outer scene.
+    """From names within a part to those of the outer scene."""
 
-    Attributes
-    ----------
-    prefix : str
-        What names get, with its dot: ``leg1.``.
-    nodes : mapping of str to str
-        Nodes of the part that are nodes of the outer scene.
-    scene : SceneDescription
-        The scene of the part.
-    """
-
-    prefix: str
-    nodes: Mapping[str, str]
-    scene: SceneDescription
+    prefix: str  # what names get, with its dot: ``leg1.``
+    nodes: Mapping[str, str]  # nodes of the part that are nodes of the outer scene
+    scene: SceneDescription  # the scene of the part
 
     def node(self, name: str) -> str:
         """Rename a node."""
@@ -199,14 +189,9 @@ def _joint_fields(edge: Edge) -> set[str]:
 
 @dataclass
 class Rows:
-    """Declarations that parts bring to an outer scene, by table and name.
+    """Declarations that parts bring to an outer scene, by table and name."""
 
-    Attributes
-    ----------
-    tables, parameters, inputs, modes, edges, outputs, events : dict
-        As in a scene.
-    """
-
+    #: As in a scene.
     tables: dict[str, LookupTable] = field(default_factory=dict)
     parameters: dict[str, Parameter] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)

@@ -32,19 +32,13 @@ def acts_on_multibody(port: Terminal) -> bool:
 
 @dataclass(frozen=True)
 class PortEnds:
-    """End nodes of a port's edge; its across variable is the head's minus the tail's.
+    """End nodes of a port's edge; its across variable is the head's minus the tail's."""
 
-    Attributes
-    ----------
-    tail, head : str
-        The nodes; empty where the port acts on a multibody system.
-    acts_on : tuple of str
-        The coordinate of a joint, or two nodes of a multibody system, that the port acts on or
-        along the line of; empty otherwise.
-    """
-
+    #: The nodes; empty where the port acts on a multibody system.
     tail: str
     head: str
+    #: The coordinate of a joint, or two nodes of a multibody system, that the port acts on or along
+    #: the line of; empty otherwise.
     acts_on: tuple[str, ...] = ()
 
 

@@ -38,33 +38,17 @@ _BEYOND = ("hold", "extend")
 
 @dataclass(frozen=True)
 class LookupTable:
-    """A function given by its points.
+    """A function given by its points."""
 
-    Attributes
-    ----------
-    name : str
-        What expressions call it; "table" where it belongs to one field.
-    x : tuple of float
-        Ascending arguments, at least two.
-    y : tuple of float
-        Arguments along the second axis; empty for a table of one argument.
-    values : tuple of Expression
-        Values at the points, for two arguments row by row, one row for each ``x``.
-    interpolation : str
-        ``linear`` (bilinear), or ``monotone``, cubic without overshoot.
-    beyond : str
-        What it is outside its points: ``hold`` keeps the last value, ``extend`` the last slope.
-    doc : str
-        Its meaning, for people.
-    """
-
-    name: str
-    x: tuple[float, ...]
-    y: tuple[float, ...]
+    name: str  # what expressions call it; "table" where it belongs to one field
+    x: tuple[float, ...]  # ascending arguments, at least two
+    y: tuple[float, ...]  # arguments along the second axis; empty for a table of one argument
+    #: Values at the points, for two arguments row by row, one row for each ``x``.
     values: tuple[Expression, ...]
-    interpolation: str = "linear"
+    interpolation: str = "linear"  # ``linear`` (bilinear), or ``monotone``, cubic without overshoot
+    #: What it is outside its points: ``hold`` keeps the last value, ``extend`` the last slope.
     beyond: str = "hold"
-    doc: str = field(default="")
+    doc: str = field(default="")  # its meaning, for people
 
     @property
     def n_arguments(self) -> int:

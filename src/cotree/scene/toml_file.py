@@ -312,29 +312,18 @@ _DEEPEST = 20  # parts within parts
 
 @dataclass(frozen=True)
 class _Reading:
-    """The reading of one file, with the files and scenes that its parts may name.
+    """The reading of one file, with the files and scenes that its parts may name."""
 
-    Attributes
-    ----------
-    text, where : str
-        The file, and its name in messages.
-    file : str
-        Its path; empty where the text is no file.
-    root, folder : str
-        The folder that files of parts stay in, and that of this file; empty where parts may name
-        no files.
-    trail : tuple of str
-        What is being read, from the outermost file on.
-    made : dict
-        What was read before, by its path.
-    """
-
+    #: The file, and its name in messages.
     text: str
     where: str
-    file: str = ""
+    file: str = ""  # its path; empty where the text is no file
+    #: The folder that files of parts stay in, and that of this file; empty where parts may name no
+    #: files.
     root: str = ""
     folder: str = ""
-    trail: tuple[str, ...] = ()
+    trail: tuple[str, ...] = ()  # what is being read, from the outermost file on
+    #: What was read before, by its path.
     made: dict[str, SceneDescription] = field(default_factory=dict)
 
     def scene(self, scene_type: type[_Scene]) -> _Scene:
@@ -430,24 +419,12 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Scenes that the tables of a file define for its parts, below those of the tables around.
+    """Scenes that the tables of a file define for its parts, below those of the tables around."""
 
-    Attributes
-    ----------
-    reading : _Reading
-        The file.
-    section : str
-        The table that holds them; empty at the top.
-    tables : mapping of str to object
-        The scenes, by name.
-    around : _Scenes or None
-        Those of the table around this one.
-    """
-
-    reading: _Reading
-    section: str
-    tables: Mapping[str, Any]
-    around: _Scenes | None = None
+    reading: _Reading  # the file
+    section: str  # the table that holds them; empty at the top
+    tables: Mapping[str, Any]  # the scenes, by name
+    around: _Scenes | None = None  # those of the table around this one
 
     def find(self, name: str) -> tuple[SceneDescription, str]:
         """Return the scene that a part names: one of this file, a file, or a shipped one."""

@@ -23,26 +23,16 @@ Setting = str | float
 
 @dataclass(frozen=True)
 class Entities:
-    """The quantities of a model that tables may set, by identifier.
+    """The quantities of a model that tables may set, by identifier."""
 
-    Attributes
-    ----------
-    parameters : mapping of str to str
-        Constants of the model, and parameters that only formulas use: parameters of the scene.
-    states : mapping of str to str
-        Quantities that change with time: states of the model.
-    initial : mapping of str to str
-        Parameters of the scene that are the initial values of some of these states, as numbers.
-    valueless : frozenset of str
-        The entries of ``parameters`` and ``states`` to which the model gives no value.
-    numbers : mapping of str to float
-        Values of the entries of ``parameters`` to which the model gives numbers.
-    """
-
+    #: Constants of the model, and parameters that only formulas use: parameters of the scene.
     parameters: Mapping[str, str]
-    states: Mapping[str, str]
+    states: Mapping[str, str]  # quantities that change with time: states of the model
+    #: Parameters of the scene that are the initial values of some of these states, as numbers.
     initial: Mapping[str, str]
+    #: The entries of ``parameters`` and ``states`` to which the model gives no value.
     valueless: frozenset[str] = frozenset()
+    #: Values of the entries of ``parameters`` to which the model gives numbers.
     numbers: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -56,19 +46,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class Run:
-    """A run that measured rows need: a condition, its preequilibration, and where it ends.
+    """A run that measured rows need: a condition, its preequilibration, and where it ends."""
 
-    Attributes
-    ----------
-    condition, before : str
-        Names in the condition table; ``before`` is empty without a preequilibration.
-    is_at_rest : bool
-        Whether values were measured at the steady state of the condition itself.
-    """
-
+    #: Names in the condition table; ``before`` is empty without a preequilibration.
     condition: str
     before: str
-    is_at_rest: bool
+    is_at_rest: bool  # whether values were measured at the steady state of the condition itself
 
     @classmethod
     def of(cls, row: MeasurementRow) -> Run:

@@ -158,23 +158,14 @@ Chain = tuple[tuple[str, Settings], ...]
 
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """A PEtab problem in the form of an estimation problem.
+    """A PEtab problem in the form of an estimation problem."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The model with its outputs.
-    estimated, conditions, measured
-        As in an estimation problem; measured values are in the order of the measurement tables.
-    nominal : dict of str to float
-        Nominal values of estimated parameters.
-    """
-
-    scene: Scene
+    scene: Scene  # the model with its outputs
+    #: As in an estimation problem; measured values are in the order of the measurement tables.
     estimated: tuple[Estimated, ...]
     conditions: tuple[Condition, ...]
     measured: Measured
-    nominal: dict[str, float]
+    nominal: dict[str, float]  # nominal values of estimated parameters
 
 
 def mapped(tables: Tables) -> Mapped:

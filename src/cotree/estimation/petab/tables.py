@@ -34,18 +34,10 @@ Cell = float | str | None
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a table.
+    """A row of a table."""
 
-    Attributes
-    ----------
-    line : SourceLine
-        File and line, for messages.
-    cells : mapping of str to str
-        Texts by column.
-    """
-
-    line: SourceLine
-    cells: Mapping[str, str]
+    line: SourceLine  # file and line, for messages
+    cells: Mapping[str, str]  # texts by column
 
     def error(self, message: str) -> SceneError:
         """Make an error whose message begins with the file and line of this row."""
@@ -159,23 +151,12 @@ class ConditionRow:
 
 @dataclass(frozen=True)
 class Tables:
-    """All tables of a problem.
+    """All tables of a problem."""
 
-    Attributes
-    ----------
-    file : str
-        The YAML file.
-    model : Path
-        The SBML file.
-    measurement_files : tuple of Path
-        The measurement tables, in order.
-    parameters, observables, conditions, measurements
-        Rows of the tables, the first three by name.
-    """
-
-    file: str
-    model: Path
-    measurement_files: tuple[Path, ...]
+    file: str  # the YAML file
+    model: Path  # the SBML file
+    measurement_files: tuple[Path, ...]  # the measurement tables, in order
+    #: Rows of the tables, the first three by name.
     parameters: dict[str, ParameterRow] = field(default_factory=dict)
     observables: dict[str, ObservableRow] = field(default_factory=dict)
     conditions: dict[str, ConditionRow] = field(default_factory=dict)

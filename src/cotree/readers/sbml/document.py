@@ -21,59 +21,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula of a model.
+    """A formula of a model."""
 
-    Attributes
-    ----------
-    node : libsbml.ASTNode
-        Its tree.
-    at : SourceLine
-        Its file and line.
-    what : str
-        Its description in messages: ``kinetic law of reaction 'R1'``.
-    """
-
-    node: Any = field(repr=False)
-    at: SourceLine
-    what: str
+    node: Any = field(repr=False)  # its tree
+    at: SourceLine  # its file and line
+    what: str  # its description in messages: ``kinetic law of reaction 'R1'``
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A compartment, a species, a parameter or a stoichiometry.
+    """A compartment, a species, a parameter or a stoichiometry."""
 
-    Attributes
-    ----------
-    kind, id, title : str
-        Its kind, identifier and descriptive name.
-    at : SourceLine
-        Its file and line.
-    value : float or None
-        Its initial value, if the file gives a number.
-    is_constant : bool
-        Whether it is declared constant.
-    compartment : str
-        Compartment of a species.
-    is_amount : bool
-        Whether the identifier of a species denotes an amount instead of a concentration.
-    gives_amount : bool
-        Whether ``value`` of a species is an amount.
-    is_boundary : bool
-        Whether reactions do not change a species.
-    conversion : str
-        Conversion factor of a species: the parameter that converts extents of reactions to amounts.
-    """
-
+    #: Its kind, identifier and descriptive name.
     kind: str
     id: str
     title: str
-    at: SourceLine
-    value: float | None = None
-    is_constant: bool = False
-    compartment: str = ""
+    at: SourceLine  # its file and line
+    value: float | None = None  # its initial value, if the file gives a number
+    is_constant: bool = False  # whether it is declared constant
+    compartment: str = ""  # compartment of a species
+    #: Whether the identifier of a species denotes an amount instead of a concentration.
     is_amount: bool = False
-    gives_amount: bool = False
-    is_boundary: bool = False
+    gives_amount: bool = False  # whether ``value`` of a species is an amount
+    is_boundary: bool = False  # whether reactions do not change a species
+    #: Conversion factor of a species: the parameter that converts extents of reactions to amounts.
     conversion: str = ""
 
     @property
@@ -116,64 +87,35 @@ class Reaction:
 
 @dataclass(frozen=True)
 class SbmlEvent:
-    """An event: its trigger and its assignments.
+    """An event: its trigger and its assignments."""
 
-    Attributes
-    ----------
-    id : str
-        Its identifier, or a name made from its number.
-    trigger : Formula
-        The condition; the event occurs when it becomes true.
-    sets : dict of str to Formula
-        The assigned values by identifier.
-    is_initially_true : bool
-        Whether the trigger counts as true before the start.
-    priority : float
-        Of simultaneous events, those with higher priority act first.
-    is_persistent : bool
-        Whether it occurs even if a simultaneous event makes its trigger false again.
-    uses_trigger_values : bool
-        Whether assigned values are evaluated before simultaneous events act, or after them.
-    """
-
-    id: str
-    trigger: Formula
-    sets: dict[str, Formula]
-    is_initially_true: bool
-    priority: float = 0.0
+    id: str  # its identifier, or a name made from its number
+    trigger: Formula  # the condition; the event occurs when it becomes true
+    sets: dict[str, Formula]  # the assigned values by identifier
+    is_initially_true: bool  # whether the trigger counts as true before the start
+    priority: float = 0.0  # of simultaneous events, those with higher priority act first
+    #: Whether it occurs even if a simultaneous event makes its trigger false again.
     is_persistent: bool = True
+    #: Whether assigned values are evaluated before simultaneous events act, or after them.
     uses_trigger_values: bool = True
 
 
 @dataclass
 class SbmlContent:
-    """The content of a model, by identifier.
+    """The content of a model, by identifier."""
 
-    Attributes
-    ----------
-    id : str
-        The model's identifier.
-    quantities : dict of str to Quantity
-        Compartments, species, parameters, and stoichiometries with an identifier.
-    functions : dict of str to node
-        Trees of the function definitions.
-    initials, assignments, rates : dict of str to Formula
-        Initial assignments, assignment rules and rate rules, by identifier of their target.
-    reactions, events : list
-        The reactions and events.
-    notes : list of str
-        Elements that are ignored.
-    """
-
-    id: str
+    id: str  # the model's identifier
+    #: Compartments, species, parameters, and stoichiometries with an identifier.
     quantities: dict[str, Quantity] = field(default_factory=dict)
-    functions: dict[str, Any] = field(default_factory=dict)
+    functions: dict[str, Any] = field(default_factory=dict)  # trees of the function definitions
+    #: Initial assignments, assignment rules and rate rules, by identifier of their target.
     initials: dict[str, Formula] = field(default_factory=dict)
     assignments: dict[str, Formula] = field(default_factory=dict)
     rates: dict[str, Formula] = field(default_factory=dict)
+    #: The reactions and events.
     reactions: list[Reaction] = field(default_factory=list)
     events: list[SbmlEvent] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # elements that are ignored
     _document: Any = None  # kept alive, since it owns libsbml's trees
 
 

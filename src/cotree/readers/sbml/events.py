@@ -168,21 +168,11 @@ def check_coincidences(
 
 @dataclass(frozen=True)
 class Crossing:
-    """An expression that crosses zero where a condition becomes true.
+    """An expression that crosses zero where a condition becomes true."""
 
-    Attributes
-    ----------
-    text : str
-        The expression.
-    direction : int
-        1 for a rising crossing, 0 for either direction.
-    holds_at_zero : bool
-        Whether the condition is true at zero.
-    """
-
-    text: str
-    direction: int
-    holds_at_zero: bool
+    text: str  # the expression
+    direction: int  # 1 for a rising crossing, 0 for either direction
+    holds_at_zero: bool  # whether the condition is true at zero
 
 
 def crossing_of(reader: FormulaReader, node: Any) -> Crossing:

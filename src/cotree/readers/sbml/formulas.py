@@ -31,17 +31,10 @@ _LARGEST, _HIGHEST = 50, 30
 
 @dataclass(frozen=True)
 class Term:
-    """A partly built expression.
+    """A partly built expression."""
 
-    Attributes
-    ----------
-    tree : ast.expr
-        The expression.
-    size, height : int
-        Its numbers of nodes and levels.
-    """
-
-    tree: ast.expr
+    tree: ast.expr  # the expression
+    #: Its numbers of nodes and levels.
     size: int = 1
     height: int = 1
 
@@ -70,14 +63,9 @@ _form = cache(read_tree)
 
 @dataclass
 class TermMaker:
-    """Combines terms, and cuts off parts that have become too large.
+    """Combines terms, and cuts off parts that have become too large."""
 
-    Attributes
-    ----------
-    cut : callable
-        Declares a quantity: takes an expression and the beginning of a name, and returns the name.
-    """
-
+    #: Declares a quantity: takes an expression and the beginning of a name, and returns the name.
     cut: Callable[[str, str], str]
 
     def form(self, form: str, *terms: Term) -> Term:
@@ -174,26 +162,13 @@ _REFUSED = {
 
 @dataclass
 class FormulaReader:
-    """Reads formulas of a model.
+    """Reads formulas of a model."""
 
-    Attributes
-    ----------
-    functions : mapping of str to node
-        The model's functions by id: the trees of their lambdas.
-    symbol : callable
-        Returns the term of an identifier.
-    time : Term
-        The time: ``t``, or zero at the start.
-    make : TermMaker
-        Makes terms.
-    rate : callable
-        Returns the term of the rate of change of a quantity, read by the given reader.
-    """
-
-    functions: Mapping[str, Any]
-    symbol: Callable[[str], Term]
-    time: Term
-    make: TermMaker
+    functions: Mapping[str, Any]  # the model's functions by id: the trees of their lambdas
+    symbol: Callable[[str], Term]  # returns the term of an identifier
+    time: Term  # the time: ``t``, or zero at the start
+    make: TermMaker  # makes terms
+    #: Returns the term of the rate of change of a quantity, read by the given reader.
     rate: Callable[[str, FormulaReader], Term]
     _bound: Mapping[str, Term] = field(default_factory=dict)
     _depth: int = 0

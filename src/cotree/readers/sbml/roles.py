@@ -88,21 +88,12 @@ class Role(Enum):
 
 @dataclass(frozen=True)
 class Roles:
-    """Roles of all quantities.
+    """Roles of all quantities."""
 
-    Attributes
-    ----------
-    of : dict of str to Role
-        By identifier.
-    order : tuple of str
-        Quantities of assignment rules that become outputs, in order of their dependencies.
-    reactions : dict of str to Reaction
-        The reactions by identifier.
-    """
-
-    of: dict[str, Role]
+    of: dict[str, Role]  # by identifier
+    #: Quantities of assignment rules that become outputs, in order of their dependencies.
     order: tuple[str, ...]
-    reactions: dict[str, Reaction]
+    reactions: dict[str, Reaction]  # the reactions by identifier
 
     @property
     def unnamed(self) -> frozenset[str]:

@@ -22,24 +22,12 @@ _NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
 
 @dataclass(frozen=True)
 class ModelParameter:
-    """A parameter of a model.
+    """A parameter of a model."""
 
-    Attributes
-    ----------
-    default : float
-        Its value where a model leaves it out.
-    field : str
-        The component's field.
-    area : str
-        What the factor of area does: ``*``, ``/`` or nothing.
-    unit : str
-        For people.
-    """
-
-    default: float
-    field: str
-    area: str = ""
-    unit: str = ""
+    default: float  # its value where a model leaves it out
+    field: str  # the component's field
+    area: str = ""  # what the factor of area does: ``*``, ``/`` or nothing
+    unit: str = ""  # for people
 
 
 _DIODE = {
@@ -152,21 +140,11 @@ TYPES = {
 
 @dataclass(frozen=True)
 class DeviceModel:
-    """A model with its values.
+    """A model with its values."""
 
-    Attributes
-    ----------
-    letter : str
-        That of its elements.
-    component : str
-        What they become.
-    values : mapping of str to Value
-        By name, all that the model may have.
-    """
-
-    letter: str
-    component: str
-    values: Mapping[str, Value]
+    letter: str  # that of its elements
+    component: str  # what they become
+    values: Mapping[str, Value]  # by name, all that the model may have
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:

@@ -25,21 +25,11 @@ _BETWEEN = re.compile(r"[\s(),]*")
 
 @dataclass(frozen=True)
 class Line:
-    """A statement of a netlist.
+    """A statement of a netlist."""
 
-    Attributes
-    ----------
-    at : SourceLine
-        Its first line in the file.
-    words : tuple of str
-        Its words as they are written.
-    text : str
-        All of it, continuations joined.
-    """
-
-    at: SourceLine
-    words: tuple[str, ...]
-    text: str = ""
+    at: SourceLine  # its first line in the file
+    words: tuple[str, ...]  # its words as they are written
+    text: str = ""  # all of it, continuations joined
 
     @property
     def key(self) -> str:
@@ -160,59 +150,30 @@ class ModelCard:
 
 @dataclass
 class Circuit:
-    """The whole netlist, or the inside of a subcircuit.
+    """The whole netlist, or the inside of a subcircuit."""
 
-    Attributes
-    ----------
-    name : str
-        As it is written.
-    pins : tuple of str
-        Its nodes that are seen from outside.
-    defaults : dict of str to str
-        Its parameters with their values as written.
-    elements : list of Line
-        Its elements.
-    models, circuits : dict
-        By name in small letters.
-    parameters : list of (str, str, SourceLine)
-        Names as written, values as written, lines.
-    at : SourceLine
-        Where it begins.
-    """
-
-    name: str
-    at: SourceLine
-    pins: tuple[str, ...] = ()
+    name: str  # as it is written
+    at: SourceLine  # where it begins
+    pins: tuple[str, ...] = ()  # its nodes that are seen from outside
+    #: Its parameters with their values as written.
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
+    #: By name in small letters.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
+    #: Names as written, values as written, lines.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
 
 
 @dataclass
 class Netlist:
-    """A netlist.
+    """A netlist."""
 
-    Attributes
-    ----------
-    circuit : Circuit
-        The outermost.
-    transient : Line or None
-        Its ``.tran``.
-    held : list of Line
-        Its ``.ic``.
-    options : list of Line
-        Its ``.options`` and ``.temp``.
-    passed_over : list of str
-        Statements that a scene has no use for.
-    """
-
-    circuit: Circuit
-    transient: Line | None = None
-    held: list[Line] = field(default_factory=list)
-    options: list[Line] = field(default_factory=list)
-    passed_over: list[str] = field(default_factory=list)
+    circuit: Circuit  # the outermost
+    transient: Line | None = None  # its ``.tran``
+    held: list[Line] = field(default_factory=list)  # its ``.ic``
+    options: list[Line] = field(default_factory=list)  # its ``.options`` and ``.temp``
+    passed_over: list[str] = field(default_factory=list)  # statements that a scene has no use for
 
 
 def parse_netlist(text: str, where: str) -> Netlist:

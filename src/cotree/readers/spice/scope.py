@@ -112,17 +112,11 @@ class Sheet(Generic[_Scene]):
 
 @dataclass
 class Coupled:
-    """Inductors that share flux.
+    """Inductors that share flux."""
 
-    Attributes
-    ----------
-    inductors : dict of str to Line
-        Their statements, by name in small letters, in the order of the netlist.
-    couplings : dict of frozenset to Line
-        The statement K of each pair, in the order of the netlist.
-    """
-
+    #: Their statements, by name in small letters, in the order of the netlist.
     inductors: dict[str, Line] = field(default_factory=dict)
+    #: The statement K of each pair, in the order of the netlist.
     couplings: dict[frozenset[str], Line] = field(default_factory=dict)
 
     @property
@@ -133,32 +127,17 @@ class Coupled:
 
 @dataclass
 class Instance:
-    """A circuit that is written out once, with the meaning of its names.
+    """A circuit that is written out once, with the meaning of its names."""
 
-    Attributes
-    ----------
-    sheet : Sheet
-        What it is written to.
-    circuit : Circuit
-        Its statements.
-    scope : Scope
-        Its parameters.
-    path : str
-        Names of the instances that it is in, each with a dot behind it.
-    defined_in : Instance or None
-        Instance in which names that are not found here are looked up.
-    edges : dict of str to str
-        Edges by names of elements in small letters.
-    coupled : dict of str to Coupled
-        Of inductors that share flux, by name in small letters: all that do.
-    """
-
-    sheet: Sheet[Any]
-    circuit: Circuit
-    scope: Scope
-    path: str = ""
+    sheet: Sheet[Any]  # what it is written to
+    circuit: Circuit  # its statements
+    scope: Scope  # its parameters
+    path: str = ""  # names of the instances that it is in, each with a dot behind it
+    #: Instance in which names that are not found here are looked up.
     defined_in: Instance | None = None
+    #: Edges by names of elements in small letters.
     edges: dict[str, str] = field(default_factory=dict)
+    #: Of inductors that share flux, by name in small letters: all that do.
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)

@@ -29,21 +29,11 @@ class Times:
 
 @dataclass(frozen=True)
 class Source:
-    """Scene form of an independent source.
+    """Scene form of an independent source."""
 
-    Attributes
-    ----------
-    shape : str
-        ``""`` for one given value, ``sine``, ``pulse`` or ``piecewise``.
-    fields : dict
-        Fields of the component, ``value`` standing for its voltage or current.
-    is_constant : bool
-        Whether it is a given value as a number, worth a parameter.
-    """
-
-    shape: str
-    fields: dict[str, Any]
-    is_constant: bool = False
+    shape: str  # ``""`` for one given value, ``sine``, ``pulse`` or ``piecewise``
+    fields: dict[str, Any]  # fields of the component, ``value`` standing for its voltage or current
+    is_constant: bool = False  # whether it is a given value as a number, worth a parameter
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:

@@ -131,20 +131,12 @@ def _scaled(digits: str, letters: str) -> float:
 
 @dataclass(frozen=True)
 class Scope:
-    """Meaning of names in a circuit or in an instance of a subcircuit.
+    """Meaning of names in a circuit or in an instance of a subcircuit."""
 
-    Attributes
-    ----------
-    values : dict of str to Value
-        By name in small letters: numbers, or texts of expressions.
-    outer : Scope or None
-        Scope in which names that are not found here are looked up.
-    remarks : list of str
-        Remarks about the file, kept in the outermost scope.
-    """
-
+    #: By name in small letters: numbers, or texts of expressions.
     values: dict[str, Value] = field(default_factory=dict)
-    outer: Scope | None = None
+    outer: Scope | None = None  # scope in which names that are not found here are looked up
+    #: Remarks about the file, kept in the outermost scope.
     remarks: list[str] = field(default_factory=list)
 
     def remark(self, text: str) -> None:

@@ -242,21 +242,12 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 @dataclass(frozen=True)
 class Inertial:
-    """Inertia of a link.
+    """Inertia of a link."""
 
-    Attributes
-    ----------
-    pose : Pose
-        Of the centre of mass, and of the axes that the moments are about, in the link's axes.
-    mass : float
-        [kg].
-    moments : tuple of six float
-        ixx, ixy, ixz, iyy, iyz, izz, [kg m^2].
-    """
-
+    #: Of the centre of mass, and of the axes that the moments are about, in the link's axes.
     pose: Pose
-    mass: float
-    moments: tuple[float, ...]
+    mass: float  # [kg]
+    moments: tuple[float, ...]  # ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
 
 
 @dataclass(frozen=True)
@@ -280,36 +271,21 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint.
+    """A joint."""
 
-    Attributes
-    ----------
-    name, type : str
-        Its name, and one of :data:`JOINT_TYPES`.
-    at : SourceLine
-        Where it begins.
-    parent, child : str
-        Its links.
-    pose : Pose
-        Of the child's axes in the parent's, where its coordinate is zero.
-    axis : Vector
-        In the child's axes.
-    damping, friction : float
-        [N s/m or N m s/rad], [N or N m].
-    mimic : Mimic or None
-        Where its coordinate is that of another joint.
-    """
-
+    #: Its name, and one of :data:`JOINT_TYPES`.
     name: str
     type: str
-    at: SourceLine
+    at: SourceLine  # where it begins
+    #: Its links.
     parent: str
     child: str
-    pose: Pose
-    axis: Vector
+    pose: Pose  # of the child's axes in the parent's, where its coordinate is zero
+    axis: Vector  # in the child's axes
+    #: [N s/m or N m s/rad], [N or N m].
     damping: float
     friction: float
-    mimic: Mimic | None
+    mimic: Mimic | None  # where its coordinate is that of another joint
 
 
 @dataclass(frozen=True)

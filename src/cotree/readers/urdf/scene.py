@@ -88,20 +88,12 @@ _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
 @dataclass(frozen=True)
 class UrdfOptions:
-    """Options for reading a robot.
+    """Options for reading a robot."""
 
-    Attributes
-    ----------
-    base : {"fixed", "free"}
-        Whether the root link is welded to the ground or free to move.
-    mimic : bool
-        Whether joints that mimic others follow them; else they are joints of their own.
-    snap : float
-        Angles of frames this close, [rad], to a multiple of a quarter turn are taken as that.
-    """
-
-    base: str = "fixed"
+    base: str = "fixed"  # whether the root link is welded to the ground or free to move
+    #: Whether joints that mimic others follow them; else they are joints of their own.
     mimic: bool = True
+    #: Angles of frames this close, [rad], to a multiple of a quarter turn are taken as that.
     snap: float = 0.0
 
     def __post_init__(self) -> None:
