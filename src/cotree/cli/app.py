@@ -17,7 +17,6 @@ from cotree.cli.arguments import (
     check_animated,
     check_folder,
     check_picture,
-    given,
     read_inputs,
     read_numbers,
     read_tree,
@@ -26,24 +25,20 @@ from cotree.cli.fitting import fit_scene, optimise_scene
 from cotree.cli.guide import new_scene, show_components
 from cotree.cli.options import (
     INTERRUPTED,
-    Atol,
     Csv,
     EndTime,
     InitialOption,
     InputOption,
-    MaxSteps,
-    Method,
     Plot,
-    Rtol,
     SceneName,
     Sensitivity,
     Setting,
-    TimeLimit,
     TreeOption,
     complain,
     read_robots_with,
     read_scene,
     warnings_in_one_line,
+    with_settings,
 )
 from cotree.cli.report import run_report
 from cotree.cli.studies import bench_scene, check_scene, lint_scene, warn_of
@@ -181,13 +176,12 @@ def _options(
 
 
 @app.command("run")
+@with_settings()
 def run_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
     t_end: EndTime = None,
-    method: Method = None,
-    rtol: Rtol = None,
-    atol: Atol = None,
+    settings: Any = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
@@ -213,12 +207,6 @@ def run_scene(
         int | None,
         typer.Option(min=2, help="Number of evenly spaced times; the solver's steps if absent."),
     ] = None,
-    max_steps: MaxSteps = None,
-    max_events: Annotated[
-        float | None,
-        typer.Option(metavar="N", help="Budget of events: 100000 if absent; inf for none."),
-    ] = None,
-    time_limit: TimeLimit = None,
 ) -> None:
     """Integrate a scene and print its end state and sensitivities."""
     import numpy as np
@@ -230,18 +218,12 @@ def run_scene(
     check_picture(plot)
     if show and plot is None and animate is None:
         raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
-    settings: dict[str, Any] = {
-        "method": method,
-        "rtol": rtol,
-        "atol": atol,
-        "parameters": read_numbers("--set", setting),
-        "initial": read_numbers("--initial", initial),
-    }
-    settings |= given(max_steps=max_steps, max_events=max_events, time_limit=time_limit)
-    described = read_inputs(read_scene(scene), inputs, settings["parameters"])
+    values = read_numbers("--set", setting)
+    settings |= {"parameters": values, "initial": read_numbers("--initial", initial)}
+    described = read_inputs(read_scene(scene), inputs, values)
     is_moving = check_animated(animate, described)
     warn_of(described)
-    build_ahead(method or described.defaults.method)
+    build_ahead(settings.get("method") or described.defaults.method)
     model = described.compile(sensitivity, read_tree(tree))
     if plot is not None or (animate is not None and not is_moving):
         from cotree.cli.picture import check_names, draw_curves, draw_run
@@ -253,7 +235,7 @@ def run_scene(
     result = model.simulate((0.0, end), times, **settings)
     # The report comes before the files, so that it is there even where one of them cannot be
     # written.
-    typer.echo(run_report(described, model, result, settings["parameters"]))
+    typer.echo(run_report(described, model, result, values))
     if csv is not None:
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")

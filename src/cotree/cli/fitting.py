@@ -10,27 +10,25 @@ import typer
 from cotree.cli.arguments import (
     check_folder,
     check_picture,
-    given,
     read_inputs,
     read_numbers,
     read_pairs,
 )
 from cotree.cli.options import (
     INTERRUPTED,
-    Atol,
     Csv,
     EndTime,
     InitialOption,
     InputOption,
-    Method,
     Plot,
-    Rtol,
     SceneName,
     Setting,
     complain,
     read_scene,
+    with_settings,
 )
 from cotree.errors import ParameterError, SolveError, brief
+from cotree.estimation.conditions import MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,6 +37,7 @@ if TYPE_CHECKING:
 _RANGE = "--estimate k=10:100:log"
 
 
+@with_settings(max_steps=MOST_STEPS)
 def fit_scene(
     scene: SceneName,
     more: Annotated[
@@ -114,9 +113,7 @@ def fit_scene(
     ] = "linear",
     starts: Annotated[int, typer.Option(min=1, help="Number of starts of the optimiser.")] = 20,
     seed: Annotated[int, typer.Option(metavar="N", help="Of the starts but the first.")] = 0,
-    method: Method = None,
-    rtol: Rtol = None,
-    atol: Atol = None,
+    settings: Any = None,
     plot: Annotated[
         Path | None,
         typer.Option(help="Draw data, computed curves and residuals: .svg, .png or .pdf."),
@@ -147,7 +144,6 @@ def fit_scene(
         "time": time,
     }
     experiments = [Experiment(path, **known) for path in data]
-    options: dict[str, Any] = given(rtol=rtol, atol=atol)
     try:
         result = fit(
             described,
@@ -158,8 +154,7 @@ def fit_scene(
             loss=loss,
             starts=starts,
             seed=seed,
-            method=method,
-            **options,
+            **settings,
         )
     except SolveError as error:
         complain(str(error))
@@ -228,6 +223,7 @@ def _signal(text: str) -> float | str:
         return text
 
 
+@with_settings()
 def optimise_scene(
     scene: SceneName,
     minimise: Annotated[
@@ -257,9 +253,7 @@ def optimise_scene(
     seed: Annotated[int, typer.Option(help="Of the places where they begin.")] = 0,
     optimiser: Annotated[str, typer.Option(help="slsqp or trust-constr.")] = "slsqp",
     t_end: EndTime = None,
-    method: Method = None,
-    rtol: Rtol = None,
-    atol: Atol = None,
+    settings: Any = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
@@ -271,7 +265,7 @@ def optimise_scene(
 
     check_folder(csv)
     check_picture(plot)
-    values = read_numbers("--set", setting)
+    values, method = read_numbers("--set", setting), settings.pop("method", None)
     described = read_inputs(read_scene(scene), inputs, values)
     found = optimise(
         described,
@@ -286,18 +280,15 @@ def optimise_scene(
         seed=seed,
         method=optimiser,
         solver=method,
-        rtol=rtol,
-        atol=atol,
+        **settings,
     )
     typer.echo(found.summary())
     if csv is not None or plot is not None:
         # The runs of the search hold the times that goals ask for; these have the solver's steps.
-        settings: dict[str, Any] = {
+        settings |= {
             "parameters": {**values, **found.settings["parameters"]},
             "initial": {**read_numbers("--initial", initial), **found.settings["initial"]},
             "method": method,
-            "rtol": rtol,
-            "atol": atol,
         }
         model = described.compile()
         run = model.simulate((0.0, float(found.result.t[-1])), **settings)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import warnings
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from cotree.scene.settings import ROWS, Settings
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from cotree.api import Scene
 
+
+_Command = TypeVar("_Command", bound="Callable[..., None]")
 
 SceneName = Annotated[
     str,
@@ -59,25 +65,58 @@ InitialOption = Annotated[
         "--initial", metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."
     ),
 ]
-MaxSteps = Annotated[
-    float | None,
-    typer.Option(metavar="N", help="Budget of steps of a run: 1000000 if absent; inf for none."),
-]
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(metavar="S", help="Computing time of a run in s: 3600 if absent; inf for none."),
-]
-Method = Annotated[
-    str | None,
-    typer.Option(
-        help="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
-        "cvode, ida, cvodes, cvodes-simultaneous, idas or auto."
-    ),
-]
-Rtol = Annotated[float | None, typer.Option(help="Relative tolerance of runs.")]
-Atol = Annotated[float | None, typer.Option(help="Absolute tolerance of runs.")]
 Plot = Annotated[Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")]
 Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to this file.")]
+
+
+def with_settings(*leave: str, **defaults: float) -> Callable[[_Command], _Command]:
+    """Give a command an option for each setting of runs that has a help text.
+
+    The command gets those that are given as its argument ``settings``, whose place in the signature
+    the options take.
+
+    Parameters
+    ----------
+    *leave : str
+        Settings that have no option.
+    **defaults
+        What the command takes if a setting is not given, for the help.
+    """
+    rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
+
+    options = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.POSITIONAL_OR_KEYWORD,
+            default=None,
+            annotation=_option(name, row.option, row.metavar, defaults),
+        )
+        for name, row in rows.items()
+    ]
+
+    def decorate(command: _Command) -> _Command:
+        @functools.wraps(command)
+        def run(**options: Any) -> None:
+            given = {name: options.pop(name) for name in rows}
+            settings = {name: value for name, value in given.items() if value is not None}
+            command(**options, settings=settings)
+
+        hints, listed = get_type_hints(command, include_extras=True), []
+        for name, own in inspect.signature(command).parameters.items():
+            listed += options if name == "settings" else [own.replace(annotation=hints[name])]
+        run.__signature__ = inspect.Signature(listed)  # type: ignore[attr-defined]
+        run.__annotations__ = {option.name: option.annotation for option in listed}
+        return run  # type: ignore[return-value]
+
+    return decorate
+
+
+def _option(name: str, text: str, metavar: str | None, defaults: Mapping[str, float]) -> Any:
+    kind = str if name == "method" else float
+    if name in defaults and "{" not in text:
+        text = f"{text.rstrip('.')}: {{:g}} if absent."
+    text = text.format(defaults.get(name, getattr(Settings, name)))
+    return Annotated[kind | None, typer.Option(metavar=metavar, help=text)]
 
 
 #: ``base`` and ``mimic`` of the command line that is being obeyed.

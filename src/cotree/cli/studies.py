@@ -22,15 +22,13 @@ from cotree.cli.arguments import (
 from cotree.cli.options import (
     EndTime,
     InputOption,
-    MaxSteps,
-    Method,
     Plot,
     SceneName,
     Sensitivity,
     Setting,
-    TimeLimit,
     TreeOption,
     read_scene,
+    with_settings,
 )
 from cotree.cli.report import derived_lines
 
@@ -88,17 +86,15 @@ def finding_lines(found: Sequence[Finding]) -> list[str]:
     return lines
 
 
+@with_settings("atol", rtol=1e-12)
 def check_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006
     t_end: EndTime = None,
-    method: Method = None,
-    rtol: Annotated[float, typer.Option(help="Relative tolerance of all runs.")] = 1e-12,
+    settings: Any = None,
     setting: Setting = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
     tree: TreeOption = [],  # noqa: B006
-    max_steps: MaxSteps = None,
-    time_limit: TimeLimit = None,
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
     from cotree.lint import lint
@@ -118,13 +114,11 @@ def check_scene(
         typer.echo(line)
     for line in derived_lines(model, values):
         typer.echo(line)
-    settings: dict[str, Any] = given(rtol=rtol, max_steps=max_steps, time_limit=time_limit)
     report = check_sensitivities(
         model,
         t_end=t_end,
         values=values,
         plain=plain,
-        method=method,
         report=_at_once,
         **settings,
     )
@@ -132,6 +126,7 @@ def check_scene(
         raise typer.Exit(1)
 
 
+@with_settings("method", "rtol", "atol", time_limit=5.0)
 def bench_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
@@ -149,9 +144,7 @@ def bench_scene(
         int | None, typer.Option(min=1, help="Timed runs of each: 25 if absent, 9 with --quick.")
     ] = None,
     t_end: EndTime = None,
-    time_limit: Annotated[
-        float, typer.Option(metavar="S", help="The longest run in s that counts.")
-    ] = 5.0,
+    settings: Any = None,
     budget: Annotated[
         float | None,
         typer.Option(metavar="S", help="Processor time of all runs: 20 if absent, 4 with --quick."),
@@ -171,7 +164,7 @@ def bench_scene(
     check_picture(plot)
     tolerances = read_tolerances(tolerance)
     # Options that are given count, also beside --quick.
-    settings: dict[str, Any] = given(repeats=repeats, budget=budget)
+    settings |= given(repeats=repeats, budget=budget)
     if quick:
         tolerances = tolerances or list(study.QUICK_TOLERANCES)
         settings = {"repeats": study.QUICK_REPEATS, "budget": study.QUICK_BUDGET} | settings
@@ -183,7 +176,6 @@ def bench_scene(
             method or None,
             tolerances or study.TOLERANCES,
             t_end=t_end,
-            time_limit=time_limit,
             values=read_numbers("--set", setting),
             tree=read_tree(tree),
             progress=progress,

@@ -11,7 +11,6 @@ import typer
 from cotree.cli.arguments import (
     check_options,
     check_picture,
-    given,
     read_inputs,
     read_members_of,
     read_numbers,
@@ -19,20 +18,16 @@ from cotree.cli.arguments import (
 )
 from cotree.cli.options import (
     INTERRUPTED,
-    Atol,
     EndTime,
     InitialOption,
     InputOption,
-    MaxSteps,
-    Method,
-    Rtol,
     SceneName,
     Sensitivity,
     Setting,
-    TimeLimit,
     TreeOption,
     complain,
     read_scene,
+    with_settings,
 )
 from cotree.errors import ParameterError, nearest
 from cotree.quiet import without_warnings
@@ -43,6 +38,7 @@ if TYPE_CHECKING:
     from cotree.api import Model, Scene
 
 
+@with_settings()
 def sweep_scene(
     scene: SceneName,
     grid: Annotated[
@@ -86,9 +82,7 @@ def sweep_scene(
     ] = [],  # noqa: B006
     t_end: EndTime = None,
     points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
-    method: Method = None,
-    rtol: Rtol = None,
-    atol: Atol = None,
+    settings: Any = None,
     setting: Setting = [],  # noqa: B006
     initial: InitialOption = [],  # noqa: B006
     inputs: InputOption = [],  # noqa: B006
@@ -125,8 +119,6 @@ def sweep_scene(
     of: Annotated[
         str, typer.Option(help="What heat maps show: last, max, min or mean over time.")
     ] = "last",
-    max_steps: MaxSteps = None,
-    time_limit: TimeLimit = None,
 ) -> None:
     """Run a scene with many values of its parameters: a grid, samples, or a table."""
     import numpy as np
@@ -150,14 +142,11 @@ def sweep_scene(
         raise typer.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
     values = read_numbers("--set", setting)
     described = _with_inputs(read_scene(scene), inputs, values, grid, sample)
-    build_ahead(method or described.defaults.method)
+    build_ahead(settings.get("method") or described.defaults.method)
     model = described.compile(sensitivity, read_tree(tree))
     rows = read_members_of(model, grid, sample, members, seed, sampling)
     _check_shown(model, show, output)
     end = described.defaults.t_end if t_end is None else t_end
-    settings: dict[str, Any] = given(
-        rtol=rtol, atol=atol, max_steps=max_steps, time_limit=time_limit
-    )
     begun = time.perf_counter()
     try:
         # The table of failed members says it with their values.
@@ -166,7 +155,6 @@ def sweep_scene(
                 (0.0, end),
                 rows,
                 t_eval=points,
-                method=method,
                 outputs=output or None,
                 parameters=values,
                 initial=read_numbers("--initial", initial),

@@ -63,7 +63,8 @@ class Row(NamedTuple):
     check : callable
         ``check(value, name)`` returns the value that is kept, or raises an error.
     option : str
-        Help of its option on the command line; it has none if empty.
+        Help of its option on the command line, with its default in place of ``{}``; it has none if
+        empty.
     metavar : str or None
         The value in that help.
     in_scenes : bool
@@ -281,21 +282,21 @@ class Settings:
         "Budget of steps; None or infinity for no limit. A run that exceeds a budget stops with "
         "what it has, and the message names the state that grows without bound, if one does.",
         _count,
-        option=f"Budget of steps of a run: {MOST_STEPS} if absent; inf for none.",
+        option="Budget of steps of a run: {} if absent; inf for none.",
         metavar="N",
     )
     max_events: int | None = _setting(
         MOST_EVENTS,
         "Budget of events that happen; None or infinity for no limit.",
         _count,
-        option=f"Budget of events: {MOST_EVENTS} if absent; inf for none.",
+        option="Budget of events: {} if absent; inf for none.",
         metavar="N",
     )
     time_limit: float | None = _setting(
         3600.0,
         "Budget of computing time, [s]; None or infinity for no limit.",
         _seconds,
-        option="Computing time of a run in s: 3600 if absent; inf for none.",
+        option="Computing time of a run in s: {:g} if absent; inf for none.",
         metavar="S",
     )
     project: bool = _setting(
