@@ -318,6 +318,29 @@ def test_a_scene_that_was_changed_in_other_ways_leaves_the_old_file(tmp_path):
     assert file.read_bytes() == before
 
 
+def test_comments_and_order_of_a_file_survive(tmp_path):
+    """What is written by hand stays; changed, new and removed statements alone differ."""
+    old = cotree.load("slider-pendulum")
+    text = Path(old.file).read_text(encoding="utf-8")
+    file = tmp_path / "x.toml"
+    old.save(file)
+    assert file.read_text(encoding="utf-8") == text
+    scene = cotree.load(file)
+    scene.set("k", 7.0)
+    scene.parameter("new", 3.0, unit="mm")
+    scene.spring("z", "ground", "A", stiffness="k", free_length=0.0)
+    scene.save(file)
+    lines, changed = text.split("\n"), file.read_text(encoding="utf-8").split("\n")
+    gone = [line for line in lines if line not in changed]
+    assert [line.partition(" ")[0] for line in gone] == ["k"]
+    assert "[edges.z]" in changed
+    assert cotree.load(file) == scene
+    del scene.edges["z"]
+    scene.save(file)
+    assert "# acts along this axis" in file.read_text(encoding="utf-8")
+    assert "z" not in cotree.load(file).edges
+
+
 def test_half_a_character_is_no_text():
     with pytest.raises(SceneError, match="doc of parameter 'p' holds half a character"):
         Scene("x").parameter("p", 1.0, doc="\ud800")

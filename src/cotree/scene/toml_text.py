@@ -1,7 +1,7 @@
 """Scenes to TOML that loads to the same scene.
 
-The text is written here, since other writers of TOML put each number of a list on a line of its own
-(tomli-w) or take milliseconds for each edge (tomlkit).
+A scene that was read from a file keeps its comments and its order (tomlkit). New text is written
+here: other writers put each number of a list on a line of its own.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.dag.multi_output import Table
 from cotree.errors import ModelError, SceneError
-from cotree.files import written_whole
+from cotree.files import read_text, written_whole
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression
 from cotree.scene.origin import origin_table
+from cotree.scene.part import TABLES
 from cotree.scene.part_adding import statement_of
 from cotree.scene.settings import OF_SCENES, Simulation
 from cotree.scene.toml_file import LARGEST_FILE, load_part, read_scene, shipped_parts
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 _Row = TypeVar("_Row")
 
+_LARGEST_KEPT = 200_000  # bytes of a file whose comments are kept
 _WIDEST = 99  # columns
 _BARE = re.compile(r"[A-Za-z0-9_-]+\Z")
 _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
@@ -42,8 +44,48 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
     if path.suffix.lower() != ".toml":
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
     text = scene_text(scene)
+    text = _kept_text(scene, text) or text
     with written_whole(path, "the scene") as draft:
         draft.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _kept_text(scene: SceneDescription, text: str) -> str:
+    """Return the file that a scene was read from with what has changed; empty if it has none."""
+    import tomlkit
+
+    if not scene.file.endswith(".toml"):
+        return ""
+    # Entries that say what is the default anyway stay, unless something has been removed.
+    for has_removed in (False, True):
+        try:
+            old = tomlkit.parse(read_text(scene.file, _LARGEST_KEPT))
+            _merge(old, tomlkit.parse(text), has_removed)
+            kept = tomlkit.dumps(old)
+            read = read_scene(kept, scene.name, SceneDescription)
+        except (ModelError, tomlkit.exceptions.TOMLKitError):  # it has become another file
+            continue
+        orders = [[list(getattr(made, name)) for name in TABLES] for made in (read, scene)]
+        if orders[0] == orders[1] and not _changed_field(read, scene):
+            return kept
+    return ""
+
+
+def _merge(old: Any, new: Any, has_removed: bool) -> None:
+    """Change what differs in the tables of a document, and leave the rest as it is written."""
+    for key in [key for key in old if has_removed and key not in new]:
+        del old[key]
+    for key, value in new.items():
+        own = old.get(key)
+        if isinstance(own, Mapping) and isinstance(value, Mapping):
+            _merge(own, value, has_removed)
+        elif own is None or own.unwrap() != value.unwrap():
+            old[key] = value
+
+
+def _changed_field(read: SceneDescription, scene: SceneDescription) -> str:
+    """Return the first field in which two scenes differ."""
+    names = (row.name for row in fields(SceneDescription))
+    return next((name for name in names if getattr(read, name) != getattr(scene, name)), "")
 
 
 def scene_text(scene: SceneDescription) -> str:
@@ -59,12 +101,11 @@ def scene_text(scene: SceneDescription) -> str:
         read = read_scene(text, f"scene '{scene.name}' as a file", SceneDescription)
     except ModelError as error:
         raise SceneError(str(error)) from None
-    for row in fields(SceneDescription):
-        if getattr(read, row.name) != getattr(scene, row.name):
-            raise SceneError(
-                f"scene '{scene.name}' cannot be saved: its {row.name} were changed by other means "
-                "than the methods of a scene"
-            )
+    if name := _changed_field(read, scene):
+        raise SceneError(
+            f"scene '{scene.name}' cannot be saved: its {name} were changed by other means than "
+            "the methods of a scene"
+        )
     return text
 
 
