@@ -10,7 +10,6 @@ is requested. Interpolation windows end at events, where the output may have a k
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from cotree.compiled import Model
     from cotree.model.arrays import Array
     from cotree.results import Result
+    from cotree.scene.settings import Settings
 
 
 #: Interpolation points on either side of the largest value, and their minimum number in total.
@@ -145,24 +145,6 @@ class Point(NamedTuple):
     slopes: Array
 
 
-@dataclass(frozen=True)
-class Run:
-    """One scenario: the settings of its run other than the design variables.
-
-    Attributes
-    ----------
-    parameters, initial, inputs : mapping
-        As of :meth:`cotree.Model.simulate`.
-    t_span : (float, float)
-        Start and end, [s].
-    """
-
-    parameters: Mapping[str, float]
-    initial: Mapping[str, float]
-    inputs: Mapping[str, Any]
-    t_span: tuple[float, float]
-
-
 class Evaluation:
     """Evaluates the objective and the constraints of a design by simulation.
 
@@ -176,10 +158,13 @@ class Evaluation:
         The output or event that provides each quantity.
     over : sequence of str
         Names of the design variables, in the order of the model's sensitivities.
-    runs : sequence of Run
-        The scenarios.
-    settings : mapping
-        Further arguments of ``simulate``.
+    runs : sequence of Settings
+        The scenarios, without the design variables.
+
+    Raises
+    ------
+    SolveError
+        If a method is unknown.
     """
 
     def __init__(
@@ -188,11 +173,10 @@ class Evaluation:
         goals: Goals,
         names: Mapping[Quantity, str],
         over: Sequence[str],
-        runs: Sequence[Run],
-        settings: Mapping[str, Any],
+        runs: Sequence[Settings],
     ) -> None:
         self.model, self.goals, self.runs, self.over = model, goals, runs, tuple(over)
-        self._names, self._settings = names, dict(settings)
+        self._names = names
         self.n_runs = 0
         self._most_steps = 0
         n = len(goals.quantities)
@@ -202,32 +186,21 @@ class Evaluation:
         ]
         for run in runs:
             check_times(goals.quantities, run.t_span)
-
-    def check_settings(self) -> None:
-        """Refuse an unknown solver and invalid tolerances before any run.
-
-        Raises
-        ------
-        SolveError
-            The message names the setting; for an unknown solver, it suggests the nearest name.
-        """
-        for run in self.runs:
-            found = self.model._preparation({**vars(run), **self._settings})
-            if found.settings.method != "auto":
-                method_row(found.settings.method)
+            if run.method != "auto":
+                method_row(run.method)
 
     def split(self, values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """Split the design variables into parameters and initial values."""
         parameters = {n: v for n, v in values.items() if n in self.model.parameters}
         return parameters, {n: v for n, v in values.items() if n not in parameters}
 
-    def simulate(self, run: Run, values: Mapping[str, float], t_eval: Any = None) -> Result:
+    def simulate(self, run: Settings, values: Mapping[str, float], t_eval: Any = None) -> Result:
         """Simulate a scenario; raises SolveError if the integration fails."""
         parameters, initial = self.split(values)
         self.n_runs += 1
-        settings = dict(self._settings)
+        settings = dict(**run)
         if self._most_steps:
-            settings["max_steps"] = min(settings.get("max_steps") or math.inf, self._most_steps)
+            settings["max_steps"] = min(run.max_steps or math.inf, self._most_steps)
         with without_warnings():  # the optimiser, not the user, chose the values of a trial
             result = self.model.simulate(
                 run.t_span,
@@ -261,7 +234,7 @@ class Evaluation:
             np.array([slope for _, slope in conditions]).reshape(-1, n),
         )
 
-    def _of_run(self, run: Run, values: Mapping[str, float]) -> list[tuple[float, Array]]:
+    def _of_run(self, run: Settings, values: Mapping[str, float]) -> list[tuple[float, Array]]:
         """Evaluate the objective and the constraints of one run, each with its gradient."""
         quantities, slopes = self._quantities(run, values)
         n, found = len(self.goals.quantities), []
@@ -276,7 +249,7 @@ class Evaluation:
             found.append((value, total))
         return found
 
-    def _quantities(self, run: Run, values: Mapping[str, float]) -> tuple[list[float], Array]:
+    def _quantities(self, run: Settings, values: Mapping[str, float]) -> tuple[list[float], Array]:
         """Simulate one run, and return its quantities and their derivatives (design variables)."""
         wanted = self.goals.quantities
         if not wanted:
@@ -296,7 +269,7 @@ class Evaluation:
         return [value for value, _ in rows], np.array([slope for _, slope in rows])
 
     def _quantity(
-        self, quantity: Quantity, result: Result, run: Run, grid: Array
+        self, quantity: Quantity, result: Result, run: Settings, grid: Array
     ) -> tuple[float, Array]:
         name, kind = self._names[quantity], quantity.kind
         if kind == "time":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.design.design import ConditionValue, Design
-from cotree.design.evaluation import Evaluation, Run
+from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
 from cotree.design.search import (
     MET,
@@ -23,13 +24,14 @@ from cotree.errors import Error, ParameterError, SolveError, brief, listed, near
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names, check_whole
+from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:
     from typing import Unpack
 
     from cotree.api import Model, Scene
     from cotree.design.evaluation import Point
-    from cotree.scene.settings import SettingsDict
+    from cotree.scene.settings import Settings, SettingsDict
 
 #: Fields of a scenario.
 _OF_RUN = ("parameters", "initial", "inputs", "t_span")
@@ -143,15 +145,14 @@ def optimise(
     guess = check_mapping(guess, "guess")
     read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess)
     model, found = variant_of(system, described, goals.quantities, names)
-    given = {"parameters": parameters, "initial": initial, "inputs": inputs}
-    common = Run(
-        **{word: check_mapping(values, word) for word, values in given.items()},
-        t_span=_span((0.0, described.defaults.t_end) if t_span is None else t_span),
+    given: dict[str, Any] = {"parameters": parameters, "initial": initial, "inputs": inputs}
+    own = {word: check_mapping(values, word) for word, values in given.items()}
+    common = settings_from(
+        described.defaults, {"t_span": t_span, "method": solver, **own, **settings}
     )
-    scenarios, own = _scenarios(common, runs, names), {"method": solver, **settings}
-    evaluation = Evaluation(model, goals, found, names, scenarios, own)
+    scenarios = _scenarios(common, runs, names)
+    evaluation = Evaluation(model, goals, found, names, scenarios)
     scales = read_scales(dict(over), _known(model, common), guess)
-    evaluation.check_settings()
     _check_reach(evaluation)
     searches: list[Search] = []
     ends, failures = [], []
@@ -184,19 +185,9 @@ def _positive(tolerance: object) -> float:
     return found
 
 
-def _span(given: object) -> tuple[float, float]:
-    """Read the start and the end of a run, [s]."""
-    if not isinstance(given, (Sequence, np.ndarray)) or len(given) != 2:
-        raise ParameterError(f"t_span is {brief(repr(given))}: give two times")
-    start, end = (check_number(t, "a time of t_span") for t in given)
-    if not start < end:
-        raise ParameterError(f"t_span goes from {start:g} to {end:g}: the end must be later")
-    return (start, end)
-
-
 def _scenarios(
-    common: Run, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
-) -> list[Run]:
+    common: Settings, runs: Sequence[Mapping[str, Any]] | None, names: Sequence[str]
+) -> list[Settings]:
     """Merge the common settings with those of each scenario."""
     found = []
     if runs is not None and not isinstance(runs, Sequence):
@@ -204,21 +195,17 @@ def _scenarios(
     for i, given in enumerate([{}] if runs is None else runs):
         if not isinstance(given, Mapping) or not set(given) <= set(_OF_RUN):
             raise ParameterError(f"run {i + 1} must be a mapping with {listed(_OF_RUN)}")
-        more = {
-            word: check_mapping(given.get(word), f"{word} of run {i + 1}")
+        more: dict[str, Any] = {
+            word: {**common[word], **check_mapping(given.get(word), f"{word} of run {i + 1}")}
             for word in ("parameters", "initial", "inputs")
         }
-        found.append(
-            Run(
-                {**common.parameters, **more["parameters"]},
-                {**common.initial, **more["initial"]},
-                {**common.inputs, **more["inputs"]},
-                _span(given["t_span"]) if "t_span" in given else common.t_span,
-            )
-        )
+        found.append(replace(common, **more, t_span=given.get("t_span", common.t_span)))
     if not found:
         raise ParameterError("runs is empty: give at least one scenario")
     for run in found:
+        start, end = run.t_span
+        if not start < end:
+            raise ParameterError(f"t_span goes from {start:g} to {end:g}: the end must be later")
         for name in names:
             if name in run.parameters or name in run.initial:
                 raise ParameterError(
@@ -227,7 +214,7 @@ def _scenarios(
     return found
 
 
-def _known(model: Model, common: Run) -> dict[str, float]:
+def _known(model: Model, common: Settings) -> dict[str, float]:
     """Return the nominal values of parameters and the initial values of states."""
     known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
     try:
