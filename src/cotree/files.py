@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +13,8 @@ from typing import TYPE_CHECKING
 from cotree.errors import SceneError, brief
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
+    from typing import TextIO
 
 
 def read_text(source: str | Path, largest: int) -> str:
@@ -52,6 +56,75 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def read_rows(text: str, where: str) -> list[tuple[int, list[str]]]:
+    """Read the rows of a table whose cells are separated by commas, semicolons or tabs.
+
+    The most frequent one in the first row separates. Blank lines, and comments that begin with
+    ``#``, are skipped. If commas do not separate cells, they are decimal points.
+
+    Parameters
+    ----------
+    text : str
+        The table.
+    where : str
+        Its origin, for messages.
+
+    Returns
+    -------
+    list of tuple of int and list of str
+        The number of the line that each row ends in, and its cells.
+
+    Raises
+    ------
+    SceneError
+        If the text is no such table.
+    """
+    lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
+    separator = max(",;\t", key=next(lines, "").count)
+    reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    rows = []
+    try:
+        for row in reader:
+            if any(item.strip() for item in row) and not row[0].startswith("#"):
+                cells = row if separator == "," else [_with_point(item) for item in row]
+                rows.append((reader.line_num, cells))
+    except csv.Error as error:
+        raise SceneError(f"{where} is no table of comma-separated values: {error}") from None
+    return rows
+
+
+def _with_point(cell: str) -> str:
+    number = cell.replace(",", ".")
+    return number if is_number(number) else cell
+
+
+def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows of comma-separated values.
+
+    Numbers have the fewest digits that read back equal; those that are not a number are empty.
+    """
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerows(map(_cell, row) for row in rows)
+
+
+def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write a table as a file, whole or not at all.
+
+    Raises
+    ------
+    SceneError
+        If it cannot be written.
+    """
+    with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+        write_rows(file, rows)
+
+
+def _cell(value: object) -> object:
+    if not isinstance(value, float):  # NumPy's doubles are floats
+        return value
+    return "" if math.isnan(value) else repr(float(value))
 
 
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:

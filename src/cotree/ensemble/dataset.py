@@ -8,7 +8,6 @@ that netCDF and Zarr take them.
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 import os
 import platform
@@ -24,7 +23,7 @@ from cotree.ensemble.pattern import Unfit
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Happened, Plan, Results, n_sensitivities
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
-from cotree.files import check_suffix, target_path, written_whole
+from cotree.files import check_suffix, target_path, write_csv, written_whole
 from cotree.quiet import without_warnings
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION
@@ -355,9 +354,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
     check_dataset_file(path)
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerows(table_rows(dataset))
+        write_csv(path, table_rows(dataset))
         return
     try:
         if suffix == ".nc":
@@ -371,7 +368,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
         ) from error
 
 
-def table_rows(dataset: Any) -> Iterator[list[str]]:
+def table_rows(dataset: Any) -> Iterator[list[Any]]:
     """Give the rows of a table: a title, then one for each member and time.
 
     Columns are what members set, the time, and all values by the titles that single runs have,
@@ -385,11 +382,10 @@ def table_rows(dataset: Any) -> Iterator[list[str]]:
     ]
     titles, values = _curves(dataset, dims)
     yield [*columns, "time", *titles]
-    times = [_number(t) for t in dataset["time"].values]
     for i in range(like.size):
-        own = [_number(column[i]) for column in settings]
-        for j, t in enumerate(times):
-            yield [*own, t, *(_number(row[i, j]) for row in values)]
+        own = [column[i] for column in settings]
+        for j, t in enumerate(dataset["time"].values):
+            yield [*own, t, *(row[i, j] for row in values)]
 
 
 def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
@@ -413,13 +409,6 @@ def _curves(dataset: Any, dims: tuple[str, ...]) -> tuple[list[str], list[Any]]:
 def _flat(values: Any, n_last: int) -> Any:
     """Put the dimensions of members into one."""
     return values.reshape(-1, *values.shape[values.ndim - n_last :])
-
-
-def _number(value: Any) -> str:
-    """Write 17 significant digits, which tell every double from its neighbours."""
-    if isinstance(value, (float, np.floating)):
-        return "" if np.isnan(value) else f"{value:.17g}"
-    return str(value)
 
 
 def _write_zarr(dataset: Any, path: Path) -> None:

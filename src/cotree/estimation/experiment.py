@@ -6,8 +6,6 @@ Error messages name the file, row and column at fault. The name of a column may 
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +18,7 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import TRANSFORMATIONS
-from cotree.files import is_number, read_text
+from cotree.files import is_number, read_rows, read_text
 from cotree.scene.expressions import check_number
 from cotree.units import Unit, check_fits, check_unit
 
@@ -158,37 +156,25 @@ def split_unit(name: str) -> tuple[str, str]:
 
 def _read_csv(path: Path, where: str) -> tuple[dict[str, Column], list[str]]:
     text = read_text(path, _LARGEST)
-    if not text.strip():
+    found = read_rows(text, where)
+    if not found:
         raise ParameterError(f"{where} is empty: it needs a line of names, and lines of numbers")
-    first = next(line for line in text.splitlines() if line.strip() and line[0] != "#")
-    separator = max(",;\t", key=first.count)
-    reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
-    header: list[str] | None = None
-    fields, rows = [], []
-    for row in reader:
-        if not any(item.strip() for item in row) or row[0].startswith("#"):
-            continue
-        if header is None:
-            header = [item.strip() for item in row]
-            continue
+    (_, head), *lines = found
+    header = [item.strip() for item in head]
+    for number, row in lines:
         if len(row) != len(header):
             raise ParameterError(
-                f"{where}, line {reader.line_num} has {len(row)} fields, but its first line names "
+                f"{where}, line {number} has {len(row)} fields, but its first line names "
                 f"{len(header)} columns"
             )
-        fields.append(row)
-        rows.append(f"line {reader.line_num}")
-    header = header or []
     if all(is_number(item) for item in header):
         raise ParameterError(
             f"{where} begins with numbers: its first line must name the columns, time,v say"
         )
-    if not fields:
+    if not lines:
         raise ParameterError(f"{where} has no numbers below its first line")
-    # If another separator is used, commas may be decimal points.
-    if separator != ",":
-        fields = [[item.replace(",", ".") for item in row] for row in fields]
-    named = zip(header, zip(*fields, strict=True), strict=True)
+    rows = [f"line {number}" for number, _ in lines]
+    named = zip(header, zip(*(row for _, row in lines), strict=True), strict=True)
     return _columns(named, rows, where), rows
 
 

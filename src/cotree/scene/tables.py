@@ -8,8 +8,6 @@ parameters are written out, so that sensitivities follow them.
 from __future__ import annotations
 
 import ast
-import csv
-import io
 import math
 import numbers
 from dataclasses import dataclass, field
@@ -19,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 from cotree.dag.lookup import CubicTable, PlaneTable, look_up
 from cotree.dag.multi_output import Table, table
 from cotree.errors import SceneError, UnitError, brief, nearest
-from cotree.files import is_number
+from cotree.files import is_number, read_rows
 from cotree.scene.expressions import Expression, finite, name_of, names_in, parse, shown
 
 if TYPE_CHECKING:
@@ -303,15 +301,7 @@ def read_points(
     table of two arguments: its first line holds the second argument after an empty or named corner,
     and each further line an argument and its values.
     """
-    try:
-        lines = [
-            (reader.line_num, row) for reader in (csv.reader(io.StringIO(text)),) for row in reader
-        ]
-    except csv.Error as error:
-        raise SceneError(
-            f"{where}: {file} is no table of comma-separated values: {error}"
-        ) from None
-    rows = [(n, row) for n, row in lines if any(item.strip() for item in row)]
+    rows = read_rows(text, f"{where}: {file}")
     if not rows:
         raise SceneError(f"{where}: {file} is empty")
     width = len(rows[0][1])

@@ -6,14 +6,14 @@ name, tables, a text. Pictures are made above this room, in :mod:`cotree.results
 
 from __future__ import annotations
 
-import csv
+import itertools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import Error, ModelError, nearest
-from cotree.files import written_whole
+from cotree.files import write_csv
 from cotree.records import Deferring
 
 if TYPE_CHECKING:
@@ -269,7 +269,7 @@ class RunRecord(Deferring):
         return table
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the columns of ``columns()`` with 17 significant digits.
+        """Write the columns of ``columns()``, with numbers that read back equal.
 
         A reader never sees a file half written, and an interrupted call leaves an older file as
         it was.
@@ -280,15 +280,7 @@ class RunRecord(Deferring):
             If the file cannot be written.
         """
         table = self.columns()
-        with (
-            written_whole(path) as draft,
-            draft.open("w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(table)
-            for row in zip(*table.values(), strict=True):
-                # 17 significant digits tell every double from its neighbours.
-                writer.writerow([f"{value:.17g}" for value in row])
+        write_csv(path, itertools.chain([table], zip(*table.values(), strict=True)))
 
     def summary(self) -> str:
         """Return the last point with 10 digits, the solver's message and where time went."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import math
@@ -17,10 +16,10 @@ from cotree.codegen.integrators import INTEGRATORS
 from cotree.errors import CodegenError, nearest
 from cotree.export.c_checks import check_loops, check_numbers
 from cotree.export.fmi.fmu_variables import list_variables
-from cotree.export.fmi.model_description import Description
+from cotree.export.fmi.model_description import Description, xml_text
 from cotree.export.fmi.platforms import build_libraries, wanted_platforms
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
-from cotree.files import written_whole
+from cotree.files import write_rows, written_whole
 from cotree.markup import names
 from cotree.naming import c_identifier
 from cotree.program.surfaces import without_corners
@@ -137,10 +136,8 @@ def reference_files(
         Two files by name.
     """
     text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["time", *columns])
-    for row in zip(times, *columns.values(), strict=True):
-        table.writerow([repr(float(value)) for value in row])
+    rows = zip(times, *columns.values(), strict=True)
+    write_rows(text, [("time", *columns), *rows])
     # The namespace of attributes is that of manifests of layered standards.
     space = "http://fmi-standard.org/fmi-ls-manifest"
     ElementTree.register_namespace("fmi-ls", space)
@@ -160,11 +157,9 @@ def reference_files(
         role="result",
         description="Output of the default experiment",
     )
-    ElementTree.indent(root)
-    manifest = f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
     return {
         f"{_REFERENCES}/{name}": text.getvalue().encode(),
-        f"{_REFERENCES}/fmi-ls-manifest.xml": manifest.encode(),
+        f"{_REFERENCES}/fmi-ls-manifest.xml": xml_text(root).encode(),
     }
 
 
@@ -186,11 +181,9 @@ def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
     own = ElementTree.SubElement(root, "GraphicalRepresentation")
     ElementTree.SubElement(own, "CoordinateSystem", _ICON, suggestedScalingFactorTo_mm="0.1")
     ElementTree.SubElement(own, "Icon", _ICON)
-    ElementTree.indent(root)
-    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
     return {
         "terminalsAndIcons/icon.png": data.getvalue(),
-        "terminalsAndIcons/terminalsAndIcons.xml": text.encode(),
+        "terminalsAndIcons/terminalsAndIcons.xml": xml_text(root).encode(),
     }
 
 

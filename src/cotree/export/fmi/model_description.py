@@ -102,7 +102,7 @@ class Description:
         for variable in self.variables.all:
             self._add_variable(listed, variable)
         self._add_structure(root)
-        return _text(root)
+        return xml_text(root)
 
     def _is_structured(self) -> bool:
         return all(_STRUCTURED.match(variable.name) for variable in self.variables.all)
@@ -115,7 +115,7 @@ class Description:
         for name in self.sources:
             ElementTree.SubElement(files, "SourceFile", name=name)
         ElementTree.SubElement(own, "Library", name="m")
-        return _text(root)
+        return xml_text(root)
 
     def _add_kind(self, root: ElementTree.Element, kind: str) -> None:
         given = {"modelIdentifier": self.identifier}
@@ -264,6 +264,7 @@ def _number(value: float) -> str:
     return DOUBLE.literal(value).removesuffix(".0")
 
 
-def _text(root: ElementTree.Element) -> str:
+def xml_text(root: ElementTree.Element) -> str:
+    """Return the text of an XML file."""
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
