@@ -63,17 +63,6 @@ _LOOPS_GCC = (
 class BuildOptions:
     """Options for the compilation of a model.
 
-    Attributes
-    ----------
-    optimize : str
-        ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
-    native : bool
-        Use every instruction of this machine's processor, products and sums fused to one among
-        them. The library then serves machines with the same features only, and its results may
-        differ in the last digits.
-    time_limit : float
-        Time after which the compiler is stopped, [s].
-
     Raises
     ------
     BuildError
@@ -85,9 +74,13 @@ class BuildOptions:
     'auto'
     """
 
+    #: ``'auto'``, or one of ``'-O0'``, ``'-Og'``, ``'-O1'``, ``'-O2'``, ``'-O3'``.
     optimize: str = "auto"
+    #: Use every instruction of this machine's processor, products and sums fused to one among them.
+    #: The library then serves machines with the same features only, and its results may differ in
+    #: the last digits.
     native: bool = False
-    time_limit: float = 600.0
+    time_limit: float = 600.0  # time after which the compiler is stopped, [s]
 
     def __post_init__(self) -> None:
         if self.optimize not in ("auto", *_LEVELS):
@@ -223,23 +216,12 @@ _LEAST_ROOM = 1 << 20
 
 @dataclass(frozen=True)
 class BuiltLibrary:
-    """A shared library in the cache.
+    """A shared library in the cache."""
 
-    Attributes
-    ----------
-    path : Path
-        Absolute path of the library.
-    seconds : float
-        Time spent on finding or building it, [s].
-    cached : bool
-        True if the compiler was not needed.
-    command : str
-        The compiler's command lines, with file names relative to the folder of the C text.
-    """
-
-    path: Path
-    seconds: float
-    cached: bool
+    path: Path  # absolute path of the library
+    seconds: float  # time spent on finding or building it, [s]
+    cached: bool  # true if the compiler was not needed
+    #: The compiler's command lines, with file names relative to the folder of the C text.
     command: str
 
 

@@ -18,18 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LoadedLibrary:
-    """A shared library in this process.
+    """A shared library in this process."""
 
-    Attributes
-    ----------
-    ffi : cffi.FFI
-        The types of the declarations; makes and casts pointers.
-    lib : object
-        The library; its functions and variables are attributes, found at first use.
-    """
-
-    ffi: FFI
-    lib: Any
+    ffi: FFI  # the types of the declarations; makes and casts pointers
+    lib: Any  # the library; its functions and variables are attributes, found at first use
 
 
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:

@@ -43,18 +43,11 @@ _abandoned: weakref.WeakSet[threading.Thread] = weakref.WeakSet()
 
 @dataclass(frozen=True)
 class Outcome:
-    """Exit status and output of a command.
+    """Exit status and output of a command."""
 
-    Attributes
-    ----------
-    status : int or None
-        Exit status, negative for a signal as in :mod:`subprocess`; None if time ran out.
-    output : str
-        Standard output and standard error, interleaved.
-    """
-
+    #: Exit status, negative for a signal as in :mod:`subprocess`; None if time ran out.
     status: int | None
-    output: str
+    output: str  # standard output and standard error, interleaved
 
 
 def run_limited(
@@ -173,20 +166,11 @@ _ANSWER_TIME = 10.0
 
 @dataclass(frozen=True)
 class Toolchain:
-    """A C compiler that runs.
+    """A C compiler that runs."""
 
-    Attributes
-    ----------
-    command : tuple of str
-        Program with its absolute path, then arguments that every call needs.
-    version : str
-        First line of what ``--version`` prints.
-    kind : {'cc', 'zig'}
-        ``'zig'`` where the compiler is reached through zig, whose defaults differ.
-    """
-
-    command: tuple[str, ...]
-    version: str
+    command: tuple[str, ...]  # program with its absolute path, then arguments that every call needs
+    version: str  # first line of what ``--version`` prints
+    #: ``'zig'`` where the compiler is reached through zig, whose defaults differ.
     kind: Literal["cc", "zig"]
 
     @property

@@ -240,18 +240,10 @@ _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
 @dataclass(frozen=True)
 class Blocks:
-    """A kernel, cut where it is long.
+    """A kernel, cut where it is long."""
 
-    Attributes
-    ----------
-    functions : list of FunctionPart
-        In the order of their calls; none where it is not cut.
-    statements : list of Statement
-        Those of the kernel itself.
-    """
-
-    functions: list[FunctionPart]
-    statements: list[Statement]
+    functions: list[FunctionPart]  # in the order of their calls; none where it is not cut
+    statements: list[Statement]  # those of the kernel itself
 
 
 @dataclass(frozen=True, slots=True)

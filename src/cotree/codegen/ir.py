@@ -65,41 +65,22 @@ _WIDTHS = {name: len(row.c.format(*[""] * row.arity)) for name, row in OPERATION
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Form:
-    """An expression without its numbers.
+    """An expression without its numbers."""
 
-    Attributes
-    ----------
-    op : str
-        ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
-        ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
-        text, or an operation.
-    name : str
-        Of a name, an array or a function; the prefix of a temporary; a tolerance's value.
-    args : tuple of Form
-        The arguments of an operation or a function.
-    level : int
-        Its precedence.
-    slots : str
-        For each number, in the order of the text, what it is: ``r`` a constant, ``w`` a whole
-        number, ``i`` an index, ``t`` the number of a temporary.
-    n_operations : int
-        Operations in it.
-    width : int
-        Characters in C that are not of a number.
-    names : frozenset of str
-        All names in it but those of temporaries.
-    temporaries : tuple of (int, str)
-        Place among the numbers, and prefix, of each temporary.
-    """
-
+    #: ``number``, ``whole``, ``zero``, ``tolerance``, ``name``, ``element`` of an array,
+    #: ``temporary``, ``call`` of a function, ``part``, a call of one that is part of the caller's
+    #: text, or an operation.
     op: str
-    name: str
-    args: tuple[Form, ...]
-    level: int
+    name: str  # of a name, an array or a function; the prefix of a temporary; a tolerance's value
+    args: tuple[Form, ...]  # the arguments of an operation or a function
+    level: int  # its precedence
+    #: For each number, in the order of the text, what it is: ``r`` a constant, ``w`` a whole
+    #: number, ``i`` an index, ``t`` the number of a temporary.
     slots: str
-    n_operations: int
-    width: int
-    names: frozenset[str]
+    n_operations: int  # operations in it
+    width: int  # characters in C that are not of a number
+    names: frozenset[str]  # all names in it but those of temporaries
+    #: Place among the numbers, and prefix, of each temporary.
     temporaries: tuple[tuple[int, str], ...]
     _hash: int
 
@@ -436,30 +417,14 @@ Statement = Simple | ConstantTable | Comment | Loop | When
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of a function.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    kind : str
-        ``REAL``, ``SCALAR``, ``WHOLE``, or a type of C.
-    is_array : bool
-        Whether it is an array.
-    is_constant : bool
-        Whether the function only reads it.
-    is_restricted : bool
-        Whether the array is the only way to what it holds.
-    given : str
-        The caller's expression, if it does not have the same name.
-    """
+    """An argument of a function."""
 
     name: str
-    kind: str = SCALAR
-    is_array: bool = True
-    is_constant: bool = True
-    is_restricted: bool = True
-    given: str = ""
+    kind: str = SCALAR  # ``REAL``, ``SCALAR``, ``WHOLE``, or a type of C
+    is_array: bool = True  # whether it is an array
+    is_constant: bool = True  # whether the function only reads it
+    is_restricted: bool = True  # whether the array is the only way to what it holds
+    given: str = ""  # the caller's expression, if it does not have the same name
 
 
 @dataclass(frozen=True, slots=True)

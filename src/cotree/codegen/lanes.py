@@ -41,31 +41,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StiffLanes:
-    """Data of the template.
+    """Data of the template."""
 
-    Attributes
-    ----------
-    elimination : EliminationContext
-        The factors of ``shift - J`` and solutions with them.
-    n_values : int
-        Nonzeros of J.
-    n_carried, n_couplings : int
-        Values of the two kernels of second derivatives; zero where there are none.
-    has_slope : bool
-        Whether rates change with time, so that there is a kernel of these derivatives.
-    is_whole : bool
-        Whether no sensitivity vanishes.
-    tables : list of Constants
-        The pattern of J by rows, and of the sensitivities.
-    """
-
-    elimination: EliminationContext
-    n_values: int
+    elimination: EliminationContext  # the factors of ``shift - J`` and solutions with them
+    n_values: int  # nonzeros of J
+    #: Values of the two kernels of second derivatives; zero where there are none.
     n_carried: int
     n_couplings: int
+    #: Whether rates change with time, so that there is a kernel of these derivatives.
     has_slope: bool
-    is_whole: bool
-    tables: list[Constants]
+    is_whole: bool  # whether no sensitivity vanishes
+    tables: list[Constants]  # the pattern of J by rows, and of the sensitivities
 
     @property
     def text(self) -> list[str]:
@@ -143,24 +129,13 @@ _MOST_OPERATIONS = 20_000
 
 @dataclass(frozen=True)
 class Lanes:
-    """Vectors of a processor.
+    """Vectors of a processor."""
 
-    Attributes
-    ----------
-    width : int
-        Numbers in a vector.
-    n_bundles : int
-        Vectors in turn: one is worked at while another waits for its own results.
-    instructions : str
-        The instructions that they need besides the common ones, as compilers name them.
-    is_fused : bool
-        Whether they round a product and a sum once.
-    """
-
-    width: int
-    n_bundles: int
+    width: int  # numbers in a vector
+    n_bundles: int  # vectors in turn: one is worked at while another waits for its own results
+    #: The instructions that they need besides the common ones, as compilers name them.
     instructions: str
-    is_fused: bool
+    is_fused: bool  # whether they round a product and a sum once
 
 
 @dataclass(frozen=True)

@@ -50,22 +50,13 @@ _FEWEST_TIMES = 8
 
 @dataclass(frozen=True, slots=True)
 class StatementRow:
-    """A statement, split into its form and its numbers.
+    """A statement, split into its form and its numbers."""
 
-    Attributes
-    ----------
-    form : hashable or None
-        Equal for statements that differ in their numbers only; None where it is never part of a
-        loop.
-    whole : tuple of int
-        Its whole numbers, in order.
-    real : tuple of float
-        Its constants, in order.
-    """
-
+    #: Equal for statements that differ in their numbers only; None where it is never part of a
+    #: loop.
     form: Hashable
-    whole: tuple[int, ...] = ()
-    real: tuple[float, ...] = ()
+    whole: tuple[int, ...] = ()  # its whole numbers, in order
+    real: tuple[float, ...] = ()  # its constants, in order
 
 
 def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:

@@ -48,21 +48,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Segments:
-    """A map as segments.
+    """A map as segments."""
 
-    Attributes
-    ----------
-    parts : list of list of Statement
-        Its statements; more than one part where it is long.
-    live : list of list of int
-        For each block of columns, which of the guarded segments are run: one or zero.
-    n_crossing : int
-        Values that segments hand over at a time.
-    """
-
-    parts: list[list[Statement]]
+    parts: list[list[Statement]]  # its statements; more than one part where it is long
+    #: For each block of columns, which of the guarded segments are run: one or zero.
     live: list[list[int]]
-    n_crossing: int
+    n_crossing: int  # values that segments hand over at a time
 
 
 @dataclass

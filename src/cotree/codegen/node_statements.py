@@ -59,20 +59,11 @@ class OwnRows:
     Rows are kept in pieces of eight columns, as many as the widest vectors hold. All pieces that
     are entirely zero share one copy, the first; a table gives the places of the pieces of each row.
     Rows that are known beforehand need not be filled at each call, and are whole if they are short.
-
-    Attributes
-    ----------
-    linear : LinearMap
-        The map.
-    first : int
-        The first of these inputs.
-    is_whole : bool
-        Whether zeros are written out, and each row follows the one before.
     """
 
-    linear: LinearMap
-    first: int
-    is_whole: bool
+    linear: LinearMap  # the map
+    first: int  # the first of these inputs
+    is_whole: bool  # whether zeros are written out, and each row follows the one before
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
@@ -199,26 +190,14 @@ def symbol(kind: str, position: int) -> CExpression:
 
 @dataclass(frozen=True)
 class Printed:
-    """Statements that compute some values.
+    """Statements that compute some values."""
 
-    Attributes
-    ----------
-    parts : list of list of Statement
-        The statements, with comments; in one part, or in those that were asked for.
-    values : list of CExpression
-        An expression for each value asked for.
-    n_statements : int
-        Number of values that have a statement.
-    uses_status : bool
-        Whether a statement may set ``status``.
-    filled : list of str
-        Arrays that statements fill and only maps read.
-    """
-
+    #: The statements, with comments; in one part, or in those that were asked for.
     parts: list[list[Statement]]
-    values: list[CExpression]
-    n_statements: int
-    uses_status: bool
+    values: list[CExpression]  # an expression for each value asked for
+    n_statements: int  # number of values that have a statement
+    uses_status: bool  # whether a statement may set ``status``
+    #: Arrays that statements fill and only maps read.
     filled: list[str] = field(default_factory=list)
 
     @property

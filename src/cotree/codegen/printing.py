@@ -64,20 +64,11 @@ class BlockText:
 
 @dataclass(frozen=True)
 class Body:
-    """The statements of a function as text.
+    """The statements of a function as text."""
 
-    Attributes
-    ----------
-    lines : list of str
-        Its own.
-    blocks : list of BlockText
-        The functions that it was cut into, in the order of their calls.
-    written : list of int
-        Number of operations in each of all these, its own last; those of a loop count once.
-    """
-
-    lines: list[str]
-    blocks: list[BlockText]
+    lines: list[str]  # its own
+    blocks: list[BlockText]  # the functions that it was cut into, in the order of their calls
+    #: Number of operations in each of all these, its own last; those of a loop count once.
     written: list[int]
 
     @property

@@ -27,43 +27,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Features:
-    """The parts of the runtime that are compiled; all of them unless said otherwise.
+    """The parts of the runtime that are compiled; all of them unless said otherwise."""
 
-    Attributes
-    ----------
-    sensitivities : bool
-        Whether states have sensitivities.
-    inputs : bool
-        Whether there are inputs.
-    algebraic : bool
-        Whether some states satisfy algebraic equations.
-    constraints : bool
-        Whether states are projected on constraints.
-    events : bool
-        Whether there are events, or kinks of rates whose times depend on states.
-    moving_corners : bool
-        Whether there are kinks of rates whose times depend on parameters of sensitivity.
-    implicit : bool
-        Whether a method takes a Jacobian.
-    helper : bool
-        Whether another program finds states where iterations fail.
-    conditions, breakpoints : bool
-        Of an FMU: whether the start satisfies constraints or conditions; whether there are time
-        events or upper bounds of steps.
-    exchange, steps : bool
-        Whether an FMU offers Model Exchange, and Co-Simulation.
-    """
-
-    sensitivities: bool = True
-    inputs: bool = True
-    algebraic: bool = True
-    constraints: bool = True
-    events: bool = True
+    sensitivities: bool = True  # whether states have sensitivities
+    inputs: bool = True  # whether there are inputs
+    algebraic: bool = True  # whether some states satisfy algebraic equations
+    constraints: bool = True  # whether states are projected on constraints
+    events: bool = True  # whether there are events, or kinks of rates whose times depend on states
+    #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
     moving_corners: bool = True
-    implicit: bool = True
-    helper: bool = True
+    implicit: bool = True  # whether a method takes a Jacobian
+    helper: bool = True  # whether another program finds states where iterations fail
+    #: Of an FMU: whether the start satisfies constraints or conditions; whether there are time
+    #: events or upper bounds of steps.
     conditions: bool = True
     breakpoints: bool = True
+    #: Whether an FMU offers Model Exchange, and Co-Simulation.
     exchange: bool = True
     steps: bool = True
 

@@ -22,26 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StartTables:
-    """Tables of a model's start; the attributes are named as the fields in C.
+    """Tables of a model's start; the attributes are named as the fields in C."""
 
-    Attributes
-    ----------
-    n_coordinates, n_speeds, n_values, n_rows, n_start, n_groups : int
-        Numbers.
-    value_rows, quaternions, is_rate, groups, given, seeds, contents : tuple of int
-        Arrays.
-    redundant_starts, redundant_states : tuple of int
-        The states that each redundant value follows from, one after another.
-    rows, redundant : tuple of Quantity
-        Names and units.
-    """
-
+    #: Numbers.
     n_coordinates: int
     n_speeds: int
     n_values: int
     n_rows: int
     n_start: int
     n_groups: int
+    #: Arrays.
     value_rows: tuple[int, ...]
     quaternions: tuple[int, ...]
     is_rate: tuple[int, ...]
@@ -49,8 +39,10 @@ class StartTables:
     given: tuple[int, ...]
     seeds: tuple[int, ...]
     contents: tuple[int, ...]
+    #: The states that each redundant value follows from, one after another.
     redundant_starts: tuple[int, ...]
     redundant_states: tuple[int, ...]
+    #: Names and units.
     rows: tuple[Quantity, ...]
     redundant: tuple[Quantity, ...]
 

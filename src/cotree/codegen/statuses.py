@@ -11,24 +11,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Status:
-    """One way to end.
+    """One way to end."""
 
-    Attributes
-    ----------
-    name : str
-        In C, after ``COTREE_``.
-    number : int
-        Its value there.
-    sentence : str
-        The event in words, without a capital and a full stop.
-    meaning : str
-        A remark that the header adds; may be empty.
-    """
-
-    name: str
-    number: int
-    sentence: str
-    meaning: str = ""
+    name: str  # in C, after ``COTREE_``
+    number: int  # its value there
+    sentence: str  # the event in words, without a capital and a full stop
+    meaning: str = ""  # a remark that the header adds; may be empty
 
 
 #: Endings of integrators and jobs: ``cotree_status``.

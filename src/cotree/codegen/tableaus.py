@@ -10,46 +10,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tableau:
-    """An explicit method with an error estimate.
+    """An explicit method with an error estimate."""
 
-    Attributes
-    ----------
-    name : str
-        Its name, ``cotree_`` left out.
-    title : str
-        A description, as a part of a sentence.
-    source : str
-        Reference of its coefficients.
-    error_order : int
-        Order of the error estimate.
-    memory : str
-        Exponent of the error of the step before in the choice of the next step.
-    nodes : tuple of str
-        Times of the stages but the first, as shares of a step.
-    stages : tuple of dict
-        Weights of earlier stages in each stage but the first.
-    solution : dict
-        Weights of the stages in the new solution.
-    errors : tuple of dict
-        Weights in the error estimate; of two, the second makes up a mean with the first that is
-        of higher order. The stage after the last one is the rate at the new solution.
-    stable : str
-        Stability bound on the negative real axis, a little rounded down.
-    dense : dict
-        Weights in what the polynomial of degree 4 adds to the cubic through both ends of a step;
-        empty where there is none.
-    """
-
-    name: str
-    title: str
-    source: str
-    error_order: int
-    memory: str
-    nodes: tuple[str, ...]
-    stages: tuple[dict[int, str], ...]
-    solution: dict[int, str]
+    name: str  # its name, ``cotree_`` left out
+    title: str  # a description, as a part of a sentence
+    source: str  # reference of its coefficients
+    error_order: int  # order of the error estimate
+    memory: str  # exponent of the error of the step before in the choice of the next step
+    nodes: tuple[str, ...]  # times of the stages but the first, as shares of a step
+    stages: tuple[dict[int, str], ...]  # weights of earlier stages in each stage but the first
+    solution: dict[int, str]  # weights of the stages in the new solution
+    #: Weights in the error estimate; of two, the second makes up a mean with the first that is of
+    #: higher order. The stage after the last one is the rate at the new solution.
     errors: tuple[dict[int, str], ...]
-    stable: str
+    stable: str  # stability bound on the negative real axis, a little rounded down
+    #: Weights in what the polynomial of degree 4 adds to the cubic through both ends of a step;
+    #: empty where there is none.
     dense: dict[int, str]
 
     is_implicit = False
@@ -292,33 +268,22 @@ class RosenbrockTableau:
 
     Stages solve (I / (h gamma) - J) u_i = f(t + c_i h, y + sum_j a_ij u_j) + sum_j C_ij u_j / h
     + h d_i f_t. The last stage is the error estimate; the new solution is the sum that includes it.
-
-    Attributes
-    ----------
-    name, title, source : str
-        As in :class:`cotree.codegen.tableaus.Tableau`.
-    error_order : int
-        Order of the error estimate.
-    gamma : str
-        The diagonal.
-    nodes, time : tuple of str
-        c and d, one of each stage.
-    stages, couplings : tuple of tuple of str
-        a and C, a row for each stage but the first.
-    dense : tuple of tuple of str
-        Weights of the stages in the polynomial through both ends of a step, a row for each of its
-        degrees from 2.
     """
 
+    #: As in :class:`cotree.codegen.tableaus.Tableau`.
     name: str
     title: str
     source: str
-    error_order: int
-    gamma: str
+    error_order: int  # order of the error estimate
+    gamma: str  # the diagonal
+    #: c and d, one of each stage.
     nodes: tuple[str, ...]
     time: tuple[str, ...]
+    #: a and C, a row for each stage but the first.
     stages: tuple[tuple[str, ...], ...]
     couplings: tuple[tuple[str, ...], ...]
+    #: Weights of the stages in the polynomial through both ends of a step, a row for each of its
+    #: degrees from 2.
     dense: tuple[tuple[str, ...], ...]
 
     is_implicit = True
@@ -507,30 +472,14 @@ ROSENBROCK: dict[str, RosenbrockTableau] = {row.name: row for row in (_RODAS4, _
 
 @dataclass(frozen=True)
 class FixedStep:
-    """A method whose steps all have the length that the caller chose.
+    """A method whose steps all have the length that the caller chose."""
 
-    Attributes
-    ----------
-    name : str
-        In C, after ``cotree_``.
-    title : str
-        A description, as a part of a sentence.
-    source : str
-        Reference.
-    order : int
-        Of the error at the end.
-    n_stages : int
-        Evaluations of the rates in a step.
-    is_implicit : bool
-        Whether it solves linear systems.
-    """
-
-    name: str
-    title: str
-    source: str
-    order: int
-    n_stages: int
-    is_implicit: bool
+    name: str  # in C, after ``cotree_``
+    title: str  # a description, as a part of a sentence
+    source: str  # reference
+    order: int  # of the error at the end
+    n_stages: int  # evaluations of the rates in a step
+    is_implicit: bool  # whether it solves linear systems
 
 
 _RK4 = FixedStep(

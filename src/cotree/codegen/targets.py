@@ -20,71 +20,33 @@ _SPELLED = {"real": "(double){0}", "not": "!{0}", "fails": "{0} != 0"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Spelling of types and qualifiers.
+    """Spelling of types and qualifiers."""
 
-    Attributes
-    ----------
-    real : str
-        Type that statements compute with: one number, or a vector of some.
-    scalar : str
-        Type of one number, in arguments and tables.
-    zero : str
-        A zero of type ``real``.
-    suffix : str
-        Ending of literals and of the names of the C library's functions.
-    limits : str
-        Beginning of the names of the type's limits in ``float.h``.
-    infinity : str
-        What ``math.h`` calls a positive infinity of the type.
-    reader : str
-        Function of the C library that reads a number from text.
-    function : str
-        Qualifiers and result of a function that is part of another.
-    name : str
-        Name of such a function, its own left open.
-    aligned : str
-        Qualifier of an array that vectors are read from.
-    restrict : str
-        Qualifier of an argument that no other leads to the same array.
-    number : str
-        A constant, its digits left open.
-    entry : str
-        Type of one number in a table; empty where it is ``scalar``.
-    calls : str
-        Beginning of the names of functions that stand for those of the C library and for choices;
-        empty where these themselves are called.
-    fused : str
-        Function of the sum of a product and a number, ``(a, b, c)`` of ``a * b + c``; empty where
-        the two are operators.
-    fused_onto : str
-        The same with the arguments in the order of ``c + a * b``.
-    size : int
-        Bytes of one number.
-    digits : int
-        Binary digits of a number.
-    most_decades : int
-        Powers of ten up to which its numbers reach.
-    """
-
-    real: str = "double"
-    scalar: str = "double"
-    zero: str = "0.0"
-    suffix: str = ""
-    limits: str = "DBL"
-    infinity: str = "HUGE_VAL"
-    reader: str = "strtod"
+    real: str = "double"  # type that statements compute with: one number, or a vector of some
+    scalar: str = "double"  # type of one number, in arguments and tables
+    zero: str = "0.0"  # a zero of type ``real``
+    suffix: str = ""  # ending of literals and of the names of the C library's functions
+    limits: str = "DBL"  # beginning of the names of the type's limits in ``float.h``
+    infinity: str = "HUGE_VAL"  # what ``math.h`` calls a positive infinity of the type
+    reader: str = "strtod"  # function of the C library that reads a number from text
+    #: Qualifiers and result of a function that is part of another.
     function: str = "COTREE_APART static void"
-    name: str = "{}"
-    aligned: str = "COTREE_ALIGNED "
+    name: str = "{}"  # name of such a function, its own left open
+    aligned: str = "COTREE_ALIGNED "  # qualifier of an array that vectors are read from
+    #: Qualifier of an argument that no other leads to the same array.
     restrict: str = "COTREE_RESTRICT "
-    number: str = "{}"
-    entry: str = ""
+    number: str = "{}"  # a constant, its digits left open
+    entry: str = ""  # type of one number in a table; empty where it is ``scalar``
+    #: Beginning of the names of functions that stand for those of the C library and for choices;
+    #: empty where these themselves are called.
     calls: str = ""
+    #: Function of the sum of a product and a number, ``(a, b, c)`` of ``a * b + c``; empty where
+    #: the two are operators.
     fused: str = ""
-    fused_onto: str = ""
-    size: int = 8
-    digits: int = 53
-    most_decades: int = 308
+    fused_onto: str = ""  # the same with the arguments in the order of ``c + a * b``
+    size: int = 8  # bytes of one number
+    digits: int = 53  # binary digits of a number
+    most_decades: int = 308  # powers of ten up to which its numbers reach
 
     @property
     def has_lanes(self) -> bool:

@@ -84,31 +84,17 @@ class Field:
 
 @dataclass(frozen=True)
 class Freedom:
-    """One direction of a joint's motion space, with its coordinate.
+    """One direction of a joint's motion space, with its coordinate."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the coordinate.
-    unit : str
-        Unit of the coordinate.
-    rotates : bool
-        True for a rotation about the axis, false for a translation along it.
-    axis : str
-        The field that holds the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the
-        freedoms before it in the motion space have moved, which is parallel to the first node's
-        where they are zero.
-    rate : str
-        Name of the coordinate's rate; ``<name>_dot`` where empty.
-    pitch : str
-        Of a screw: the field that holds how far it moves along the axis for each radian.
-    """
-
-    name: str
-    unit: str
-    rotates: bool
+    name: str  # name of the coordinate
+    unit: str  # unit of the coordinate
+    rotates: bool  # true for a rotation about the axis, false for a translation along it
+    #: The field that holds the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the
+    #: freedoms before it in the motion space have moved, which is parallel to the first node's
+    #: where they are zero.
     axis: str
-    rate: str = ""
+    rate: str = ""  # name of the coordinate's rate; ``<name>_dot`` where empty
+    #: Of a screw: the field that holds how far it moves along the axis for each radian.
     pitch: str = ""
 
     @property
@@ -146,18 +132,10 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """Condition on several fields of a component together, where parameters decide it.
+    """Condition on several fields of a component together, where parameters decide it."""
 
-    Attributes
-    ----------
-    law : Law
-        Function of the fields, whose value must be positive.
-    breach : str
-        Predicate of the message if the condition fails, after the name of the edge.
-    """
-
-    law: Law
-    breach: str
+    law: Law  # function of the fields, whose value must be positive
+    breach: str  # predicate of the message if the condition fails, after the name of the edge
 
 
 @dataclass(frozen=True)

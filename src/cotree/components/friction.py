@@ -32,27 +32,14 @@ def _is_positive(given: object) -> bool:
 
 @dataclass(frozen=True)
 class _Rubbing:
-    """A component whose friction is one expression of its fields in sliding, and one at rest.
+    """A component whose friction is one expression of its fields in sliding, and one at rest."""
 
-    Attributes
-    ----------
-    domain : str
-        The domain of its port.
-    force : callable
-        The force of dry friction.
-    raised : callable
-        The largest force at rest, where the field ``peak`` names is given.
-    peak : str
-        That field.
-    factors : tuple of str
-        The fields without which there is no force: it is disengaged where one of them is zero. The
-        last one may be a table of speeds.
-    """
-
-    domain: str
-    force: _Expression
-    raised: _Expression
-    peak: str
+    domain: str  # the domain of its port
+    force: _Expression  # the force of dry friction
+    raised: _Expression  # the largest force at rest, where the field ``peak`` names is given
+    peak: str  # that field
+    #: The fields without which there is no force: it is disengaged where one of them is zero. The
+    #: last one may be a table of speeds.
     factors: tuple[str, ...]
     is_one_way: bool = False
 

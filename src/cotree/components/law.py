@@ -35,12 +35,6 @@ def law_symbol(name: str) -> Any:
 class Law:
     """A scalar law.
 
-    Attributes
-    ----------
-    function : callable
-        Python function of SymPy symbols that gives the law as a SymPy expression; its argument
-        names are the law's arguments.
-
     Examples
     --------
     >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
@@ -48,6 +42,8 @@ class Law:
     free_length - length
     """
 
+    #: Python function of SymPy symbols that gives the law as a SymPy expression; its argument names
+    #: are the law's arguments.
     function: Callable[..., Any]
 
     @cached_property

@@ -40,55 +40,31 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Integral:
-    """A quantity of a port that its terminal equation, its fields or outputs may use: a state.
+    """A quantity of a port that its terminal equation, its fields or outputs may use: a state."""
 
-    Attributes
-    ----------
-    name, unit : str
-        The state is called ``edge.name``.
-    rate : Law
-        The law of its rate, whose integral over time it is.
-    """
-
+    #: The state is called ``edge.name``.
     name: str
     unit: str
-    rate: Law
+    rate: Law  # the law of its rate, whose integral over time it is
 
 
 @dataclass(frozen=True)
 class PortMeasure:
-    """A sum of variables of a component's ports that outputs and fields may name.
+    """A sum of variables of a component's ports that outputs and fields may name."""
 
-    Attributes
-    ----------
-    name, unit : str
-        It is called ``edge.name``.
-    terms : tuple of (int, str, str)
-        Signs, ``across`` or ``through``, and ports.
-    """
-
+    #: It is called ``edge.name``.
     name: str
     unit: str
-    terms: tuple[tuple[int, str, str], ...]
+    terms: tuple[tuple[int, str, str], ...]  # signs, ``across`` or ``through``, and ports
 
 
 @dataclass(frozen=True)
 class Touch:
-    """The direction that a port of a contact acts along, at one of the places that may touch.
+    """The direction that a port of a contact acts along, at one of the places that may touch."""
 
-    Attributes
-    ----------
-    spot : int
-        The place, from 0 on.
-    quantity : str
-        ``gap``; or ``slip1``, ``slip2``, ...: a direction in which it slides.
-    is_planar : bool
-        Whether its laws hold where everything moves in one plane.
-    """
-
-    spot: int
-    quantity: str
-    is_planar: bool = False
+    spot: int  # the place, from 0 on
+    quantity: str  # ``gap``; or ``slip1``, ``slip2``, ...: a direction in which it slides
+    is_planar: bool = False  # whether its laws hold where everything moves in one plane
 
 
 @dataclass(frozen=True)
@@ -97,34 +73,24 @@ class Friction:
 
     While it sticks, the rate of across is zero, and through is whatever keeps it so, as long as it
     stays between two limits. All laws take the arguments of those of a :class:`Terminal`.
-
-    Attributes
-    ----------
-    forward, backward : Law
-        The through variable while across is positive, and while it is negative.
-    upper, lower : Law or None
-        The limits of through while it sticks, beyond which it begins to slide forwards and
-        backwards; None where it never slides to that side.
-    grip : Law or None
-        Positive while it is engaged; through is zero otherwise. None where it always is.
-    load : Law or None
-        What the laws of sliding change their form with: the argument ``side`` is its sign. They
-        meet where it is zero.
-    presser : str
-        The port of the same component whose rigid stop presses it together: it is disengaged while
-        that is free, and takes part in its impacts. Empty where there is none.
-    suffix : str
-        What the names of its modes among the fields end with.
     """
 
+    #: The through variable while across is positive, and while it is negative.
     forward: Law
     backward: Law
+    #: The limits of through while it sticks, beyond which it begins to slide forwards and
+    #: backwards; None where it never slides to that side.
     upper: Law
     lower: Law | None
+    #: Positive while it is engaged; through is zero otherwise. None where it always is.
     grip: Law | None = None
+    #: What the laws of sliding change their form with: the argument ``side`` is its sign. They meet
+    #: where it is zero.
     load: Law | None = None
+    #: The port of the same component whose rigid stop presses it together: it is disengaged while
+    #: that is free, and takes part in its impacts. Empty where there is none.
     presser: str = ""
-    suffix: str = ""
+    suffix: str = ""  # what the names of its modes among the fields end with
 
 
 @dataclass(frozen=True)
@@ -134,24 +100,14 @@ class Stop:
     Within its limits through is zero. At a limit it is whatever keeps the rate of across at zero,
     as long as it does not pull away from there. The laws take the arguments of those of a
     :class:`Terminal`.
-
-    Attributes
-    ----------
-    upper_gap, lower_gap : Law or None
-        What is left of stretch to each limit; None where there is none on that side.
-    rebound : Law
-        What an impact changes across by.
-    excess : Law
-        The speed that an impact leaves, less that below which it leaves none.
-    suffix : str
-        What the names of its modes among the fields end with.
     """
 
+    #: What is left of stretch to each limit; None where there is none on that side.
     upper_gap: Law | None
     lower_gap: Law | None
-    rebound: Law
-    excess: Law
-    suffix: str = ""
+    rebound: Law  # what an impact changes across by
+    excess: Law  # the speed that an impact leaves, less that below which it leaves none
+    suffix: str = ""  # what the names of its modes among the fields end with
 
 
 @dataclass(frozen=True)
@@ -164,62 +120,41 @@ class Terminal:
     the fields of the component.
     Through variables flow from the head to the tail inside the element, so that across times
     through is the power that it takes up.
-
-    Attributes
-    ----------
-    domain : str
-        The graph that the port has its edge in.
-    kind : Kind
-        Its place in the normal tree.
-    port : str
-        Its name; empty where the component has one port only.
-    across : Law or None
-        The across variable, explicitly; for storages of through, what is added to
-        ``inertance * rate``.
-    through : Law or None
-        The through variable, explicitly; for storages of across, what is added to
-        ``capacity * rate``.
-    storage : Law or None
-        Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, the
-        increase of through for a unit of stretch.
-    is_passive : bool
-        Whether linear equations made of it are symmetric and positive definite.
-    between : tuple of str
-        Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one;
-        a name that is not that of a terminal stands for a node within the component.
-    content : Law or None
-        Of a storage by content: what it holds as a function of the variable that a storage of its
-        kind has as a state, of its siblings' and of fields: charge of voltage, flux linkage of
-        current, volume of pressure. Its rate, with what ``through`` or ``across`` adds, is the
-        other variable; there is no ``storage`` then.
-    integral : Integral or None
-        The quantity ``stretch``; the integral of across, where the domain has a name for it.
-    is_absolute : bool
-        Whether its tail must be the ground, where motion and concentrations are measured from.
-    friction : Friction or None
-        Of dry friction: its laws. Which of them holds is the field ``mode``, which
-        :mod:`cotree.scene.unilateral` adds.
-    stop : Stop or None
-        Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
-        :mod:`cotree.scene.unilateral` adds.
-    touch : Touch or None
-        Of a contact of two bodies: what it acts along.
     """
 
-    domain: str
-    kind: Kind
-    port: str = ""
+    domain: str  # the graph that the port has its edge in
+    kind: Kind  # its place in the normal tree
+    port: str = ""  # its name; empty where the component has one port only
+    #: The across variable, explicitly; for storages of through, what is added to ``inertance *
+    #: rate``.
     across: Law | None = None
+    #: The through variable, explicitly; for storages of across, what is added to ``capacity *
+    #: rate``.
     through: Law | None = None
+    #: Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, the
+    #: increase of through for a unit of stretch.
     storage: Law | None = None
+    #: Of a storage by content: what it holds as a function of the variable that a storage of its
+    #: kind has as a state, of its siblings' and of fields: charge of voltage, flux linkage of
+    #: current, volume of pressure. Its rate, with what ``through`` or ``across`` adds, is the other
+    #: variable; there is no ``storage`` then.
     content: Law | None = None
+    #: Whether linear equations made of it are symmetric and positive definite.
     is_passive: bool = True
+    #: Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one; a
+    #: name that is not that of a terminal stands for a node within the component.
     between: tuple[str, str] = ("", "")
+    #: The quantity ``stretch``; the integral of across, where the domain has a name for it.
     integral: Integral | None = None
+    #: Whether its tail must be the ground, where motion and concentrations are measured from.
     is_absolute: bool = False
+    #: Of dry friction: its laws. Which of them holds is the field ``mode``, which
+    #: :mod:`cotree.scene.unilateral` adds.
     friction: Friction | None = None
+    #: Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
+    #: :mod:`cotree.scene.unilateral` adds.
     stop: Stop | None = None
-    touch: Touch | None = None
+    touch: Touch | None = None  # of a contact of two bodies: what it acts along
 
 
 _ACROSS = Law.field("across")

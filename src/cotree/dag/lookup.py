@@ -21,17 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CubicTable:
-    """A piecewise cubic function in Hermite's form. Results: value, first to third derivative.
+    """A piecewise cubic function in Hermite's form. Results: value, first to third derivative."""
 
-    Attributes
-    ----------
-    x : tuple of float
-        Ascending arguments, at least two.
-    y, slopes : tuple of float
-        Values and first derivatives at ``x``.
-    """
-
-    x: tuple[float, ...]
+    x: tuple[float, ...]  # ascending arguments, at least two
+    #: Values and first derivatives at ``x``.
     y: tuple[float, ...]
     slopes: tuple[float, ...]
 
@@ -70,19 +63,12 @@ class CubicTable:
 
 @dataclass(frozen=True)
 class PlaneTable:
-    """A bilinear function of two arguments. Results: value, by x, by y, and by both.
+    """A bilinear function of two arguments. Results: value, by x, by y, and by both."""
 
-    Attributes
-    ----------
-    x, y : tuple of float
-        Ascending arguments, at least two each.
-    z : tuple of float
-        Values, one row for each ``x``.
-    """
-
+    #: Ascending arguments, at least two each.
     x: tuple[float, ...]
     y: tuple[float, ...]
-    z: tuple[float, ...]
+    z: tuple[float, ...]  # values, one row for each ``x``
 
     function = "cotree_plane"
     results: ClassVar[tuple[str, ...]] = ("", "slope_x", "slope_y", "twist")

@@ -49,21 +49,13 @@ BLOCK = 4
 
 @dataclass(frozen=True, eq=False)
 class LinearMap:
-    """Operations that are applied to each column.
+    """Operations that are applied to each column."""
 
-    Attributes
-    ----------
-    results : tuple of Node
-        In terms of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``.
-    n_shared, n_inputs : int
-        Number of values that all columns share, and length of each column.
-    given : tuple of int
-        Of each column, which inputs may be other than zero: as bits, the first lowest.
-    """
-
-    results: tuple[Node, ...]
+    results: tuple[Node, ...]  # in terms of the symbols ``(SHARED, i)`` and ``(COLUMN, i)``
+    #: Number of values that all columns share, and length of each column.
     n_shared: int
     n_inputs: int
+    #: Of each column, which inputs may be other than zero: as bits, the first lowest.
     given: tuple[int, ...]
 
     @property
@@ -337,37 +329,20 @@ NULL_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class SolveShape:
-    """A linear system: its size, and the requirements on its solution.
+    """A linear system: its size, and the requirements on its solution."""
 
-    Attributes
-    ----------
-    size : int
-        Number of unknowns.
-    n_determined : int
-        Number of leading unknowns that must have a unique solution.
-    tolerance : float
-        Share of the largest entry below which a pivot counts as zero.
-    """
-
-    size: int
-    n_determined: int
+    size: int  # number of unknowns
+    n_determined: int  # number of leading unknowns that must have a unique solution
+    #: Share of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE
 
 
 @dataclass(frozen=True)
 class Table:
-    """A piecewise linear function, held constant outside its range.
+    """A piecewise linear function, held constant outside its range."""
 
-    Attributes
-    ----------
-    x : tuple of float
-        Ascending arguments, at least two.
-    y : tuple of float
-        Values at ``x``.
-    """
-
-    x: tuple[float, ...]
-    y: tuple[float, ...]
+    x: tuple[float, ...]  # ascending arguments, at least two
+    y: tuple[float, ...]  # values at ``x``
 
     function = "cotree_table"
 
@@ -379,23 +354,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Function:
-    """An external function of several arguments and results, called by the generated code.
+    """An external function of several arguments and results, called by the generated code."""
 
-    Attributes
-    ----------
-    name : str
-        C name: ``int name(const double *arguments, double *results)``.
-    n_results : int
-        How many results it has.
-    evaluate : callable
-        The same function in Python: sequence of floats to sequence of floats.
-    partials : Function or None
-        Gives the partial derivatives, row by row (n_results rows of n_arguments).
-    """
-
-    name: str
-    n_results: int
+    name: str  # C name: ``int name(const double *arguments, double *results)``
+    n_results: int  # how many results it has
+    #: The same function in Python: sequence of floats to sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
+    #: Gives the partial derivatives, row by row (n_results rows of n_arguments).
     partials: Function | None = None
 
 
@@ -604,18 +569,11 @@ def results(node: Node, n_results: int) -> tuple[Node, ...]:
 
 @dataclass(frozen=True)
 class Several:
-    """An operation with several results.
+    """An operation with several results."""
 
-    Attributes
-    ----------
-    evaluate : callable
-        (data, argument values) to result values.
-    n_results : callable
-        data to number of results.
-    """
-
+    #: (data, argument values) to result values.
     evaluate: Callable[[Any, Sequence[Any]], Sequence[Any]]
-    n_results: Callable[[Any], int]
+    n_results: Callable[[Any], int]  # data to number of results
 
 
 SEVERAL: dict[str, Several] = {

@@ -89,30 +89,17 @@ Scalar = Any  # float, complex, or a numpy array of either
 
 @dataclass(frozen=True)
 class Operation:
-    """A scalar operation.
+    """A scalar operation."""
 
-    Attributes
-    ----------
-    name : str
-        The name in the program.
-    arity : int
-        Number of arguments.
-    real, complex_, array : callable
-        Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises:
-        it follows C (:mod:`cotree.dag.operations`).
-    c : str
-        The C expression, with ``{0}``, ``{1}``, ... for its arguments.
-    is_call : bool
-        True for a function of the C library, false for an operator.
-    """
-
-    name: str
-    arity: int
+    name: str  # the name in the program
+    arity: int  # number of arguments
+    #: Evaluation on floats, on complex numbers and on numpy arrays. That on floats never raises: it
+    #: follows C (:mod:`cotree.dag.operations`).
     real: Callable[..., Scalar]
     complex_: Callable[..., Scalar]
     array: Callable[..., Scalar]
-    c: str
-    is_call: bool = True
+    c: str  # the C expression, with ``{0}``, ``{1}``, ... for its arguments
+    is_call: bool = True  # true for a function of the C library, false for an operator
 
 
 def _sign(x: float) -> float:

@@ -43,23 +43,12 @@ _MOST_PIECES = 16
 
 @dataclass(frozen=True)
 class Stop:
-    """Times ``first + k * period`` with whole k.
+    """Times ``first + k * period`` with whole k."""
 
-    Attributes
-    ----------
-    first : Node
-        Of parameters.
-    period : Node or None
-        Of parameters; None for one time only.
-    starts : bool
-        Whether there are none before ``first``, k from zero on.
-    along : tuple of (Node, Node)
-        Derivatives of ``first`` and of the period along each of some directions.
-    """
-
-    first: Node
-    period: Node | None = None
-    starts: bool = False
+    first: Node  # of parameters
+    period: Node | None = None  # of parameters; None for one time only
+    starts: bool = False  # whether there are none before ``first``, k from zero on
+    #: Derivatives of ``first`` and of the period along each of some directions.
     along: tuple[tuple[Node, Node], ...] = ()
 
 

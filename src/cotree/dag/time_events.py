@@ -31,23 +31,13 @@ _MOST = 10_000_000
 
 @dataclass(frozen=True)
 class Corners:
-    """Times at which integration stops, ascending, with their derivatives along m directions.
-
-    Attributes
-    ----------
-    times : ndarray, shape (n,)
-        The times, [s].
-    slopes : ndarray, shape (n, m)
-        Their derivatives along each direction.
-    spreads : ndarray, shape (n, m)
-        Largest difference of these derivatives among all stops that meet at a time.
-    scale : float
-        Largest size of the first time of a stop that repeats, whose rounding corners have, [s].
-    """
+    """Times at which integration stops, ascending, with their derivatives along m directions."""
 
     times: FloatArray
-    slopes: FloatArray
+    slopes: FloatArray  # their derivatives along each direction
+    #: Largest difference of these derivatives among all stops that meet at a time.
     spreads: FloatArray
+    #: Largest size of the first time of a stop that repeats, whose rounding corners have, [s].
     scale: float = 0.0
 
     def __len__(self) -> int:

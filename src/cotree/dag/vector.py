@@ -189,18 +189,11 @@ def _spread(products: tuple[Vector, Vector], alpha: Vector) -> Matrix:
 
 @dataclass(frozen=True)
 class Rotation:
-    """The axes of one frame, resolved in another.
+    """The axes of one frame, resolved in another."""
 
-    Attributes
-    ----------
-    matrix : Matrix
-        Takes components in the rotated frame to components in the other.
-    axis, angle : Vector and Node, or None
-        Where it turns about one axis: successive turns about the same axis add their angles,
-        which costs one sum where the product of two matrices costs many.
-    """
-
-    matrix: Matrix
+    matrix: Matrix  # takes components in the rotated frame to components in the other
+    #: Where it turns about one axis: successive turns about the same axis add their angles, which
+    #: costs one sum where the product of two matrices costs many.
     axis: Vector | None = None
     angle: Node | None = None
 

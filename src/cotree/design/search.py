@@ -285,25 +285,14 @@ def check_method(method: object) -> str:
 
 @dataclass(frozen=True)
 class Scale:
-    """The scale of one design variable.
+    """The scale of one design variable."""
 
-    Attributes
-    ----------
-    name : str
-        A parameter, or a state, whose name denotes its initial value.
-    low, high : float
-        Bounds; infinite if there is none.
-    is_log : bool
-        Whether the scale is logarithmic.
-    start : float
-        Initial guess.
-    """
-
-    name: str
+    name: str  # a parameter, or a state, whose name denotes its initial value
+    #: Bounds; infinite if there is none.
     low: float
     high: float
-    is_log: bool
-    start: float
+    is_log: bool  # whether the scale is logarithmic
+    start: float  # initial guess
 
     @property
     def _span(self) -> tuple[float, float]:

@@ -44,21 +44,11 @@ _keeping = threading.RLock()
 
 @dataclass(frozen=True)
 class Parcel:
-    """A plan on its way.
+    """A plan on its way."""
 
-    Attributes
-    ----------
-    key : str
-        Hash of the bytes.
-    backend : str
-        The evaluator of the sender's kernels; another one gives other last digits.
-    data : bytes or None
-        The pickled plan; None where the worker presumably has it.
-    """
-
-    key: str
-    backend: str
-    data: bytes | None
+    key: str  # hash of the bytes
+    backend: str  # the evaluator of the sender's kernels; another one gives other last digits
+    data: bytes | None  # the pickled plan; None where the worker presumably has it
 
 
 def parcel_of(plan: Plan) -> Parcel:

@@ -76,15 +76,9 @@ _MOST = 100_000_000
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The product of some axes; see :func:`grid`.
+    """The product of some axes; see :func:`grid`."""
 
-    Attributes
-    ----------
-    axes : mapping of str to ndarray
-        Values of each, in the order of the dimensions of results.
-    """
-
-    axes: Mapping[str, FloatArray]
+    axes: Mapping[str, FloatArray]  # values of each, in the order of the dimensions of results
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -175,28 +169,15 @@ _FORMS = (
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """Values that the members of an ensemble set.
+    """Values that the members of an ensemble set."""
 
-    Attributes
-    ----------
-    columns : tuple of str
-        Parameters, and states by their initial values.
-    rows : ndarray, shape (n_members, n_columns)
-        Their values.
-    dimensions : mapping of str to ndarray
-        Dimensions of the results with their coordinates, whose product the members are in the
-        order of the rows: ``member``, or the axes of a grid.
-    origin : mapping of str to object
-        How they were drawn, if they were.
-    is_grid : bool
-        Whether they are the product of axes.
-    """
-
-    columns: tuple[str, ...]
-    rows: FloatArray
+    columns: tuple[str, ...]  # parameters, and states by their initial values
+    rows: FloatArray  # their values
+    #: Dimensions of the results with their coordinates, whose product the members are in the order
+    #: of the rows: ``member``, or the axes of a grid.
     dimensions: Mapping[str, npt.NDArray[Any]]
-    origin: Mapping[str, Any] = field(default_factory=dict)
-    is_grid: bool = False
+    origin: Mapping[str, Any] = field(default_factory=dict)  # how they were drawn, if they were
+    is_grid: bool = False  # whether they are the product of axes
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -26,32 +26,20 @@ FEW = 100
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Model and settings that all members of an ensemble share.
-
-    Attributes
-    ----------
-    model : CompiledModel
-        The model.
-    settings : Settings
-        Settings of each run; ``t_eval`` and ``method`` are given. A member's own values go before
-        the parameters and initial values here.
-    columns : tuple of str
-        Parameters, and states by their initial values, that members set, in the order of a row.
-    outputs : tuple of str
-        The outputs that are evaluated.
-    lanes : int or None
-        Members side by side in vectors: 1 for none, None for as many as the processor has.
-    is_chosen : bool
-        Whether the method was chosen for all members and not asked for, and some may become stiff:
-        a member that an explicit one finds stiff on its way is then run from its start with one for
-        stiff problems.
-    """
+    """Model and settings that all members of an ensemble share."""
 
     model: CompiledModel
+    #: Settings of each run; ``t_eval`` and ``method`` are given. A member's own values go before
+    #: the parameters and initial values here.
     settings: Settings
+    #: Parameters, and states by their initial values, that members set, in the order of a row.
     columns: tuple[str, ...]
-    outputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()  # the outputs that are evaluated
+    #: Members side by side in vectors: 1 for none, None for as many as the processor has.
     lanes: int | None = None
+    #: Whether the method was chosen for all members and not asked for, and some may become stiff: a
+    #: member that an explicit one finds stiff on its way is then run from its start with one for
+    #: stiff problems.
     is_chosen: bool = False
 
     @property
@@ -62,61 +50,33 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Happened:
-    """The events of some members, one entry for each time that one happened.
+    """The events of some members, one entry for each time that one happened."""
 
-    Attributes
-    ----------
-    member : ndarray of int, shape (n,)
-        Places of the members in the block, in increasing order.
-    event : ndarray of int, shape (n,)
-        Numbers of the events in ``model.layout.events``.
-    t : ndarray, shape (n,)
-        Times, [s], increasing for each member.
-    s : ndarray, shape (n, n_parameters)
-        Sensitivities of the times, [s / parameter unit].
-    """
-
-    member: npt.NDArray[np.intp]
-    event: npt.NDArray[np.intp]
-    t: FloatArray
-    s: FloatArray
+    member: npt.NDArray[np.intp]  # places of the members in the block, in increasing order
+    event: npt.NDArray[np.intp]  # numbers of the events in ``model.layout.events``
+    t: FloatArray  # times, [s], increasing for each member
+    s: FloatArray  # sensitivities of the times, [s / parameter unit]
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Results of some members, in the order of their rows.
+    """Results of some members, in the order of their rows."""
 
-    Attributes
-    ----------
-    z : ndarray, shape (n_members, n_t, n_states * (1 + n_parameters))
-        States, then their sensitivities parameter by parameter. All values of a member that failed
-        are nan, and those behind the end of one that an event stopped.
-    outputs : ndarray, shape (n_members, n_t, n_outputs)
-        Outputs, likewise.
-    output_sensitivities : ndarray, shape (n_members, n_t, n_parameters, n_outputs)
-        Their sensitivities.
-    status : ndarray of int, shape (n_members,)
-        As of :class:`cotree.solvers.base.Trajectory`; -3 where the ensemble was stopped before the
-        member had run.
-    messages : tuple of str
-        A sentence for each member that failed or was not run, or that another method ran; empty
-        for others.
-    steps : ndarray of int, shape (n_members,)
-        Accepted steps.
-    seconds : ndarray, shape (n_members,)
-        Wall-clock time of each, [s]; members in the lanes of one vector share theirs.
-    happened : Happened
-        The events.
-    """
-
+    #: States, then their sensitivities parameter by parameter. All values of a member that failed
+    #: are nan, and those behind the end of one that an event stopped.
     z: FloatArray
-    outputs: FloatArray
-    output_sensitivities: FloatArray
+    outputs: FloatArray  # outputs, likewise
+    output_sensitivities: FloatArray  # their sensitivities
+    #: As of :class:`cotree.solvers.base.Trajectory`; -3 where the ensemble was stopped before the
+    #: member had run.
     status: npt.NDArray[np.int8]
+    #: A sentence for each member that failed or was not run, or that another method ran; empty for
+    #: others.
     messages: tuple[str, ...]
-    steps: npt.NDArray[np.int64]
+    steps: npt.NDArray[np.int64]  # accepted steps
+    #: Wall-clock time of each, [s]; members in the lanes of one vector share theirs.
     seconds: FloatArray
-    happened: Happened
+    happened: Happened  # the events
 
 
 #: The status of a member that was not run, since the ensemble was stopped.

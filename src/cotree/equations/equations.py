@@ -23,21 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CornerRow:
-    """A corner of the rates, which a value reaches where it passes through zero.
+    """A corner of the rates, which a value reaches where it passes through zero."""
 
-    Attributes
-    ----------
-    value : Node
-        The value, relative to the end of the piece that is held.
-    piece : int
-        Which of the pieces that are held ends there.
-    direction : int
-        Zero where the piece is the sign of the value; else what is added to its number where the
-        value passes through zero in that direction.
-    """
-
-    value: Node
-    piece: int
+    value: Node  # the value, relative to the end of the piece that is held
+    piece: int  # which of the pieces that are held ends there
+    #: Zero where the piece is the sign of the value; else what is added to its number where the
+    #: value passes through zero in that direction.
     direction: int
 
 
@@ -62,36 +53,19 @@ class Derivative:
 
     Of states and outputs there may be many thousands, each direction changing a few: their
     derivatives are kept by place, those that vanish left out.
-
-    Attributes
-    ----------
-    name : str
-        The parameter or state that the direction belongs to.
-    seed : mapping of Node to Node
-        Tangents of the symbols.
-    forcing : tuple of Node
-        Right-hand side of ``A w_p = forcing``, unknowns held fixed.
-    rates : mapping of int to Node
-        Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
-    outputs : mapping of int to Node
-        Derivatives of the outputs.
-    initial : mapping of int to Node
-        Derivatives of the initial values.
-    held, held_rates : tuple of Node
-        Derivatives of the constraints and of their rates.
-    start : tuple of Node
-        Derivatives of :attr:`ConstraintSet.start_values`.
     """
 
-    name: str
-    seed: Mapping[Node, Node]
-    forcing: tuple[Node, ...]
+    name: str  # the parameter or state that the direction belongs to
+    seed: Mapping[Node, Node]  # tangents of the symbols
+    forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, unknowns held fixed
+    #: Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
     rates: Mapping[int, Node]
-    outputs: Mapping[int, Node]
-    initial: Mapping[int, Node]
+    outputs: Mapping[int, Node]  # derivatives of the outputs
+    initial: Mapping[int, Node]  # derivatives of the initial values
+    #: Derivatives of the constraints and of their rates.
     held: tuple[Node, ...]
     held_rates: tuple[Node, ...]
-    start: tuple[Node, ...]
+    start: tuple[Node, ...]  # derivatives of :attr:`ConstraintSet.start_values`
 
     @property
     def nodes(self) -> list[Node]:
@@ -141,105 +115,58 @@ class Quantity:
 
 @dataclass(frozen=True)
 class State:
-    """A state.
+    """A state."""
 
-    Attributes
-    ----------
-    name, unit : str
-        ``edge.coordinate`` or ``edge.coordinate_dot``, and its SI unit.
-    symbol : Node
-        The state as an argument of the program.
-    initial : Node
-        Its initial value, of parameters only.
-    is_given : bool
-        Whether the scene gives it, or it may change to satisfy constraints.
-    is_algebraic : bool
-        Whether an equation 0 = g, no rate, determines it; its initial value is then a guess.
-    follower : str
-        For a state that is the content of a storage, the algebraic unknown that follows from it.
-    """
-
+    #: ``edge.coordinate`` or ``edge.coordinate_dot``, and its SI unit.
     name: str
     unit: str
-    symbol: Node
-    initial: Node
-    is_given: bool = True
+    symbol: Node  # the state as an argument of the program
+    initial: Node  # its initial value, of parameters only
+    is_given: bool = True  # whether the scene gives it, or it may change to satisfy constraints
+    #: Whether an equation 0 = g, no rate, determines it; its initial value is then a guess.
     is_algebraic: bool = False
+    #: For a state that is the content of a storage, the algebraic unknown that follows from it.
     follower: str = ""
 
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """Constraints that the states must satisfy.
+    """Constraints that the states must satisfy."""
 
-    Attributes
-    ----------
-    rows : tuple of Quantity
-        Name and unit of each constraint.
-    edges : tuple of str
-        The edge that each belongs to.
-    values : tuple of Node or None
-        The residual of each, which must be zero; None for constraints on rates only.
-    rates : tuple of Node
-        The rate of each, which must be zero too.
-    gradient : tuple of rows of Node
-        Derivatives of the rates by the speeds.
-    sizes : tuple of rows of Node
-        Sums of squares of the gradient's terms, before anything cancels.
-    quaternions : tuple of (str, tuple of Node)
-        Edges whose rotation is free, with the four states that are to keep the norm one.
-    start_rows : tuple of Quantity
-        Further start conditions: initial values of coordinates and rates that are not states.
-    start_is_rate : tuple of bool
-        Whether each is a rate.
-    start_values : tuple of Node
-        Their residuals; then the values of ``redundant`` by the states, then those that are given.
-    start_gradient : tuple of rows of Node
-        Derivatives by the speeds, of rates of coordinates by the speeds too.
-    redundant : tuple of RedundantRow
-        Initial values of networks that must agree with those of the states.
-    """
-
-    rows: tuple[Quantity, ...]
-    edges: tuple[str, ...]
+    rows: tuple[Quantity, ...]  # name and unit of each constraint
+    edges: tuple[str, ...]  # the edge that each belongs to
     # Levels of position and of velocity, which a projection enforces; the level of acceleration is
     # part of A w = b.
+    #: The residual of each, which must be zero; None for constraints on rates only.
     values: tuple[Node | None, ...]
-    rates: tuple[Node, ...]
-    gradient: tuple[tuple[Node, ...], ...]
+    rates: tuple[Node, ...]  # the rate of each, which must be zero too
+    gradient: tuple[tuple[Node, ...], ...]  # derivatives of the rates by the speeds
+    #: Sums of squares of the gradient's terms, before anything cancels.
     sizes: tuple[tuple[Node, ...], ...]
+    #: Edges whose rotation is free, with the four states that are to keep the norm one.
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
     # Conditions of the consistent start besides the constraints.
+    #: Further start conditions: initial values of coordinates and rates that are not states.
     start_rows: tuple[Quantity, ...]
-    start_is_rate: tuple[bool, ...]
+    start_is_rate: tuple[bool, ...]  # whether each is a rate
+    #: Their residuals; then the values of ``redundant`` by the states, then those that are given.
     start_values: tuple[Node, ...]
+    #: Derivatives by the speeds, of rates of coordinates by the speeds too.
     start_gradient: tuple[tuple[Node, ...], ...]
+    #: Initial values of networks that must agree with those of the states.
     redundant: tuple[RedundantRow, ...] = ()
 
 
 @dataclass(frozen=True)
 class Guard:
-    """Condition on a function of parameters that the equations require.
-
-    Attributes
-    ----------
-    value : Node
-        The value.
-    what : str
-        Name of the value, as the subject of a message.
-    is_strict : bool
-        Whether it must be positive, or only not negative.
-    breach : str
-        Predicate of the message if the condition fails; empty where the value itself says it.
-    parameters : tuple of str
-        Names of the parameters that the value is made of.
-    """
+    """Condition on a function of parameters that the equations require."""
 
     value: Node
-    what: str
-    is_strict: bool
+    what: str  # name of the value, as the subject of a message
+    is_strict: bool  # whether it must be positive, or only not negative
+    #: Predicate of the message if the condition fails; empty where the value itself says it.
     breach: str = ""
-    parameters: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()  # names of the parameters that the value is made of
 
     def named(self, names: Sequence[str]) -> Guard:
         """Name the parameters that the value is made of, from the names of all of them."""
@@ -280,48 +207,27 @@ class Guard:
 
 @dataclass(frozen=True)
 class EventRow:
-    """An event at the passage of a value through zero.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    direction : int
-        -1 for downwards, 1 for upwards, 0 for both.
-    is_stop : bool
-        Whether a run ends there.
-    targets : tuple of int
-        The states that it sets: by expressions, then the speeds that its impact changes, all.
-    watched : int
-        Place of the value among :attr:`Equations.output_values`.
-    new_values : range
-        Places of the expressions there, in the order of their targets.
-    restitution : int or None
-        Place of the coefficient of restitution there; None where there is no impact.
-    results : range
-        Places of the new values of all targets among those of all events.
-    is_jump, is_count : bool
-        Whether it sets the mode of a jump inside an expression, and its value counts from it.
-    part : int
-        What of an edge whose mode is chosen with those of others it looks at, see
-        :class:`cotree.scene.events.ModePart`; zero where it is no such event.
-    is_rest, is_lift, is_pressed : bool
-        Whether it happens where an impact at a rigid stop ends in rest; whether it looks at the
-        force of one; and whether it looks at the speed of friction that one presses together.
-    """
+    """An event at the passage of a value through zero."""
 
     name: str
-    direction: int
-    is_stop: bool
+    direction: int  # -1 for downwards, 1 for upwards, 0 for both
+    is_stop: bool  # whether a run ends there
     # States that the event sets, and places of the values that it looks at and sets them to.
+    #: The states that it sets: by expressions, then the speeds that its impact changes, all.
     targets: tuple[int, ...]
-    watched: int
-    new_values: range
+    watched: int  # place of the value among :attr:`Equations.output_values`
+    new_values: range  # places of the expressions there, in the order of their targets
+    #: Place of the coefficient of restitution there; None where there is no impact.
     restitution: int | None
-    results: range
+    results: range  # places of the new values of all targets among those of all events
+    #: Whether it sets the mode of a jump inside an expression, and its value counts from it.
     is_jump: bool = False
     is_count: bool = False
+    #: What of an edge whose mode is chosen with those of others it looks at, see
+    #: :class:`cotree.scene.events.ModePart`; zero where it is no such event.
     part: int = 0
+    #: Whether it happens where an impact at a rigid stop ends in rest; whether it looks at the
+    #: force of one; and whether it looks at the speed of friction that one presses together.
     is_rest: bool = False
     is_lift: bool = False
     is_pressed: bool = False
@@ -349,106 +255,59 @@ class EventRow:
 
 @dataclass(frozen=True)
 class Equations:
-    """Governing and sensitivity equations of a scene.
+    """Governing and sensitivity equations of a scene."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the scene.
-    dag : Dag
-        The arena.
-    states : tuple of State
-        x: coordinates, speeds, states of networks, algebraic unknowns.
-    parameters, inputs, outputs : tuple of Quantity
-        p, u and y, in the order of their symbols.
-    parameter_values : tuple of float
-        The scene's values of p.
-    derived : tuple of DerivedParameter
-        Parameters that follow from p.
-    input_symbols, input_values : tuple of Node
-        The symbols of u, and the scene's own values of time and parameters.
-    unknowns, unknown_tangents : tuple of Node
-        Symbols of w and of its derivatives.
-    matrix : sequence of rows of Node
-        A, symmetric.
-    forcing : tuple of Node
-        b.
-    is_safe : tuple of bool
-        Whether each unknown's pivot is positive for every state.
-    links : tuple of TreeLink
-        The tree, where elimination along it costs less than that of the matrix; else empty.
-    rates : tuple of Node
-        M x' in terms of x and w.
-    balances : tuple of Node
-        ``A w - b`` as the formulation wrote it, for people.
-    constraints : ConstraintSet
-        Constraints on the states; the last unknowns are their multipliers.
-    output_values : tuple of Node
-        y; then the value of each event; then, event by event, new values and restitution.
-    sensitivities, columns : tuple of Derivative
-        Along each requested parameter together with its states' sensitivities, and along each
-        state.
-    guards : tuple of Guard
-        Conditions that parameter values must satisfy.
-    n_network_states : int
-        Number of modes and states of networks, algebraic unknowns not counted.
-    n_modes : int
-        Number of modes, which come first among these.
-    events : tuple of EventRow
-        The events.
-    motion : Derivative or None
-        Along the motion itself, where there are events or algebraic unknowns, in terms of rates of
-        the states as symbols.
-    direction : Derivative or None
-        Along a change of all states and of the parameters that sensitivities are taken to, where
-        these are several, in terms of these changes as symbols; see :mod:`cotree.dag.nodes`.
-    corners : tuple of CornerRow
-        What ends the pieces that steps hold; see :mod:`cotree.program.surfaces`.
-    positions : tuple of PositionRow
-        Positions in networks that are sums of states.
-    given : tuple of str
-        Names of the initial values of coordinates and rates that the scene gives, in its order.
-    pieces : tuple of Node
-        For each of these pieces the number of the one that an argument is in; zero for signs.
-    """
-
-    name: str
-    dag: Dag
-    states: tuple[State, ...]
+    name: str  # name of the scene
+    dag: Dag  # the arena
+    states: tuple[State, ...]  # x: coordinates, speeds, states of networks, algebraic unknowns
+    #: p, u and y, in the order of their symbols.
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     # The scene's own values, where a run gives no others.
-    parameter_values: tuple[float, ...]
+    parameter_values: tuple[float, ...]  # the scene's values of p
+    #: The symbols of u, and the scene's own values of time and parameters.
     input_symbols: tuple[Node, ...]
     input_values: tuple[Node, ...]
     # A(x) w = b(x): accelerations and multipliers, eliminated when the equations are lowered.
+    #: Symbols of w and of its derivatives.
     unknowns: tuple[Node, ...]
     unknown_tangents: tuple[Node, ...]
-    matrix: Sequence[Sequence[Node]]
-    forcing: tuple[Node, ...]
-    is_safe: tuple[bool, ...]
+    matrix: Sequence[Sequence[Node]]  # A, symmetric
+    forcing: tuple[Node, ...]  # b
+    is_safe: tuple[bool, ...]  # whether each unknown's pivot is positive for every state
+    #: The tree, where elimination along it costs less than that of the matrix; else empty.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and what has to hold besides.
-    rates: tuple[Node, ...]
-    balances: tuple[Node, ...]
-    constraints: ConstraintSet
+    rates: tuple[Node, ...]  # M x' in terms of x and w
+    balances: tuple[Node, ...]  # ``A w - b`` as the formulation wrote it, for people
+    constraints: ConstraintSet  # constraints on the states; the last unknowns are their multipliers
+    #: y; then the value of each event; then, event by event, new values and restitution.
     output_values: tuple[Node, ...]
     # Derivatives along directions: the same A and M, with right-hand sides of their own.
+    #: Along each requested parameter together with its states' sensitivities, and along each state.
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
-    guards: tuple[Guard, ...]
+    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns.
+    #: Number of modes and states of networks, algebraic unknowns not counted.
     n_network_states: int = 0
-    n_modes: int = 0
+    n_modes: int = 0  # number of modes, which come first among these
     events: tuple[EventRow, ...] = ()
+    #: Along the motion itself, where there are events or algebraic unknowns, in terms of rates of
+    #: the states as symbols.
     motion: Derivative | None = None
+    #: Along a change of all states and of the parameters that sensitivities are taken to, where
+    #: these are several, in terms of these changes as symbols; see :mod:`cotree.dag.nodes`.
     direction: Derivative | None = None
+    #: What ends the pieces that steps hold; see :mod:`cotree.program.surfaces`.
     corners: tuple[CornerRow, ...] = ()
+    #: For each of these pieces the number of the one that an argument is in; zero for signs.
     pieces: tuple[Node, ...] = ()
-    positions: tuple[PositionRow, ...] = ()
+    positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
+    #: Names of the initial values of coordinates and rates that the scene gives, in its order.
     given: tuple[str, ...] = ()
-    derived: tuple[DerivedParameter, ...] = ()
+    derived: tuple[DerivedParameter, ...] = ()  # parameters that follow from p
 
     @property
     def n_algebraic(self) -> int:
@@ -490,25 +349,15 @@ class Equations:
 
 @dataclass(frozen=True)
 class DerivedParameter:
-    """A parameter that follows from others.
+    """A parameter that follows from others."""
 
-    Attributes
-    ----------
-    name, unit, doc : str
-        As of other parameters.
-    text : str
-        The expression that gives it, as the scene has it.
-    node : Node
-        Its value, of the symbols of parameters.
-    arguments : tuple of str
-        Names of all parameters that are arguments, in the order of their symbols.
-    """
-
+    #: As of other parameters.
     name: str
     unit: str
     doc: str
-    text: str
-    node: Node = field(repr=False)
+    text: str  # the expression that gives it, as the scene has it
+    node: Node = field(repr=False)  # its value, of the symbols of parameters
+    #: Names of all parameters that are arguments, in the order of their symbols.
     arguments: tuple[str, ...] = field(repr=False)
 
     @property
@@ -528,38 +377,21 @@ class DerivedParameter:
 
 @dataclass(frozen=True)
 class RedundantRow:
-    """An initial value of a variable that is not a state but follows from states.
+    """An initial value of a variable that is not a state but follows from states."""
 
-    Attributes
-    ----------
-    name : str
-        Of the variable.
-    states : tuple of str
-        The states that the variable follows from.
-    is_position : bool
-        Whether it is a position, which follows along an f-circuit.
-    """
-
-    name: str
-    states: tuple[str, ...]
-    is_position: bool = False
+    name: str  # of the variable
+    states: tuple[str, ...]  # the states that the variable follows from
+    is_position: bool = False  # whether it is a position, which follows along an f-circuit
 
 
 @dataclass(frozen=True)
 class PositionRow:
-    """A position that is no state: the sum of those along its f-circuit.
+    """A position that is no state: the sum of those along its f-circuit."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Of the position.
-    terms : tuple of (int, int)
-        Signs, and the states by their numbers.
-    """
-
+    #: Of the position.
     name: str
     unit: str
-    terms: tuple[tuple[int, int], ...]
+    terms: tuple[tuple[int, int], ...]  # signs, and the states by their numbers
 
     def sum_of(self, values: Any) -> Any:
         """Sum an array of states, or of their sensitivities, along its last axis."""

@@ -27,27 +27,13 @@ _LN10 = math.log(10.0)
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predictions of the measured rows at one point in parameter space.
+    """Predictions of the measured rows at one point in parameter space."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n_rows,)
-        Observables, before transformation.
-    slopes : ndarray, shape (n_rows, n_estimated)
-        Their derivatives with respect to the estimated parameters on their scales.
-    sigma : ndarray, shape (n_rows,)
-        Standard deviations (Laplace: scales) of the transformed values.
-    sigma_slopes : ndarray, shape (n_rows, n_estimated)
-        Their derivatives.
-    message : str
-        Empty, or why a run failed, in which case its values are nan.
-    """
-
-    values: Array
-    slopes: Array
-    sigma: Array
-    sigma_slopes: Array
-    message: str = ""
+    values: Array  # observables, before transformation
+    slopes: Array  # their derivatives with respect to the estimated parameters on their scales
+    sigma: Array  # standard deviations (Laplace: scales) of the transformed values
+    sigma_slopes: Array  # their derivatives
+    message: str = ""  # empty, or why a run failed, in which case its values are nan
 
 
 class Likelihood:

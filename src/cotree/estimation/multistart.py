@@ -244,35 +244,24 @@ _HIGH = 1e100
 class Search:
     """Settings of an optimiser; see ``scipy.optimize.least_squares``.
 
-    Attributes
-    ----------
-    optimiser : str
-        ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
-    loss : str
-        ``linear``, or a robust loss, which requires a given noise.
-    f_scale : float
-        The residual, in standard deviations, beyond which values count as outliers.
-    ftol, xtol, gtol : float
-        Termination tolerances: relative change of the objective, relative step, and gradient.
-    max_evaluations : int or None
-        Largest number of evaluations per start.
-    scale : str
-        Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
-        the distance between finite bounds on the parameters' scales.
-
     Raises
     ------
     ParameterError
         If the scale is unknown.
     """
 
+    #: ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
     optimiser: str = "trf"
-    loss: str = "linear"
+    loss: str = "linear"  # ``linear``, or a robust loss, which requires a given noise
+    #: The residual, in standard deviations, beyond which values count as outliers.
     f_scale: float = 1.0
+    #: Termination tolerances: relative change of the objective, relative step, and gradient.
     ftol: float = 1e-12
     xtol: float = 1e-10
     gtol: float = 1e-8
-    max_evaluations: int | None = None
+    max_evaluations: int | None = None  # largest number of evaluations per start
+    #: Scaling of the parameters: ``jacobian``, by the columns of the Jacobian, or ``bounds``, by
+    #: the distance between finite bounds on the parameters' scales.
     scale: str = "jacobian"
 
     def __post_init__(self) -> None:

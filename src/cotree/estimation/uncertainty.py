@@ -58,23 +58,13 @@ _N_BESIDE, _LEAST_BESIDE, _MOST_BESIDE = 3, 0.1, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Determined and undetermined directions of the parameter space at a point.
+    """Determined and undetermined directions of the parameter space at a point."""
 
-    Attributes
-    ----------
-    sizes : ndarray, shape (n,)
-        Unit of change of each parameter on its scale: to first order, a change by its own value.
-    values : ndarray, shape (n,)
-        The corresponding change of the value itself.
-    open : ndarray, shape (n, n_open)
-        Undetermined directions in these units, orthonormal.
-    is_relative : ndarray of bool, shape (n,)
-        Whether the unit is the parameter's value; it is not if that is zero.
-    """
-
+    #: Unit of change of each parameter on its scale: to first order, a change by its own value.
     sizes: Array
-    values: Array
-    open: Array
+    values: Array  # the corresponding change of the value itself
+    open: Array  # undetermined directions in these units, orthonormal
+    #: Whether the unit is the parameter's value; it is not if that is zero.
     is_relative: npt.NDArray[np.bool_]
 
     @property

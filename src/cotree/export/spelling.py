@@ -21,18 +21,10 @@ _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 @dataclass(frozen=True)
 class Spelt:
-    """The spelling of a variable: its short name, and which rate of it is meant.
+    """The spelling of a variable: its short name, and which rate of it is meant."""
 
-    Attributes
-    ----------
-    short : str
-        The short name: ``theta_h2``.
-    suffix : str
-        A key of :data:`ACCENTS`.
-    """
-
-    short: str
-    suffix: str = ""
+    short: str  # the short name: ``theta_h2``
+    suffix: str = ""  # a key of :data:`ACCENTS`
 
     @property
     def text(self) -> str:

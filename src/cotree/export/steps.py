@@ -47,29 +47,17 @@ _INWARDS = (
 
 @dataclass(frozen=True)
 class Term:
-    """A value that the formulation formed.
+    """A value that the formulation formed."""
 
-    Attributes
-    ----------
-    letter, place : str
-        Its name, and what it belongs to: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a
-        cluster.
-    nodes : tuple of Node
-        One entry of a scalar, three of a vector, nine of a matrix, row by row.
-    note : str
-        The axes that it is resolved in, where these are not the ground's.
-    edge : str
-        The edge whose terminal equation it is part of; empty where it is of none.
-    is_held : bool
-        Whether the equations keep it at zero.
-    """
-
+    #: Its name, and what it belongs to: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a
+    #: cluster.
     letter: str
     place: str
+    #: One entry of a scalar, three of a vector, nine of a matrix, row by row.
     nodes: tuple[Node, ...]
-    note: str = ""
-    edge: str = ""
-    is_held: bool = False
+    note: str = ""  # the axes that it is resolved in, where these are not the ground's
+    edge: str = ""  # the edge whose terminal equation it is part of; empty where it is of none
+    is_held: bool = False  # whether the equations keep it at zero
 
 
 def _entries(matrix: Matrix) -> tuple[Node, ...]:
@@ -437,30 +425,14 @@ class _Graph:
 
 @dataclass(frozen=True)
 class _Speller:
-    """Spells nodes; those that have a name are spelt by it.
+    """Spells nodes; those that have a name are spelt by it."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena of the nodes.
-    graphs : tuple of _Graph
-        G1 and its sensitivity graphs.
-    kinds : mapping of str to str
-        Component names of the edges.
-    known : dict of Node to sympy.Expr
-        Symbols, and the components of the terms that were printed.
-    stand_ins : dict of Variable to Node
-        Symbols for variables of networks.
-    spell : callable
-        Writes a SymPy expression.
-    """
-
-    dag: Dag
-    graphs: tuple[_Graph, ...]
-    kinds: dict[str, str]
-    known: dict[Node, Any]
-    stand_ins: dict[Variable, Node]
-    spell: Callable[[Any], str]
+    dag: Dag  # the arena of the nodes
+    graphs: tuple[_Graph, ...]  # G1 and its sensitivity graphs
+    kinds: dict[str, str]  # component names of the edges
+    known: dict[Node, Any]  # symbols, and the components of the terms that were printed
+    stand_ins: dict[Variable, Node]  # symbols for variables of networks
+    spell: Callable[[Any], str]  # writes a SymPy expression
 
     @classmethod
     def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:

@@ -28,21 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Circuits:
-    """Sums of an across variable along paths of the tree, each formed once.
+    """Sums of an across variable along paths of the tree, each formed once."""
 
-    Attributes
-    ----------
-    clusters, frames : Clusters, Frames
-        Topology and bases.
-    across : callable
-        The across variable of a branch, in the basis of its parent.
-    known : Circuits or None
-        The first graph's, where this is a sensitivity graph's: they serve where nothing changes.
-    """
-
+    #: Topology and bases.
     clusters: Clusters
     frames: Frames
+    #: The across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
+    #: The first graph's, where this is a sensitivity graph's: they serve where nothing changes.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
@@ -118,26 +111,15 @@ def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, clust
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions and velocities.
+    """Positions and velocities."""
 
-    Attributes
-    ----------
-    system, clusters, frames : System, Clusters, Frames
-        What moves, and the axes it is resolved in.
-    geometry : tuple of Geometry
-        Every moving branch, parents before children.
-    omega : tuple of Vector
-        Angular velocity of each cluster, [rad/s].
-    first : Motion or None
-        The first graph's, where this is a sensitivity graph's.
-    """
-
+    #: What moves, and the axes it is resolved in.
     system: System
     clusters: Clusters
     frames: Frames
-    geometry: tuple[Geometry, ...]
-    omega: tuple[Vector, ...]
-    first: Motion | None = None
+    geometry: tuple[Geometry, ...]  # every moving branch, parents before children
+    omega: tuple[Vector, ...]  # angular velocity of each cluster, [rad/s]
+    first: Motion | None = None  # the first graph's, where this is a sensitivity graph's
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that carries a cluster."""
@@ -188,27 +170,15 @@ class Motion:
 
 @dataclass(frozen=True)
 class Accelerations:
-    """Accelerations, less gravity.
+    """Accelerations, less gravity."""
 
-    Attributes
-    ----------
-    alpha : tuple of Vector
-        Angular acceleration of each cluster.
-    matrix : tuple of Matrix
-        ``[alpha]x + [omega]x[omega]x`` of each cluster: times an arm, the acceleration across it.
-    origin : tuple of Vector
-        Acceleration of each cluster's origin, less gravity.
-    across : tuple of Vector
-        Of each moving branch, from the parent's origin to the child's, in the parent's basis.
-    rates : tuple of Node
-        The accelerations that they belong to.
-    """
-
-    alpha: tuple[Vector, ...]
+    alpha: tuple[Vector, ...]  # angular acceleration of each cluster
+    #: ``[alpha]x + [omega]x[omega]x`` of each cluster: times an arm, the acceleration across it.
     matrix: tuple[Matrix, ...]
-    origin: tuple[Vector, ...]
+    origin: tuple[Vector, ...]  # acceleration of each cluster's origin, less gravity
+    #: Of each moving branch, from the parent's origin to the child's, in the parent's basis.
     across: tuple[Vector, ...]
-    rates: tuple[Node, ...]
+    rates: tuple[Node, ...]  # the accelerations that they belong to
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
@@ -367,21 +337,11 @@ def _shift(
 
 @dataclass(frozen=True)
 class View:
-    """Across variables of a graph, at some accelerations or without any.
+    """Across variables of a graph, at some accelerations or without any."""
 
-    Attributes
-    ----------
-    motion : Motion
-        Positions and velocities.
-    accelerations : Accelerations or None
-        The accelerations.
-    first : View or None
-        The first graph's, where this is a sensitivity graph's.
-    """
-
-    motion: Motion
+    motion: Motion  # positions and velocities
     accelerations: Accelerations | None = None
-    first: View | None = None
+    first: View | None = None  # the first graph's, where this is a sensitivity graph's
 
     @property
     def across(self) -> Accelerations:

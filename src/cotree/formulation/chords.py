@@ -41,24 +41,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One scalar constraint: a measure that stays zero.
+    """One scalar constraint: a measure that stays zero."""
 
-    Attributes
-    ----------
-    name : str
-        ``edge.place``, for reports.
-    edge : str
-        The edge that holds it.
-    unit : str
-        Unit of the measure.
-    measure : Measure
-        What stays zero.
-    """
-
-    name: str
-    edge: str
-    unit: str
-    measure: Measure
+    name: str  # ``edge.place``, for reports
+    edge: str  # the edge that holds it
+    unit: str  # unit of the measure
+    measure: Measure  # what stays zero
 
 
 def constraint_rows(motion: Motion) -> list[Row]:

@@ -30,21 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Point:
-    """A node as a point of its cluster.
-
-    Attributes
-    ----------
-    cluster : int
-        The cluster.
-    local : Vector
-        Position from the cluster's origin, in its axes.
-    turn : Matrix or None
-        The node's own axes in the cluster's; None where they are the same.
-    """
+    """A node as a point of its cluster."""
 
     cluster: int
-    local: Vector
-    turn: Matrix | None = None
+    local: Vector  # position from the cluster's origin, in its axes
+    turn: Matrix | None = None  # the node's own axes in the cluster's; None where they are the same
 
     def resolved(self, a: Vector) -> Vector:
         """Resolve a vector of the node's axes in the cluster's."""
@@ -61,40 +51,27 @@ class Branch:
 
     Attributes
     ----------
-    edge : str
-        The joint.
-    sign : int
-        +1 if the edge points away from the ground, else -1.
     parent, child : int
         The clusters. The child's origin is the branch's outer node.
-    turn_parent : int
-        The cluster that the child's axes are turned from: the parent, unless the trees differ.
-    carrier : int
-        The cluster in whose axes the motion space is constant: that of the edge's first node, of
-        the second for angular velocities.
-    anchor : Vector
-        Position of the branch's inner node in the parent's axes.
-    step : Step or None
-        Its coordinates and speeds; None where it only brings together the child's origin and axes.
-    axes : tuple of Vector
-        The direction of each speed, in the carrier's frame.
-    slides : tuple of Node
-        How far a unit of each speed moves along its axis: one for a translation, zero for a
-        rotation, the pitch of a screw.
-    mount : Matrix or None
-        Of a free rotation: the axes that it starts from, in the turn parent's.
     """
 
-    edge: str
-    sign: int
+    edge: str  # the joint
+    sign: int  # +1 if the edge points away from the ground, else -1
     parent: int
+    #: The cluster that the child's axes are turned from: the parent, unless the trees differ.
     turn_parent: int
     child: int
+    #: The cluster in whose axes the motion space is constant: that of the edge's first node, of the
+    #: second for angular velocities.
     carrier: int
-    anchor: Vector
+    anchor: Vector  # position of the branch's inner node in the parent's axes
+    #: Its coordinates and speeds; None where it only brings together the child's origin and axes.
     step: Step | None
-    axes: tuple[Vector, ...]
+    axes: tuple[Vector, ...]  # the direction of each speed, in the carrier's frame
+    #: How far a unit of each speed moves along its axis: one for a translation, zero for a
+    #: rotation, the pitch of a screw.
     slides: tuple[Node, ...]
+    #: Of a free rotation: the axes that it starts from, in the turn parent's.
     mount: Matrix | None = None
 
     @property
@@ -128,17 +105,10 @@ class Branch:
 
 @dataclass(frozen=True)
 class EdgeEntry:
-    """The branches by which an edge leads a tree from one cluster to another.
+    """The branches by which an edge leads a tree from one cluster to another."""
 
-    Attributes
-    ----------
-    sign : int
-        +1 if the edge points away from the ground, else -1.
-    first, last : int
-        The clusters that the innermost and the outermost of its branches carry.
-    """
-
-    sign: int
+    sign: int  # +1 if the edge points away from the ground, else -1
+    #: The clusters that the innermost and the outermost of its branches carry.
     first: int
     last: int
 
@@ -154,23 +124,13 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Clusters:
-    """The rigid clusters of a system; number 0 is the ground, parents come before children.
+    """The rigid clusters of a system; number 0 is the ground, parents come before children."""
 
-    Attributes
-    ----------
-    points : mapping of str to Point
-        Every node.
-    branches : tuple of Branch or None
-        The branch that carries each cluster; None for the ground.
-    inertias : tuple of Inertia or None
-        The lumped inertia of each cluster; None where there is none.
-    entries : mapping of str to mapping of str to EdgeEntry
-        For each graph, the branches that belong to every edge with a motion space.
-    """
-
-    points: dict[str, Point]
-    branches: tuple[Branch | None, ...]
+    points: dict[str, Point]  # every node
+    branches: tuple[Branch | None, ...]  # the branch that carries each cluster; None for the ground
+    #: The lumped inertia of each cluster; None where there is none.
     inertias: tuple[Inertia | None, ...]
+    #: For each graph, the branches that belong to every edge with a motion space.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
 
     def path(self, cluster: int, ancestor: int = 0) -> list[Branch]:

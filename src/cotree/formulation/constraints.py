@@ -24,39 +24,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Constraints:
-    """The constraints of a scene.
+    """The constraints of a scene."""
 
-    Attributes
-    ----------
-    rows : tuple of Row
-        The rows whose rate depends on some speed.
-    multipliers : tuple of Node
-        Symbols of their through variables.
-    applied : tuple of Applied
-        The through variables.
-    gradient : tuple of rows of Node
-        Derivative of each rate by each speed, shape (n_rows, n_speeds).
-    sizes : tuple of rows of Node
-        Sums of squares of the gradient's terms, before anything cancels.
-    values : tuple of Node or None
-        The measures; None for those that have a rate only.
-    rates : tuple of Node
-        Their rates.
-    biases : tuple of Node
-        Their accelerations at zero accelerations of the coordinates, plus the stabilising terms.
-    baumgarte : float
-        Rate at which violated constraints decay.
-    """
-
-    rows: tuple[Row, ...]
-    multipliers: tuple[Node, ...]
-    applied: tuple[Applied, ...]
+    rows: tuple[Row, ...]  # the rows whose rate depends on some speed
+    multipliers: tuple[Node, ...]  # symbols of their through variables
+    applied: tuple[Applied, ...]  # the through variables
+    #: Derivative of each rate by each speed, shape (n_rows, n_speeds).
     gradient: tuple[tuple[Node, ...], ...]
+    #: Sums of squares of the gradient's terms, before anything cancels.
     sizes: tuple[tuple[Node, ...], ...]
-    values: tuple[Node | None, ...]
-    rates: tuple[Node, ...]
+    values: tuple[Node | None, ...]  # the measures; None for those that have a rate only
+    rates: tuple[Node, ...]  # their rates
+    #: Their accelerations at zero accelerations of the coordinates, plus the stabilising terms.
     biases: tuple[Node, ...]
-    baumgarte: float
+    baumgarte: float  # rate at which violated constraints decay
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:

@@ -252,27 +252,14 @@ class Ellipsoid:
 
 @dataclass(frozen=True)
 class Touching:
-    """Velocity of the second body at its contact with the first, along a direction.
+    """Velocity of the second body at its contact with the first, along a direction."""
 
-    Attributes
-    ----------
-    ends : Ends
-        A node of the plane, or the centre of a ball; and the second body's node.
-    facing : Facing
-        The direction across the contact.
-    surface : Surface
-        The second body's shape.
-    direction : Facing
-        Along which the velocity is taken.
-    rise : Node or None
-        Along the direction across: by how much the first body's surface rises above its node; the
-        gap is then a value. None along others.
-    """
-
-    ends: Ends
-    facing: Facing
-    surface: Surface
-    direction: Facing
+    ends: Ends  # a node of the plane, or the centre of a ball; and the second body's node
+    facing: Facing  # the direction across the contact
+    surface: Surface  # the second body's shape
+    direction: Facing  # along which the velocity is taken
+    #: Along the direction across: by how much the first body's surface rises above its node; the
+    #: gap is then a value. None along others.
     rise: Node | None
 
     def value(self, view: View) -> Any:

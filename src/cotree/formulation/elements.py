@@ -65,38 +65,20 @@ class Sums:
 
 @dataclass(frozen=True)
 class Action:
-    """Force and torque of an element on its second node; the first gets the reaction.
+    """Force and torque of an element on its second node; the first gets the reaction."""
 
-    Attributes
-    ----------
-    edge : BoundEdge
-        The element.
-    first, second : Point
-        Its nodes.
-    ancestor : int
-        The cluster in whose basis the vectors below are resolved.
-    arms : tuple of two Vector
-        The nodes' positions from their clusters' origins.
-    reach : Vector
-        From the first node to the second.
-    arguments : mapping of str to Node
-        Arguments of a scalar law.
-    force, torque : Vector
-        On the second node.
-    is_central : bool
-        Whether the force acts along the line of the nodes.
-    """
-
-    edge: BoundEdge
+    edge: BoundEdge  # the element
+    #: Its nodes.
     first: Point
     second: Point
-    ancestor: int
-    arms: tuple[Vector, Vector]
-    reach: Vector
-    arguments: Mapping[str, Node]
+    ancestor: int  # the cluster in whose basis the vectors below are resolved
+    arms: tuple[Vector, Vector]  # the nodes' positions from their clusters' origins
+    reach: Vector  # from the first node to the second
+    arguments: Mapping[str, Node]  # arguments of a scalar law
+    #: On the second node.
     force: Vector
     torque: Vector
-    is_central: bool = False
+    is_central: bool = False  # whether the force acts along the line of the nodes
 
 
 def actions(motion: Motion) -> list[Action]:

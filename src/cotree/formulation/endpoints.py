@@ -21,18 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pull:
-    """Wrenches on clusters and efforts along speeds for a unit of a through variable.
+    """Wrenches on clusters and efforts along speeds for a unit of a through variable."""
 
-    Attributes
-    ----------
-    wrenches : tuple of (int, force, torque)
-        On clusters, at their origins and in their bases; the ground is left out.
-    efforts : mapping of int to scalar
-        Along speeds, by their index.
-    """
-
+    #: On clusters, at their origins and in their bases; the ground is left out.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
-    efforts: Mapping[int, Any] = field(default_factory=dict)
+    efforts: Mapping[int, Any] = field(default_factory=dict)  # along speeds, by their index
 
     @property
     def entries(self) -> list[Any]:

@@ -59,73 +59,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class FirstGraph:
-    """The first graph, solved for its through and across variables.
+    """The first graph, solved for its through and across variables."""
 
-    Attributes
-    ----------
-    scene : SceneDescription
-        What it was made from.
-    motion, loads, view, balance : Motion, Loads, View, Balance
-        Across and through variables, at the accelerations and multipliers ``unknowns``.
-    applied : tuple of Applied
-        Through variables along measures: laws of chord joints, then multipliers.
-    constraints : Constraints
-        What the chords hold.
-    conditions : tuple of Condition
-        Initial values of what is no state.
-    measured : mapping of Node to Node
-        What the symbols of across variables in fields stand for.
-    reactions : frozenset of Node
-        Those of them that stand for accelerations and reactions.
-    unknowns : tuple of Node
-        Symbols of the accelerations, then of the multipliers.
-    matrix : tuple of rows of Node
-        The mass matrix, bordered by the constraints.
-    forcing : tuple of Node
-        Right-hand side of ``matrix @ unknowns = forcing``.
-    is_safe : tuple of bool
-        Whether each pivot of the matrix is positive for every state.
-    guards : tuple of Guard
-        What parameter values must satisfy.
-    states : tuple of State
-        Coordinates, then their rates.
-    rates : tuple of Node
-        Rates of the states.
-    outputs : Outputs
-        The outputs.
-    network : Network or None
-        The scalar networks, whose states come after the speeds.
-    couplings : tuple of Coupling
-        The ports by which they act on the multibody system.
-    has_far_inertia : bool
-        Whether storages of the networks are tied to joints, so that the mass matrix holds them.
-    links : tuple of TreeLink
-        The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
-    events : tuple of EventRow
-        The events.
-    """
-
-    scene: SceneDescription
+    scene: SceneDescription  # what it was made from
+    #: Across and through variables, at the accelerations and multipliers ``unknowns``.
     motion: Motion
     loads: Loads
     view: View
     balance: Balance
+    #: Through variables along measures: laws of chord joints, then multipliers.
     applied: tuple[Applied, ...]
-    constraints: Constraints
-    conditions: tuple[Condition, ...]
-    measured: Mapping[Node, Node]
-    reactions: frozenset[Node]
-    unknowns: tuple[Node, ...]
-    matrix: Sequence[Sequence[Node]]
-    forcing: tuple[Node, ...]
-    is_safe: tuple[bool, ...]
-    guards: tuple[Guard, ...]
-    states: tuple[State, ...]
-    rates: tuple[Node, ...]
+    constraints: Constraints  # what the chords hold
+    conditions: tuple[Condition, ...]  # initial values of what is no state
+    measured: Mapping[Node, Node]  # what the symbols of across variables in fields stand for
+    reactions: frozenset[Node]  # those of them that stand for accelerations and reactions
+    unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
+    matrix: Sequence[Sequence[Node]]  # the mass matrix, bordered by the constraints
+    forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
+    is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive for every state
+    guards: tuple[Guard, ...]  # what parameter values must satisfy
+    states: tuple[State, ...]  # coordinates, then their rates
+    rates: tuple[Node, ...]  # rates of the states
     outputs: Outputs
-    network: Network | None = None
-    couplings: tuple[Coupling, ...] = ()
+    network: Network | None = None  # the scalar networks, whose states come after the speeds
+    couplings: tuple[Coupling, ...] = ()  # the ports by which they act on the multibody system
+    #: Whether storages of the networks are tied to joints, so that the mass matrix holds them.
     has_far_inertia: bool = False
+    #: The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 

@@ -30,16 +30,11 @@ class Frames:
 
     The first graph sees plain values. In a sensitivity graph the axes turn with what changes, and
     all is seen as duals (:class:`cotree.sensitivity.turning.Turning`).
-
-    Attributes
-    ----------
-    rotations : tuple of Rotation
-        From each cluster's axes to those its vectors are resolved in, its basis.
-    steps : tuple of Matrix or None
-        From each cluster's basis to its parent's; None where they are the same.
     """
 
+    #: From each cluster's axes to those its vectors are resolved in, its basis.
     rotations: tuple[Rotation, ...]
+    #: From each cluster's basis to its parent's; None where they are the same.
     steps: tuple[Matrix | None, ...]
 
     def is_kept(self, cluster: int) -> bool:
@@ -154,31 +149,19 @@ def _turned(parent: Rotation, branch: Branch) -> Rotation:
 
 @dataclass(frozen=True)
 class Geometry:
-    """A moving branch, resolved in the basis of its parent.
-
-    Attributes
-    ----------
-    branch : Branch
-        The branch.
-    axes : tuple of Vector
-        Unit axes of the motion space, pointing the edge's way.
-    from_parent, from_child : Vector
-        The parts of the vector from the parent's origin to the child's that are carried by the
-        parent and by the child.
-    turning, shifting : tuple of Vector
-        The motion space: angular velocity of the child and velocity of its origin, for a unit
-        of each speed.
-    sliding : tuple of Vector
-        The part of ``shifting`` that is a translation along the axes.
-    """
+    """A moving branch, resolved in the basis of its parent."""
 
     branch: Branch
-    axes: tuple[Vector, ...]
+    axes: tuple[Vector, ...]  # unit axes of the motion space, pointing the edge's way
+    #: The parts of the vector from the parent's origin to the child's that are carried by the
+    #: parent and by the child.
     from_parent: Vector
     from_child: Vector
+    #: The motion space: angular velocity of the child and velocity of its origin, for a unit of
+    #: each speed.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    sliding: tuple[Vector, ...]
+    sliding: tuple[Vector, ...]  # the part of ``shifting`` that is a translation along the axes
 
     @property
     def offset(self) -> Vector:

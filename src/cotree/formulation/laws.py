@@ -38,34 +38,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Applied:
-    """A through variable along a measure.
+    """A through variable along a measure."""
 
-    Attributes
-    ----------
-    edge, name : str
-        What it belongs to, and its own name.
-    measure : Measure
-        The across variable that it is dual to.
-    pull : Pull
-        The wrenches and efforts of a unit of it.
-    magnitude : Node
-        Its value.
-    formula : Node or None
-        Its law over the symbols of ``arguments``; None for a multiplier.
-    arguments : mapping of Node to (Measure, bool)
-        What the symbols stand for: the value of a measure, or its rate where true.
-    potential : Node or None
-        The energy that it stores, where it is a linear spring.
-    """
-
+    #: What it belongs to, and its own name.
     edge: str
     name: str
-    measure: Measure
-    pull: Pull
-    magnitude: Node
-    formula: Node | None = None
+    measure: Measure  # the across variable that it is dual to
+    pull: Pull  # the wrenches and efforts of a unit of it
+    magnitude: Node  # its value
+    formula: Node | None = None  # its law over the symbols of ``arguments``; None for a multiplier
+    #: What the symbols stand for: the value of a measure, or its rate where true.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
-    potential: Node | None = None
+    potential: Node | None = None  # the energy that it stores, where it is a linear spring
 
     def amount(self, view: View) -> Any:
         """Evaluate the law in a view."""
@@ -241,34 +225,20 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
 
 @dataclass(frozen=True)
 class Sitter:
-    """A component that sits on a joint.
+    """A component that sits on a joint."""
 
-    Attributes
-    ----------
-    edge, type : str
-        Its name and its type.
-    turns : bool
-        Whether it acts about an angle, not along a length.
-    """
-
+    #: Its name and its type.
     edge: str
     type: str
-    turns: bool
+    turns: bool  # whether it acts about an angle, not along a length
 
 
 @dataclass(frozen=True)
 class Paced:
-    """A measure less a given course: its rate is held, and its value follows.
+    """A measure less a given course: its rate is held, and its value follows."""
 
-    Attributes
-    ----------
-    measure : Measure
-        The coordinate.
-    speed, time : Node
-        The rate that it has, of parameters and time, and the symbol of time.
-    """
-
-    measure: Measure
+    measure: Measure  # the coordinate
+    #: The rate that it has, of parameters and time, and the symbol of time.
     speed: Node
     time: Node
 

@@ -241,19 +241,13 @@ class Angle(Spin):
 
     Since the axis is fixed in both nodes, the rate, the acceleration and the pull are those of the
     spin.
-
-    Attributes
-    ----------
-    reference, mark : Carried
-        Directions perpendicular to the axis, of the first node and of the second, which agree at
-        angle zero.
-    sum : Node or None
-        The angle itself where everything turns about one axis; else it is found between -pi and
-        pi.
     """
 
+    #: Directions perpendicular to the axis, of the first node and of the second, which agree at
+    #: angle zero.
     reference: Carried
     mark: Carried
+    #: The angle itself where everything turns about one axis; else it is found between -pi and pi.
     sum: Node | None = None
 
     def value(self, view: View) -> Any:
@@ -268,21 +262,11 @@ class Angle(Spin):
 
 @dataclass(frozen=True)
 class Composite:
-    """A function of other measures, time and parameters.
+    """A function of other measures, time and parameters."""
 
-    Attributes
-    ----------
-    parts : sequence of Measure
-        The measures, in the order of their symbols.
-    expression : Node
-        The function; measure i is the symbol ``("measure", i)``.
-    time : Node
-        The symbol of time.
-    """
-
-    parts: Sequence[Measure]
-    expression: Node
-    time: Node
+    parts: Sequence[Measure]  # the measures, in the order of their symbols
+    expression: Node  # the function; measure i is the symbol ``("measure", i)``
+    time: Node  # the symbol of time
 
     @cached_property
     def _symbols(self) -> tuple[tuple[Node, ...], ...]:

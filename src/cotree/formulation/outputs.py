@@ -162,30 +162,16 @@ def _orientation(axes: Matrix, name: str) -> Node:
 
 @dataclass(frozen=True)
 class Observer:
-    """Forms the values that outputs name, at the accelerations and multipliers of the first graph.
+    """Forms the values that outputs name, at accelerations and multipliers of the first graph."""
 
-    Attributes
-    ----------
-    view : View
-        Across variables.
-    loads, balance : Loads, Balance
-        Through variables.
-    applied : sequence of Applied
-        Through variables along measures.
-    networks : mapping of str to Node
-        Variables of the scalar networks, by name.
-    owners : collection of str
-        Names of the scene's nodes and edges, for messages.
-    names : Names or None
-        What scenes call the variables of the networks, for messages; None where there are none.
-    """
-
-    view: View
+    view: View  # across variables
+    #: Through variables.
     loads: Loads
     balance: Balance
-    applied: Sequence[Applied]
-    networks: Mapping[str, Node]
-    owners: Collection[str]
+    applied: Sequence[Applied]  # through variables along measures
+    networks: Mapping[str, Node]  # variables of the scalar networks, by name
+    owners: Collection[str]  # names of the scene's nodes and edges, for messages
+    #: What scenes call the variables of the networks, for messages; None where there are none.
     names: Names | None = None
 
     @property
@@ -400,24 +386,15 @@ class Observer:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Output expressions over the first graph.
+    """Output expressions over the first graph."""
 
-    Attributes
-    ----------
-    values : tuple of Node
-        The outputs, in terms of states and unknowns; then the expressions of the events, in the
-        order of :func:`cotree.scene.events.event_expressions`.
-    across : mapping of str to Node
-        Positions and velocities of nodes that they use, by ``node.variable``.
-    networks : mapping of str to Node
-        Variables of scalar networks that they use, by name.
-    jumps : mapping of str to Node
-        Initial values of the modes that stand for jumps inside expressions, by name.
-    """
-
+    #: The outputs, in terms of states and unknowns; then the expressions of the events, in the
+    #: order of :func:`cotree.scene.events.event_expressions`.
     values: tuple[Node, ...]
+    #: Positions and velocities of nodes that they use, by ``node.variable``.
     across: Mapping[str, Node]
-    networks: Mapping[str, Node]
+    networks: Mapping[str, Node]  # variables of scalar networks that they use, by name
+    #: Initial values of the modes that stand for jumps inside expressions, by name.
     jumps: Mapping[str, Node]
 
 

@@ -42,52 +42,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A generalized coordinate of a branch.
+    """A generalized coordinate of a branch."""
 
-    Attributes
-    ----------
-    name, unit : str
-        ``edge.coordinate`` and its unit.
-    symbol : Node
-        The coordinate as an argument of the program.
-    initial : Node
-        Its initial value, of parameters only.
-    """
-
+    #: ``edge.coordinate`` and its unit.
     name: str
     unit: str
-    symbol: Node
-    initial: Node
+    symbol: Node  # the coordinate as an argument of the program
+    initial: Node  # its initial value, of parameters only
 
 
 @dataclass(frozen=True)
 class Speed:
-    """A generalized speed: the rate of motion along one direction of a branch's motion space.
+    """A generalized speed: the rate of motion along one direction of a branch's motion space."""
 
-    Attributes
-    ----------
-    name, unit : str
-        ``edge.coordinate_dot``, or a name of its own, and its unit.
-    index : int
-        Its place among the speeds.
-    edge : str
-        The branch.
-    coordinate : Coordinate or None
-        What it is the rate of; None for angular velocities, which are rates of no coordinate.
-    symbol, acceleration : Node
-        The speed and its rate as arguments of the program.
-    initial : Node
-        Its initial value, of parameters only.
-    """
-
+    #: ``edge.coordinate_dot``, or a name of its own, and its unit.
     name: str
     unit: str
-    index: int
-    edge: str
+    index: int  # its place among the speeds
+    edge: str  # the branch
+    #: What it is the rate of; None for angular velocities, which are rates of no coordinate.
     coordinate: Coordinate | None
+    #: The speed and its rate as arguments of the program.
     symbol: Node
     acceleration: Node
-    initial: Node
+    initial: Node  # its initial value, of parameters only
 
 
 @dataclass(frozen=True)
@@ -102,60 +80,30 @@ class Step:
 
 @dataclass(frozen=True)
 class System:
-    """A scene bound to nodes.
+    """A scene bound to nodes."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena of all its values.
-    time : Node
-        The symbol of time.
-    tunable : mapping of str to Node
-        Symbols of the parameters that a run may change, by name: the arguments of the program.
-    parameters, inputs : mapping of str to Node
-        Nodes of all parameters and symbols of inputs, by name. Parameters that are not tunable are
-        numbers, derived ones are expressions of others.
-    modes : tuple of State
-        Numbers that only events change: states without a rate, which come after the speeds.
-    steps : mapping of str to tuple of Step
-        The motion space of each branch that has one, in the order of the scene's edges: of an edge
-        in one tree only, its translations or its rotations.
-    plane : str
-        The normal of the plane that everything moves in: ``x``, ``y``, ``z`` or nothing.
-    edges : mapping of str to BoundEdge
-        The bound edges.
-    gravity : Vector
-        Acceleration of free fall, in ground axes.
-    trees : Trees
-        The branches.
-    guards : tuple of Guard
-        What parameter values must satisfy.
-    at_scene : callable
-        Evaluates a node of parameters at the scene's values.
-    input_values : tuple of Node
-        The scene's own value of every input, of time and parameters.
-    of_parameters : callable
-        Gives the node of a parameter's name.
-    signals : FieldNames
-        Gives the node of any name that a field may use.
-    """
-
-    dag: Dag
-    time: Node
+    dag: Dag  # the arena of all its values
+    time: Node  # the symbol of time
+    #: Symbols of the parameters that a run may change, by name: the arguments of the program.
     tunable: Mapping[str, Node]
+    #: Nodes of all parameters and symbols of inputs, by name. Parameters that are not tunable are
+    #: numbers, derived ones are expressions of others.
     parameters: Mapping[str, Node]
     inputs: Mapping[str, Node]
+    #: Numbers that only events change: states without a rate, which come after the speeds.
     modes: tuple[State, ...]
+    #: The motion space of each branch that has one, in the order of the scene's edges: of an edge
+    #: in one tree only, its translations or its rotations.
     steps: Mapping[str, tuple[Step, ...]]
-    plane: str
-    edges: Mapping[str, BoundEdge]
-    gravity: Vector
-    trees: Trees
-    guards: tuple[Guard, ...]
-    at_scene: Callable[[Node], float]
-    input_values: tuple[Node, ...]
-    of_parameters: Resolver
-    signals: FieldNames
+    plane: str  # the normal of the plane that everything moves in: ``x``, ``y``, ``z`` or nothing
+    edges: Mapping[str, BoundEdge]  # the bound edges
+    gravity: Vector  # acceleration of free fall, in ground axes
+    trees: Trees  # the branches
+    guards: tuple[Guard, ...]  # what parameter values must satisfy
+    at_scene: Callable[[Node], float]  # evaluates a node of parameters at the scene's values
+    input_values: tuple[Node, ...]  # the scene's own value of every input, of time and parameters
+    of_parameters: Resolver  # gives the node of a parameter's name
+    signals: FieldNames  # gives the node of any name that a field may use
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:

@@ -38,27 +38,13 @@ class Effort:
 
 @dataclass(frozen=True)
 class Loads:
-    """Through variables that do not depend on accelerations.
+    """Through variables that do not depend on accelerations."""
 
-    Attributes
-    ----------
-    actions : tuple of Action
-        The force elements.
-    on_cluster : tuple of Wrench or None
-        Their sum on each cluster.
-    efforts : tuple of Effort
-        Force or torque of each tree joint's own law along each speed.
-    along : tuple of Node
-        All that acts along each speed itself.
-    inertias : tuple of Inertia or None
-        Lumped inertia of each cluster, resolved in its basis.
-    """
-
-    actions: tuple[Action, ...]
-    on_cluster: tuple[Wrench | None, ...]
-    efforts: tuple[Effort, ...]
-    along: tuple[Node, ...]
-    inertias: tuple[Inertia | None, ...]
+    actions: tuple[Action, ...]  # the force elements
+    on_cluster: tuple[Wrench | None, ...]  # their sum on each cluster
+    efforts: tuple[Effort, ...]  # force or torque of each tree joint's own law along each speed
+    along: tuple[Node, ...]  # all that acts along each speed itself
+    inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
     def plus(self, pulls: Sequence[Pull]) -> Loads:
         """Add what acts along measures."""
@@ -74,20 +60,12 @@ class Loads:
 
 @dataclass(frozen=True)
 class Balance:
-    """The projected f-cutset equations.
+    """The projected f-cutset equations."""
 
-    Attributes
-    ----------
-    residual : tuple of Node
-        One for each speed; zero on a motion.
-    totals : tuple of Wrench
-        Sum of inertia less load on each cluster and beyond it, at its origin and in its basis.
-    beyond : tuple of Wrench
-        The same of each moving branch's child, in the parent's basis: what the branch transmits.
-    """
-
-    residual: tuple[Node, ...]
+    residual: tuple[Node, ...]  # one for each speed; zero on a motion
+    #: Sum of inertia less load on each cluster and beyond it, at its origin and in its basis.
     totals: tuple[Wrench, ...]
+    #: The same of each moving branch's child, in the parent's basis: what the branch transmits.
     beyond: tuple[Wrench, ...]
 
 

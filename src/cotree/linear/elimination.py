@@ -44,18 +44,12 @@ class Arithmetic(Protocol[T]):
 
 @dataclass
 class Remainder:
-    """The pattern that is left between two pivots.
+    """The pattern that is left between two pivots."""
 
-    Attributes
-    ----------
-    rows, columns : mapping of int to collection of int
-        The columns of each row's entries, and the rows of each column's.
-    below, beside : collection of int
-        The rows and the columns that the last pivot was coupled with.
-    """
-
+    #: The columns of each row's entries, and the rows of each column's.
     rows: Mapping[int, Collection[int]]
     columns: Mapping[int, Collection[int]]
+    #: The rows and the columns that the last pivot was coupled with.
     below: Collection[int] = ()
     beside: Collection[int] = ()
 
@@ -66,24 +60,13 @@ Choice = Callable[[Remainder], Place | None]
 
 @dataclass(frozen=True)
 class Factors(Generic[T]):
-    """Factors of a matrix, pivot by pivot.
+    """Factors of a matrix, pivot by pivot."""
 
-    Attributes
-    ----------
-    pivots : tuple of (int, int)
-        Row and column of each.
-    inverses : tuple of T
-        Their reciprocals: every right-hand side multiplies by them.
-    lower : tuple of dict of int to T
-        For each pivot, the multipliers with which its row is subtracted from others, by row.
-    upper : tuple of dict of int to T
-        The rest of each pivot's row when it is taken, by column.
-    """
-
-    pivots: tuple[Place, ...]
-    inverses: tuple[T, ...]
+    pivots: tuple[Place, ...]  # row and column of each
+    inverses: tuple[T, ...]  # their reciprocals: every right-hand side multiplies by them
+    #: For each pivot, the multipliers with which its row is subtracted from others, by row.
     lower: tuple[dict[int, T], ...]
-    upper: tuple[dict[int, T], ...]
+    upper: tuple[dict[int, T], ...]  # the rest of each pivot's row when it is taken, by column
 
 
 def eliminate(

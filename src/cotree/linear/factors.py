@@ -54,25 +54,14 @@ class RankedSolver(LinearSolver, Protocol):
 
 @dataclass(frozen=True)
 class Core:
-    """Equations of which the pivots are chosen at run time.
+    """Equations of which the pivots are chosen at run time."""
 
-    Attributes
-    ----------
-    places : tuple of int
-        The unknowns.
-    matrix : tuple of rows of Node
-        Their symmetric matrix.
-    sizes : tuple of Node
-        What makes its diagonal one: divided by the roots of these, entries near 1 have lost nothing
-        to cancellation, which makes the rank decision free of units.
-    n_determined : int
-        How many unknowns, which come first, must have one solution only.
-    """
-
-    places: tuple[int, ...]
-    matrix: tuple[tuple[Node, ...], ...]
+    places: tuple[int, ...]  # the unknowns
+    matrix: tuple[tuple[Node, ...], ...]  # their symmetric matrix
+    #: What makes its diagonal one: divided by the roots of these, entries near 1 have lost nothing
+    #: to cancellation, which makes the rank decision free of units.
     sizes: tuple[Node, ...]
-    n_determined: int
+    n_determined: int  # how many unknowns, which come first, must have one solution only
 
     def solve(self, right: Sequence[Node], tolerance: float) -> dict[int, Node]:
         """Solve for the values at its places in a right-hand side; nothing where these are zero."""
@@ -87,24 +76,12 @@ class Core:
 
 @dataclass(frozen=True)
 class SparseFactors:
-    """A factorised matrix.
+    """A factorised matrix."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    factors : Factors
-        Pivot by pivot.
-    is_symmetric : bool
-        Whether the multipliers below a pivot are those beside it, too.
-    core : Core or None
-        What is left without pivots.
-    """
-
-    dag: Dag
-    factors: Factors[Node]
-    is_symmetric: bool
-    core: Core | None = None
+    dag: Dag  # the arena
+    factors: Factors[Node]  # pivot by pivot
+    is_symmetric: bool  # whether the multipliers below a pivot are those beside it, too
+    core: Core | None = None  # what is left without pivots
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""

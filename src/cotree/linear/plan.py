@@ -30,52 +30,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FactorStep:
-    """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal.
+    """One of the factors: ``(shift + -J - sum of products) * scale``, or its reciprocal."""
 
-    Attributes
-    ----------
-    value : int
-        Its place among the entries of J, or -1 where there is none.
-    has_shift : bool
-        Whether ``shift`` is added.
-    products : tuple of (int, int)
-        Factors whose products are subtracted.
-    pivot : int
-        The factor that it is multiplied with, or -1 for none.
-    is_pivot : bool
-        Whether its reciprocal is kept.
-    """
-
-    value: int
-    has_shift: bool
-    products: tuple[tuple[int, int], ...]
-    pivot: int
-    is_pivot: bool
+    value: int  # its place among the entries of J, or -1 where there is none
+    has_shift: bool  # whether ``shift`` is added
+    products: tuple[tuple[int, int], ...]  # factors whose products are subtracted
+    pivot: int  # the factor that it is multiplied with, or -1 for none
+    is_pivot: bool  # whether its reciprocal is kept
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """Plan of the factorisation of a matrix, and of solutions with its factors.
+    """Plan of the factorisation of a matrix, and of solutions with its factors."""
 
-    Attributes
-    ----------
-    factors : tuple of FactorStep
-        In the order in which they are computed.
-    rows, columns : tuple of int
-        Row and column of each pivot, in order.
-    pivots : tuple of int
-        Place of each pivot's reciprocal among the factors.
-    lower : tuple of tuples of (int, int)
-        For each pivot, which earlier ones its row subtracts: number and factor.
-    upper : tuple of tuples of (int, int)
-        The same of later ones, for substitution backwards.
-    """
-
-    factors: tuple[FactorStep, ...]
+    factors: tuple[FactorStep, ...]  # in the order in which they are computed
+    #: Row and column of each pivot, in order.
     rows: tuple[int, ...]
     columns: tuple[int, ...]
-    pivots: tuple[int, ...]
+    pivots: tuple[int, ...]  # place of each pivot's reciprocal among the factors
+    #: For each pivot, which earlier ones its row subtracts: number and factor.
     lower: tuple[tuple[tuple[int, int], ...], ...]
+    #: The same of later ones, for substitution backwards.
     upper: tuple[tuple[tuple[int, int], ...], ...]
 
     @property

@@ -236,68 +236,37 @@ def _minus(a: Matrix, b: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class TreeLink:
-    """A moving branch of a tree; vectors in the parent's basis.
+    """A moving branch of a tree; vectors in the parent's basis."""
 
-    Attributes
-    ----------
-    parent : int
-        Number of the link that carries it, from one on; zero for the ground.
-    speeds : tuple of int
-        The accelerations among its unknowns.
-    turning, shifting : tuple of Vector
-        Angular acceleration, and acceleration of the link's origin, for a unit of each.
-    offset : Vector
-        From the parent's origin to the link's.
-    step : Matrix or None
-        From the link's basis to the parent's; None where they are the same.
-    mass, moment, tensor : Node, Vector and Matrix, or None
-        Inertia about the link's origin, in its own basis.
-    is_deferred : bool
-        Whether the terms w w^T / d of its speeds are subtracted behind its offset only.
-    """
-
-    parent: int
-    speeds: tuple[int, ...]
+    parent: int  # number of the link that carries it, from one on; zero for the ground
+    speeds: tuple[int, ...]  # the accelerations among its unknowns
+    #: Angular acceleration, and acceleration of the link's origin, for a unit of each.
     turning: tuple[Vector, ...]
     shifting: tuple[Vector, ...]
-    offset: Vector
-    step: Matrix | None
+    offset: Vector  # from the parent's origin to the link's
+    step: Matrix | None  # from the link's basis to the parent's; None where they are the same
+    #: Inertia about the link's origin, in its own basis.
     mass: Node | None
     moment: Vector | None
     tensor: Matrix | None
+    #: Whether the terms w w^T / d of its speeds are subtracted behind its offset only.
     is_deferred: bool = False
 
 
 @dataclass(frozen=True)
 class TreeFactors:
-    """A factorised tree, bordered by constraints.
+    """A factorised tree, bordered by constraints."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    links : tuple of TreeLink
-        The moving branches, parents first.
-    gates : tuple of tuple of Gate
-        Of each branch, in the order of their elimination: the last speed first. Wrenches are those
-        of a unit of each speed over its pivot, so that they are 1 along an axis of their own.
-    n_speeds : int
-        Number of accelerations.
-    border : tuple of rows of Node
-        The rows of the multipliers, over the accelerations.
-    responses : tuple of rows of Node
-        Accelerations for a unit of each multiplier's column.
-    core : Core or None
-        What is left for the multipliers; None where there are none.
-    """
-
-    dag: Dag
-    links: tuple[TreeLink, ...]
+    dag: Dag  # the arena
+    links: tuple[TreeLink, ...]  # the moving branches, parents first
+    #: Of each branch, in the order of their elimination: the last speed first. Wrenches are those
+    #: of a unit of each speed over its pivot, so that they are 1 along an axis of their own.
     gates: tuple[tuple[Gate, ...], ...]
-    n_speeds: int
-    border: tuple[tuple[Node, ...], ...] = ()
+    n_speeds: int  # number of accelerations
+    border: tuple[tuple[Node, ...], ...] = ()  # the rows of the multipliers, over the accelerations
+    #: Accelerations for a unit of each multiplier's column.
     responses: tuple[tuple[Node, ...], ...] = ()
-    core: Core | None = None
+    core: Core | None = None  # what is left for the multipliers; None where there are none
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side: accelerations, then multipliers."""

@@ -44,57 +44,38 @@ _SAME = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A model linearised about a state, in all differential states.
+    """A model linearised about a state, in all differential states."""
 
-    Attributes
-    ----------
-    y, rates : ndarray, shape (n_states,)
-        The differential states and their rates.
-    A, B, C, D : ndarray
-        Jacobians of rates and outputs by states and inputs.
-    held, held_rates : ndarray, shapes (n_values, n_states) and (n_constraints, n_states)
-        Jacobians of the constraints and of their rates, without norms of quaternions.
-    n_coordinates, n_speeds : int
-        Numbers of coordinates, which are the first states, and of speeds, which follow them.
-    turns : mapping of int to int
-        Index of the first angular velocity by the index of the first entry of its quaternion.
-    """
-
+    #: The differential states and their rates.
     y: Array
     rates: Array
+    #: Jacobians of rates and outputs by states and inputs.
     A: Array
     B: Array
     C: Array
     D: Array
+    #: Jacobians of the constraints and of their rates, without norms of quaternions.
     held: Array
     held_rates: Array
+    #: Numbers of coordinates, which are the first states, and of speeds, which follow them.
     n_coordinates: int
     n_speeds: int
+    #: Index of the first angular velocity by the index of the first entry of its quaternion.
     turns: Mapping[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A linear system in independent deviations z, dx = basis z.
+    """A linear system in independent deviations z, dx = basis z."""
 
-    Attributes
-    ----------
-    A, B, C, D : ndarray
-        z' = A z + B u, y = C z + D u.
-    basis : ndarray, shape (n_states, n_z)
-        Deviations of all states for unit values of each z.
-    rates : ndarray, shape (n_z,)
-        Rates of the motion itself along each z.
-    names : tuple of str
-        The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
-    """
-
+    #: z' = A z + B u, y = C z + D u.
     A: Array
     B: Array
     C: Array
     D: Array
-    basis: Array
-    rates: Array
+    basis: Array  # deviations of all states for unit values of each z
+    rates: Array  # rates of the motion itself along each z
+    #: The states, or rotations ``EDGE.turn_x`` and their rates ``EDGE.turn_x_dot``.
     names: tuple[str, ...]
 
 

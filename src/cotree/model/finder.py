@@ -336,18 +336,10 @@ class Finder:
 
 
 class Way(NamedTuple):
-    """What gives way of what was given, at one level.
+    """What gives way of what was given, at one level."""
 
-    Attributes
-    ----------
-    columns : list of int
-        The directions of motion whose given values move.
-    rows : list of int
-        The residuals that hold: initial values of what is no state may be left out.
-    """
-
-    columns: list[int]
-    rows: list[int]
+    columns: list[int]  # the directions of motion whose given values move
+    rows: list[int]  # the residuals that hold: initial values of what is no state may be left out
 
 
 class Level:

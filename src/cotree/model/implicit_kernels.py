@@ -22,18 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Newton:
-    """Factors and second derivatives of a model, as C sees them.
+    """Factors and second derivatives of a model, as C sees them."""
 
-    Attributes
-    ----------
-    address : int
-        Address of its ``cotree_newton``.
-    library : LoadedLibrary
-        The library, which keeps the code loaded.
-    """
-
-    address: int
-    library: LoadedLibrary
+    address: int  # address of its ``cotree_newton``
+    library: LoadedLibrary  # the library, which keeps the code loaded
 
 
 def load_newton(program: Program) -> Newton | None:
@@ -69,26 +61,17 @@ def load_newton(program: Program) -> Newton | None:
 
 @dataclass(frozen=True)
 class StepWork:
-    """Operation counts of the parts of a step.
+    """Operation counts of the parts of a step."""
 
-    Attributes
-    ----------
-    rates, augmented, jacobian : int
-        Operations to evaluate the rates, the rates with sensitivities, and the Jacobian.
-    n_factors, n_products : int
-        Entries of the factors of the planned sparse elimination, and products to compute them.
-    is_unrolled : bool
-        Whether its C code is fully unrolled.
-    n_banded, n_banded_products : int
-        The same for an elimination with row exchanges, banded if the band is narrow.
-    """
-
+    #: Operations to evaluate the rates, the rates with sensitivities, and the Jacobian.
     rates: int
     augmented: int
     jacobian: int
+    #: Entries of the factors of the planned sparse elimination, and products to compute them.
     n_factors: int
     n_products: int
-    is_unrolled: bool
+    is_unrolled: bool  # whether its C code is fully unrolled
+    #: The same for an elimination with row exchanges, banded if the band is narrow.
     n_banded: int
     n_banded_products: int
 

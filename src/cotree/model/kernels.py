@@ -76,34 +76,19 @@ def _position(program: Program, x: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class NativeModel:
-    """A model as C sees it.
+    """A model as C sees it."""
 
-    Attributes
-    ----------
-    address : int
-        Address of its ``cotree_model``.
-    p, k : ndarray
-        Parameters and the values prepared from them.
-    library : LoadedLibrary
-        The library, which keeps the code loaded.
-    layout : Layout
-        Its layout.
-    can_extend : bool
-        Whether it has rates of its algebraic unknowns.
-    newton : callable
-        Returns what implicit methods need in addition, built at the first call; None where it
-        cannot be built.
-    work : callable
-        Returns what steps of implicit methods consist of, counted at the first call.
-    """
-
-    address: int
+    address: int  # address of its ``cotree_model``
+    #: Parameters and the values prepared from them.
     p: Array
     k: Array
-    library: LoadedLibrary
+    library: LoadedLibrary  # the library, which keeps the code loaded
     layout: Layout
-    can_extend: bool
+    can_extend: bool  # whether it has rates of its algebraic unknowns
+    #: Returns what implicit methods need in addition, built at the first call; None where it cannot
+    #: be built.
     newton: Callable[[], Newton | None]
+    #: Returns what steps of implicit methods consist of, counted at the first call.
     work: Callable[[], StepWork | None]
 
 

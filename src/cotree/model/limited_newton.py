@@ -49,24 +49,13 @@ _FACTORS = (1.05, 10.0, 1e3)
 
 @dataclass(frozen=True, eq=False)
 class Junctions:
-    """The algebraic equations of a program, as functions of unknowns and exponentials.
+    """The algebraic equations of a program, as functions of unknowns and exponentials."""
 
-    Attributes
-    ----------
-    equations : tuple of Node
-        The residuals g, which are to vanish.
-    unknowns : tuple of Node
-        Symbols of z.
-    exponentials : tuple of Node
-        Those that depend on z.
-    slopes : tuple of dict of int to Node
-        Of each equation, then of each exponent: its derivatives by z and by exponentials, by place
-        among all these.
-    """
-
-    equations: tuple[Node, ...]
-    unknowns: tuple[Node, ...]
-    exponentials: tuple[Node, ...]
+    equations: tuple[Node, ...]  # the residuals g, which are to vanish
+    unknowns: tuple[Node, ...]  # symbols of z
+    exponentials: tuple[Node, ...]  # those that depend on z
+    #: Of each equation, then of each exponent: its derivatives by z and by exponentials, by place
+    #: among all these.
     slopes: tuple[dict[int, Node], ...]
 
     @classmethod

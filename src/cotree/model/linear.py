@@ -60,21 +60,14 @@ def is_sparse(n: int, n_nonzeros: int) -> bool:
 
 
 class Linear(NamedTuple):
-    """The equations of a point, made linear; a tuple, since one is made at each Newton step.
+    """The equations of a point, made linear; a tuple, since one is made at each Newton step."""
 
-    Attributes
-    ----------
-    solve : callable
-        ``solve(b)`` solves with the derivatives by the unknowns, for one or several columns.
-    scale : ndarray, shape (n,)
-        Of each unknown: its own size and what it would change by if each term of the equations
-        changed by its own size. Rounding moves it by this times that of a number.
-    sizes : ndarray, shape (n,), or float
-        Of the terms of each equation; infinite where a step alone tells that it has converged.
-    """
-
+    #: ``solve(b)`` solves with the derivatives by the unknowns, for one or several columns.
     solve: Callable[[Array], Array]
+    #: Of each unknown: its own size and what it would change by if each term of the equations
+    #: changed by its own size. Rounding moves it by this times that of a number.
     scale: Array
+    #: Of the terms of each equation; infinite where a step alone tells that it has converged.
     sizes: Array | float = math.inf
 
     def measured(self, step: Array) -> tuple[Array, float]:

@@ -56,15 +56,9 @@ _NEIGHBOURS, _DISTANCES = 8, 5
 
 
 class Residuals(Protocol):
-    """Equations as an iteration sees them.
+    """Equations as an iteration sees them."""
 
-    Attributes
-    ----------
-    n_carried : int
-        Number of values that are no residuals; they come first.
-    """
-
-    n_carried: int
+    n_carried: int  # number of values that are no residuals; they come first
 
     def value(self, z: Array) -> Array:
         """Evaluate at a point, shape (n_carried + n,), a fresh array; it need not be finite."""
@@ -127,27 +121,13 @@ class Equation:
 
 
 class Root(NamedTuple):
-    """The point where an iteration came to rest.
+    """The point where an iteration came to rest."""
 
-    Attributes
-    ----------
-    z : ndarray, shape (n,)
-        The point.
-    values : ndarray, shape (n_carried + n,)
-        Values of the equations there.
-    is_found : bool
-        Whether the residual is nothing but rounding.
-    linear : Linear, optional
-        The linear equations solved last, of this point or of one nearby.
-    n_carried : int
-        Number of values that are no residuals.
-    """
-
-    z: Array
-    values: Array
-    is_found: bool
-    linear: Linear | None = None
-    n_carried: int = 0
+    z: Array  # the point
+    values: Array  # values of the equations there
+    is_found: bool  # whether the residual is nothing but rounding
+    linear: Linear | None = None  # the linear equations solved last, of this point or of one nearby
+    n_carried: int = 0  # number of values that are no residuals
 
     @property
     def g(self) -> Array:
@@ -226,31 +206,17 @@ class ResidualTest:
 
 @dataclass(frozen=True)
 class NewtonLimits:
-    """Limits of an iteration.
+    """Limits of an iteration."""
 
-    Attributes
-    ----------
-    most_steps : int
-        The most steps that are taken.
-    test : type, optional
-        The test that accepts a step; whole steps are taken where absent.
-    least_damping : float
-        The least share of a step that is tried.
-    settled : float
-        The last step is one below this share of the scales, or, with a test, one after which
-        another would be.
-    slow : float
-        So is one below this share that is no shorter than half the step before it.
-    met : float
-        No step is taken where all residuals are below this.
-    """
-
-    most_steps: int
+    most_steps: int  # the most steps that are taken
+    #: The test that accepts a step; whole steps are taken where absent.
     test: type[NaturalTest] | type[ResidualTest] | None = None
-    least_damping: float = 1.0
+    least_damping: float = 1.0  # the least share of a step that is tried
+    #: The last step is one below this share of the scales, or, with a test, one after which another
+    #: would be.
     settled: float = ROUNDING
-    slow: float = 0.0
-    met: float = -1.0
+    slow: float = 0.0  # so is one below this share that is no shorter than half the step before it
+    met: float = -1.0  # no step is taken where all residuals are below this
 
 
 def iterate(

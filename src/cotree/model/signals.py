@@ -77,23 +77,14 @@ def sampled(function: Callable[..., float], period: float) -> Sampled:
 
 @dataclass(frozen=True)
 class ReplacedInputs:
-    """The inputs that a run puts in place of the scene's.
+    """The inputs that a run puts in place of the scene's."""
 
-    Attributes
-    ----------
-    by_position : mapping of int to callable
-        The replaced inputs, by their place in u, as functions of time.
-    breakpoints : tuple of float
-        Times where a table has a kink.
-    tables : mapping of int to (times, values)
-        The replaced inputs that are numbers or tables.
-    sampled : mapping of int to Sampled
-        Those that are called now and then.
-    """
-
+    #: The replaced inputs, by their place in u, as functions of time.
     by_position: Mapping[int, Signal]
-    breakpoints: tuple[float, ...]
+    breakpoints: tuple[float, ...]  # times where a table has a kink
+    #: The replaced inputs that are numbers or tables.
     tables: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
+    #: Those that are called now and then.
     sampled: Mapping[int, Sampled] = field(default_factory=dict)
 
     def apply(self, t: float, u: Array) -> Array:

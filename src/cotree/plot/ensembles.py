@@ -36,23 +36,14 @@ _PER_MEMBER = ("status", "message", "steps", "seconds")
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """One quantity of all members.
+    """One quantity of all members."""
 
-    Attributes
-    ----------
-    name, label, unit : str
-        Its name as it was given, how pictures call it, and its unit.
-    array : xarray.DataArray
-        Its values, the dimensions of members first, then time, if it has that.
-    is_sensitivity : bool
-        Whether it is a derivative.
-    """
-
+    #: Its name as it was given, how pictures call it, and its unit.
     name: str
     label: str
     unit: str
-    array: Any
-    is_sensitivity: bool
+    array: Any  # its values, the dimensions of members first, then time, if it has that
+    is_sensitivity: bool  # whether it is a derivative
 
     @property
     def dims(self) -> tuple[str, ...]:

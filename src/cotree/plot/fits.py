@@ -29,28 +29,19 @@ _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A quantity over time, its band, and what was measured of it.
+    """A quantity over time, its band, and what was measured of it."""
 
-    Attributes
-    ----------
-    title, name, unit : str
-        Experiment, quantity and unit.
-    t, value, lower, upper : ndarray, shape (n,)
-        Times, [s], what was computed, and the band.
-    level : float
-        Level of confidence of the band.
-    t_measured, measured, sigma : ndarray, shape (n_measured,), or None
-        What was measured, and its standard deviations.
-    """
-
+    #: Experiment, quantity and unit.
     title: str
     name: str
     unit: str
+    #: Times, [s], what was computed, and the band.
     t: Array
     value: Array
     lower: Array
     upper: Array
-    level: float
+    level: float  # level of confidence of the band
+    #: What was measured, and its standard deviations.
     t_measured: Array | None = None
     measured: Array | None = None
     sigma: Array | None = None
@@ -58,17 +49,10 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of one quantity in one experiment, in standard deviations.
+    """Residuals of one quantity in one experiment, in standard deviations."""
 
-    Attributes
-    ----------
-    name : str
-        Quantity and experiment.
-    t, values, measured, computed : ndarray, shape (n,)
-        Times, [s], residuals, measured and computed values on the scale on which they are compared.
-    """
-
-    name: str
+    name: str  # quantity and experiment
+    #: Times, [s], residuals, measured and computed values on the scale on which they are compared.
     t: Array
     values: Array
     measured: Array
@@ -77,35 +61,23 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A profile likelihood.
+    """A profile likelihood."""
 
-    Attributes
-    ----------
-    name, unit : str
-        The parameter.
-    values, rise : ndarray, shape (n,)
-        Its values, and the rise of twice the objective.
-    fine, fine_rise : ndarray, shape (n_fine,)
-        The same on a finer grid.
-    estimate, error, limit : float
-        Estimate, standard error (infinite for none), and the rise at the ends of the interval.
-    interval : tuple of float
-        Its ends.
-    is_log : bool
-        Whether the parameter is estimated on a logarithmic scale.
-    """
-
+    #: The parameter.
     name: str
     unit: str
+    #: Its values, and the rise of twice the objective.
     values: Array
     rise: Array
+    #: The same on a finer grid.
     fine: Array
     fine_rise: Array
+    #: Estimate, standard error (infinite for none), and the rise at the ends of the interval.
     estimate: float
     error: float
     limit: float
-    interval: tuple[float, float]
-    is_log: bool
+    interval: tuple[float, float]  # its ends
+    is_log: bool  # whether the parameter is estimated on a logarithmic scale
 
 
 def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure:

@@ -34,17 +34,10 @@ Name = str | tuple[str, str]
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves to draw.
+    """Curves to draw."""
 
-    Attributes
-    ----------
-    values : tuple of str
-        States, outputs and inputs.
-    sensitivities : tuple of (str, str)
-        States and outputs with the parameters that their sensitivities are to.
-    """
-
-    values: tuple[str, ...]
+    values: tuple[str, ...]  # states, outputs and inputs
+    #: States and outputs with the parameters that their sensitivities are to.
     sensitivities: tuple[tuple[str, str], ...]
 
 

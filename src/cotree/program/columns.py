@@ -117,20 +117,11 @@ _SUMS = frozenset({"add", "sub", "neg"})
 
 @dataclass(frozen=True)
 class CommonDirection:
-    """Derivatives along any direction, from sensitivities of states and from sources.
+    """Derivatives along any direction, from sensitivities of states and from sources."""
 
-    Attributes
-    ----------
-    direction : Derivative
-        The forcing and the rates, in terms of both.
-    sources : tuple of Node
-        Symbols of the sources.
-    given : list of dict of int to Node
-        The sources of each parameter, by place, those that vanish left out.
-    """
-
-    direction: Derivative
-    sources: tuple[Node, ...]
+    direction: Derivative  # the forcing and the rates, in terms of both
+    sources: tuple[Node, ...]  # symbols of the sources
+    #: The sources of each parameter, by place, those that vanish left out.
     given: list[dict[int, Node]]
 
 
@@ -262,18 +253,10 @@ _Row = dict[int, "Node"]
 
 @dataclass(frozen=True)
 class MappedRates:
-    """The rates along all states, and along all sensitivities; None where they are no map.
+    """The rates along all states, and along all sensitivities; None where they are no map."""
 
-    Attributes
-    ----------
-    columns : list of dict of int to Node, or None
-        Of the Jacobian, by place.
-    sensitivities : list of Node or None
-        Rates of all sensitivities, direction by direction.
-    """
-
-    columns: list[_Row] | None
-    sensitivities: list[Node] | None
+    columns: list[_Row] | None  # of the Jacobian, by place
+    sensitivities: list[Node] | None  # rates of all sensitivities, direction by direction
 
 
 def map_rates(

@@ -54,20 +54,12 @@ _CONSTANT, _LINEAR, _CURVED = range(3)
 
 @dataclass(frozen=True)
 class EventRanges:
-    """Ranges of what events and corners look at.
+    """Ranges of what events and corners look at."""
 
-    Attributes
-    ----------
-    places : tuple of int
-        The place of each of these among all events, corners behind them; -1: it is linear.
-    quantities : tuple of Node
-        What they are made of.
-    results : tuple of Node
-        For each of these four values: ends of its range, and of the range of its rate.
-    """
-
+    #: The place of each of these among all events, corners behind them; -1: it is linear.
     places: tuple[int, ...]
-    quantities: tuple[Node, ...]
+    quantities: tuple[Node, ...]  # what they are made of
+    #: For each of these four values: ends of its range, and of the range of its rate.
     results: tuple[Node, ...]
 
 
@@ -185,27 +177,13 @@ def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
 
 @dataclass(frozen=True)
 class Impact:
-    """One impact, in terms of the values before it.
+    """One impact, in terms of the values before it."""
 
-    Attributes
-    ----------
-    gradient : tuple of Node
-        D, one entry for each speed.
-    response : tuple of Node
-        a, then multipliers.
-    rate : Node
-        g'.
-    restitution : Node
-        e.
-    speeds : tuple of Node
-        The speeds after it.
-    """
-
-    gradient: tuple[Node, ...]
-    response: tuple[Node, ...]
-    rate: Node
-    restitution: Node
-    speeds: tuple[Node, ...]
+    gradient: tuple[Node, ...]  # D, one entry for each speed
+    response: tuple[Node, ...]  # a, then multipliers
+    rate: Node  # g'
+    restitution: Node  # e
+    speeds: tuple[Node, ...]  # the speeds after it
 
     def tangent(
         self, solved: SolvedSystem, seed: Mapping[Node, Node], restitution: Node

@@ -36,19 +36,12 @@ _ALONG = KernelSpec(
 
 @dataclass(frozen=True)
 class Curvature:
-    """Both kernels.
+    """Both kernels."""
 
-    Attributes
-    ----------
-    at, along : Kernel
-        Their ``k`` are prepared values, and what ``at`` computes.
-    places : tuple of int
-        Places of the results of ``along`` among the sensitivities' rates.
-    """
-
+    #: Their ``k`` are prepared values, and what ``at`` computes.
     at: Kernel
     along: Kernel
-    places: tuple[int, ...]
+    places: tuple[int, ...]  # places of the results of ``along`` among the sensitivities' rates
 
 
 def form_curvature(program: Program) -> Curvature | None:

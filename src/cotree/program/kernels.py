@@ -18,36 +18,20 @@ ARGUMENTS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class KernelSpec:
-    """A kind of kernel.
+    """A kind of kernel."""
 
-    Attributes
-    ----------
-    name : str
-        Its name; in C it follows the model's.
-    arguments : tuple of str
-        Keys of :data:`ARGUMENTS`, in order; the result comes last.
-    result : str
-        Name of the result in C.
-    doc : str
-        The meaning of its results.
-    tail_of : str
-        The kernel whose last results are this one's, if there is one: C then calls it and keeps
-        those, since computing them alone would save next to nothing.
-    is_required : bool
-        Whether every model has it. Others are left out of C where they have no results.
-    is_packed : bool
-        Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
-    of : str
-        Ends its name in the structure of a model, where that has a number or array of the name.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    result: str
-    doc: str
+    name: str  # its name; in C it follows the model's
+    arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order; the result comes last
+    result: str  # name of the result in C
+    doc: str  # the meaning of its results
+    #: The kernel whose last results are this one's, if there is one: C then calls it and keeps
+    #: those, since computing them alone would save next to nothing.
     tail_of: str = ""
+    #: Whether every model has it. Others are left out of C where they have no results.
     is_required: bool = False
+    #: Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
     is_packed: bool = False
+    #: Ends its name in the structure of a model, where that has a number or array of the name.
     of: str = ""
 
     @property

@@ -345,17 +345,10 @@ RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
 
 @dataclass(frozen=True)
 class PassReport:
-    """Effect of one pass on a program.
+    """Effect of one pass on a program."""
 
-    Attributes
-    ----------
-    name : str
-        The pass.
-    earlier, later : Program
-        The program before and after it.
-    """
-
-    name: str
+    name: str  # the pass
+    #: The program before and after it.
     earlier: Program
     later: Program
 

@@ -33,24 +33,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Kernel:
-    """One kernel: its kind and its results, in order.
+    """One kernel: its kind and its results, in order."""
 
-    Attributes
-    ----------
-    spec : KernelSpec
-        Its kind.
-    results : tuple of Node
-        The values that it writes.
-    prepared : mapping of Node to int
-        Values that it reads from ``k`` in place of computing them, with their place there.
-    is_by_need : bool
-        Whether it is written in the order in which its longest path needs values, in place of that
-        in which they were formed.
-    """
-
-    spec: KernelSpec
-    results: tuple[Node, ...]
+    spec: KernelSpec  # its kind
+    results: tuple[Node, ...]  # the values that it writes
+    #: Values that it reads from ``k`` in place of computing them, with their place there.
     prepared: Mapping[Node, int]
+    #: Whether it is written in the order in which its longest path needs values, in place of that
+    #: in which they were formed.
     is_by_need: bool = False
 
     @property
@@ -73,111 +63,63 @@ class Kernel:
 
 @dataclass(frozen=True)
 class Layout:
-    """Names, units and patterns of a program's arguments and results.
+    """Names, units and patterns of a program's arguments and results."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the scene.
-    states, parameters, inputs, outputs : tuple of Quantity
-        In the order of the arrays.
-    sensitivities : tuple of str
-        Parameters and states that sensitivities are taken to.
-    parameter_values : tuple of float
-        The scene's values.
-    derived : tuple of DerivedParameter
-        Parameters that follow from these, and are no arguments.
-    column_starts, row_indices : tuple of int
-        The Jacobian's pattern, compressed by columns.
-    sensitivity_starts, sensitivity_rows : tuple of int
-        The states that depend on each of them, one after another: the pattern of sensitivities,
-        compressed by columns. The others have none at any time.
-    input_sensitivities : tuple of tuples of str
-        For each input, which of ``sensitivities`` it has in the scene.
-    uncertain : tuple of str
-        Coordinates whose pivot is checked at run time.
-    constraints : tuple of Quantity
-        Residuals of the constraints, in the order of the kernel ``constraints``.
-    constraint_edges : tuple of str
-        The edge of each of its rows that has a multiplier.
-    n_coordinates : int
-        Number of coordinates among the states; they come first.
-    n_speeds : int
-        Number of speeds among the states; they come next.
-    algebraic : tuple of bool
-        Whether each state is an algebraic unknown; these come last. Their rates are residuals.
-    quaternions : tuple of int
-        The first state of each quaternion.
-    given : tuple of bool
-        Whether the scene gives the initial value of each state.
-    start_rows : tuple of str
-        Further conditions on the start: initial values of variables that are not states.
-    start_units : tuple of str
-        Their units.
-    start_is_rate : tuple of bool
-        Whether each is a rate.
-    redundant : tuple of RedundantRow
-        Initial values that must agree with those of states; the kernel ``start`` gives last what
-        they follow as, and what they are given as.
-    positions : tuple of PositionRow
-        Positions in networks that are sums of states.
-    given_names : tuple of str
-        The initial values of coordinates and rates that the scene gives, in its order.
-    uses_multipliers : tuple of bool
-        Whether each output depends on multipliers themselves: a reaction.
-    followers : tuple of (int, int)
-        States that are the content of several storages, with the algebraic unknown that follows
-        from each: a start that is not given the one has the other.
-    events : tuple of EventRow
-        In the order of the kernel ``events``.
-    corners : tuple of (int, int)
-        What that kernel gives next: of each corner the piece that ends there, and the direction,
-        as of :class:`cotree.equations.CornerRow`.
-    n_pieces : int
-        Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
-    ranges : tuple of int
-        For each event, then each corner, its place in the kernel ``event_ranges``; -1: it is
-        linear, and has none.
-    n_quantities : int
-        Number of quantities that these are made of, which the kernel ``events`` gives last.
-    event_inputs : tuple of str
-        The inputs that these kernels read.
-    """
-
-    name: str
+    name: str  # name of the scene
+    #: In the order of the arrays.
     states: tuple[Quantity, ...]
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]
-    parameter_values: tuple[float, ...]
+    sensitivities: tuple[str, ...]  # parameters and states that sensitivities are taken to
+    parameter_values: tuple[float, ...]  # the scene's values
+    #: The Jacobian's pattern, compressed by columns.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
+    #: For each input, which of ``sensitivities`` it has in the scene.
     input_sensitivities: tuple[tuple[str, ...], ...]
-    uncertain: tuple[str, ...]
+    uncertain: tuple[str, ...]  # coordinates whose pivot is checked at run time
+    #: Residuals of the constraints, in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
-    constraint_edges: tuple[str, ...]
-    n_coordinates: int
-    n_speeds: int
+    constraint_edges: tuple[str, ...]  # the edge of each of its rows that has a multiplier
+    n_coordinates: int  # number of coordinates among the states; they come first
+    n_speeds: int  # number of speeds among the states; they come next
+    #: Whether each state is an algebraic unknown; these come last. Their rates are residuals.
     algebraic: tuple[bool, ...]
-    quaternions: tuple[int, ...]
-    given: tuple[bool, ...]
+    quaternions: tuple[int, ...]  # the first state of each quaternion
+    given: tuple[bool, ...]  # whether the scene gives the initial value of each state
+    #: Further conditions on the start: initial values of variables that are not states.
     start_rows: tuple[str, ...]
-    start_units: tuple[str, ...]
-    start_is_rate: tuple[bool, ...]
+    start_units: tuple[str, ...]  # their units
+    start_is_rate: tuple[bool, ...]  # whether each is a rate
+    #: Whether each output depends on multipliers themselves: a reaction.
     uses_multipliers: tuple[bool, ...]
-    events: tuple[EventRow, ...] = ()
-    event_inputs: tuple[str, ...] = ()
+    events: tuple[EventRow, ...] = ()  # in the order of the kernel ``events``
+    event_inputs: tuple[str, ...] = ()  # the inputs that these kernels read
+    #: Initial values that must agree with those of states; the kernel ``start`` gives last what
+    #: they follow as, and what they are given as.
     redundant: tuple[RedundantRow, ...] = ()
+    #: States that are the content of several storages, with the algebraic unknown that follows from
+    #: each: a start that is not given the one has the other.
     followers: tuple[tuple[int, int], ...] = ()
+    #: The states that depend on each of them, one after another: the pattern of sensitivities,
+    #: compressed by columns. The others have none at any time.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
+    #: Parameters that follow from these, and are no arguments.
     derived: tuple[DerivedParameter, ...] = ()
+    #: What that kernel gives next: of each corner the piece that ends there, and the direction, as
+    #: of :class:`cotree.equations.CornerRow`.
     corners: tuple[tuple[int, int], ...] = ()
+    #: Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
     n_pieces: int = 0
-    positions: tuple[PositionRow, ...] = ()
+    positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
+    #: For each event, then each corner, its place in the kernel ``event_ranges``; -1: it is linear,
+    #: and has none.
     ranges: tuple[int, ...] = ()
+    #: Number of quantities that these are made of, which the kernel ``events`` gives last.
     n_quantities: int = 0
+    #: The initial values of coordinates and rates that the scene gives, in its order.
     given_names: tuple[str, ...] = ()
 
     @cached_property
@@ -232,30 +174,16 @@ class Layout:
 
 @dataclass(frozen=True)
 class Program:
-    """A program.
+    """A program."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena of all its values.
-    layout : Layout
-        Names and patterns.
-    kernels : mapping of str to Kernel
-        By name, in the registry's order.
-    guards : tuple of Guard
-        Checked by ``prepare``.
-    stops : mapping of str to tuple of Stop
-        When each input, by its name, has a jump or a kink in the scene; and when anything else
-        that the rates are made of has, by the empty name; along each sensitivity.
-    longest_steps : mapping of str to tuple of Node
-        Upper bounds of the steps while each input is the scene's own, by name likewise.
-    """
-
-    dag: Dag
-    layout: Layout
-    kernels: Mapping[str, Kernel]
-    guards: tuple[Guard, ...]
+    dag: Dag  # the arena of all its values
+    layout: Layout  # names and patterns
+    kernels: Mapping[str, Kernel]  # by name, in the registry's order
+    guards: tuple[Guard, ...]  # checked by ``prepare``
+    #: When each input, by its name, has a jump or a kink in the scene; and when anything else that
+    #: the rates are made of has, by the empty name; along each sensitivity.
     stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
+    #: Upper bounds of the steps while each input is the scene's own, by name likewise.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def corners(

@@ -94,18 +94,10 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """Conditions that look at times which a parameter moves.
+    """Conditions that look at times which a parameter moves."""
 
-    Attributes
-    ----------
-    states : set of int
-        The states whose rates do.
-    is_event : bool
-        Whether what some event looks at does.
-    """
-
-    states: set[int]
-    is_event: bool
+    states: set[int]  # the states whose rates do
+    is_event: bool  # whether what some event looks at does
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:

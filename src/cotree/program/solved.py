@@ -25,44 +25,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Along:
-    """Derivatives along one direction, in terms of states, inputs and parameters alone.
+    """Derivatives along one direction, in terms of states, inputs and parameters alone."""
 
-    Attributes
-    ----------
-    unknowns : tuple of Node
-        w'.
-    rates, outputs : dict of int to Node
-        By place, those that the direction leaves out being zero.
-    """
-
-    unknowns: tuple[Node, ...]
+    unknowns: tuple[Node, ...]  # w'
+    #: By place, those that the direction leaves out being zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 
 
 @dataclass(frozen=True)
 class SolvedSystem:
-    """The solution of linear equations, and the means to solve them again.
+    """The solution of linear equations, and the means to solve them again."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    matrix : sequence of rows of Node
-        A, symmetric.
-    factors : RankedSolver
-        Its factors.
-    unknowns : dict of Node to Node
-        The value of each unknown, by its symbol.
-    tangents : tuple of Node
-        The symbols of the derivatives of the unknowns.
-    """
-
-    dag: Dag
-    matrix: Sequence[Sequence[Node]]
+    dag: Dag  # the arena
+    matrix: Sequence[Sequence[Node]]  # A, symmetric
     factors: RankedSolver
-    unknowns: dict[Node, Node]
-    tangents: tuple[Node, ...]
+    unknowns: dict[Node, Node]  # the value of each unknown, by its symbol
+    tangents: tuple[Node, ...]  # the symbols of the derivatives of the unknowns
 
     @classmethod
     def of(cls, equations: Equations) -> SolvedSystem:

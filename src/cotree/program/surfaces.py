@@ -120,18 +120,11 @@ def without_corners(program: Program) -> Program:
 
 @dataclass
 class _Found:
-    """Conditions and tables whose pieces steps hold.
+    """Conditions and tables whose pieces steps hold."""
 
-    Attributes
-    ----------
-    conditions : dict of key to set of {-1, 1}
-        The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
-    tables : set of Node
-        The tables, whose pieces steps hold.
-    """
-
+    #: The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
     conditions: dict[_Key, frozenset[int]]
-    tables: set[Node]
+    tables: set[Node]  # the tables, whose pieces steps hold
 
 
 def _find(equations: Equations) -> _Found:
@@ -170,18 +163,10 @@ def _find(equations: Equations) -> _Found:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Sides of a corner: 1 where its condition is positive, -1 where it is negative.
+    """Sides of a corner: 1 where its condition is positive, -1 where it is negative."""
 
-    Attributes
-    ----------
-    held : set of {-1, 1}
-        Those on which steps hold the piece; on others the argument decides.
-    steep : set of {-1, 1}
-        Those on which the slope is infinite at the corner.
-    """
-
-    held: frozenset[int]
-    steep: frozenset[int]
+    held: frozenset[int]  # those on which steps hold the piece; on others the argument decides
+    steep: frozenset[int]  # those on which the slope is infinite at the corner
 
     def turned(self, scale: float) -> _Sides:
         """Return the sides of the condition divided by a factor."""

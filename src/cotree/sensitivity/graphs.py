@@ -45,25 +45,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reach:
-    """Index of the values that depend on each symbol, so that a direction looks at no others.
+    """Index of the values that depend on each symbol, so that a direction looks at no others."""
 
-    Attributes
-    ----------
-    outputs, initial : mapping of Node to list of int
-        Places of outputs and initial values, by symbol.
-    moving : tuple of int
-        Places of outputs that depend on unknowns, which every direction may change.
-    starts : tuple of Node
-        The initial values.
-    held, pulled : mapping of Node to list of int
-        Places of constraints, and of through variables along measures, by symbol: each of them
-        involves only two of many bodies.
-    """
-
+    #: Places of outputs and initial values, by symbol.
     outputs: Mapping[Node, list[int]]
     initial: Mapping[Node, list[int]]
+    #: Places of outputs that depend on unknowns, which every direction may change.
     moving: tuple[int, ...]
-    starts: tuple[Node, ...]
+    starts: tuple[Node, ...]  # the initial values
+    #: Places of constraints, and of through variables along measures, by symbol: each of them
+    #: involves only two of many bodies.
     held: Mapping[Node, list[int]]
     pulled: Mapping[Node, list[int]]
 

@@ -26,17 +26,10 @@ _Key = TypeVar("_Key")
 
 @dataclass(frozen=True)
 class NetworkTangents:
-    """Derivatives of the networks along several directions, numbered.
+    """Derivatives of the networks along several directions, numbered."""
 
-    Attributes
-    ----------
-    rates : tuple of Tangent
-        Of the states' rates, and of the residuals of algebraic unknowns.
-    observed : mapping of Node to Tangent
-        Of what outputs, fields and initial values name, by its value.
-    """
-
-    rates: tuple[Tangent, ...]
+    rates: tuple[Tangent, ...]  # of the states' rates, and of the residuals of algebraic unknowns
+    #: Of what outputs, fields and initial values name, by its value.
     observed: Mapping[Node, Tangent]
 
     @cached_property

@@ -32,26 +32,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Turning(Frames):
-    """Axes of the clusters as they turn along a seed, in which all is seen as duals.
+    """Axes of the clusters as they turn along a seed, in which all is seen as duals."""
 
-    Attributes
-    ----------
-    seed : Seed
-        What is differentiated by.
-    reached : frozenset of int
-        The clusters that the seed moves; the others move as in the first graph.
-    phi : tuple of Vector
-        Parametric rotation vector of each cluster, in its basis.
-    phi_inwards : tuple of Vector
-        The same, in the basis of the parent.
-    phi_basis : tuple of Vector
-        Parametric rotation vector of each cluster's basis, which may be that of a parent.
-    """
-
-    seed: Seed
+    seed: Seed  # what is differentiated by
+    #: The clusters that the seed moves; the others move as in the first graph.
     reached: frozenset[int]
-    phi: tuple[Vector, ...]
-    phi_inwards: tuple[Vector, ...]
+    phi: tuple[Vector, ...]  # parametric rotation vector of each cluster, in its basis
+    phi_inwards: tuple[Vector, ...]  # the same, in the basis of the parent
+    #: Parametric rotation vector of each cluster's basis, which may be that of a parent.
     phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
@@ -238,21 +226,11 @@ class Support:
 
 @dataclass(frozen=True)
 class Seed:
-    """Tangents of symbols, and of the fields that depend on them.
+    """Tangents of symbols, and of the fields that depend on them."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    symbols : mapping of Node to Node
-        Tangent of each symbol that changes; none of them zero.
-    support : Support
-        Shared by all seeds of one system.
-    """
-
-    dag: Dag
-    symbols: Mapping[Node, Node]
-    support: Support
+    dag: Dag  # the arena
+    symbols: Mapping[Node, Node]  # tangent of each symbol that changes; none of them zero
+    support: Support  # shared by all seeds of one system
 
     def of(self, node: Node) -> Node:
         """Differentiate a coordinate, or an expression of fields."""

@@ -75,35 +75,19 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The outcome of an integration, complete or not.
+    """The outcome of an integration, complete or not."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n_t,)
-        Times, [s]. After a failure the last one is that of the last good point, whether it was
-        asked for or not.
-    z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
-        States and sensitivities at these times.
-    status : int
-        0 for success, -1 for a failed integration, -2 for a spent budget.
-    message : str
-        One or two sentences.
-    statistics : Statistics
-        Work done.
-    drift : Drift or None
-        Residuals of the constraints along the run; None where there are no constraints.
-    events : ndarray, shape (n_events, 2 + n_sensitivities + 2 * n_states)
-        The events that happened, in order, a row each: time, [s], number of the event, derivatives
-        of the time by the parameters, states before, and states after.
-    is_unsolved : bool
-        Whether it failed because equations could not be solved, however short the step.
-    """
-
+    #: Times, [s]. After a failure the last one is that of the last good point, whether it was asked
+    #: for or not.
     t: FloatArray
-    z: FloatArray
-    status: int
-    message: str
-    statistics: Statistics
+    z: FloatArray  # states and sensitivities at these times
+    status: int  # 0 for success, -1 for a failed integration, -2 for a spent budget
+    message: str  # one or two sentences
+    statistics: Statistics  # work done
+    #: Residuals of the constraints along the run; None where there are no constraints.
     drift: Drift | None = None
+    #: The events that happened, in order, a row each: time, [s], number of the event, derivatives
+    #: of the time by the parameters, states before, and states after.
     events: FloatArray = field(default_factory=_no_events)
+    #: Whether it failed because equations could not be solved, however short the step.
     is_unsolved: bool = False

@@ -31,24 +31,13 @@ _ahead: list[threading.Thread] = []
 
 @dataclass(frozen=True, eq=False)
 class Engine:
-    """The engine of a stepper.
+    """The engine of a stepper."""
 
-    Attributes
-    ----------
-    stepper : str
-        A name in ``STEPPERS``.
-    library : LoadedLibrary
-        Runs jobs.
-    functions : object or None
-        A ``cotree_sundials``, which holds the functions of SUNDIALS that the stepper calls.
-    sundials : object or None
-        Keeps SUNDIALS loaded.
-    """
-
-    stepper: str
-    library: LoadedLibrary
+    stepper: str  # a name in ``STEPPERS``
+    library: LoadedLibrary  # runs jobs
+    #: A ``cotree_sundials``, which holds the functions of SUNDIALS that the stepper calls.
     functions: Any = None
-    sundials: Any = None
+    sundials: Any = None  # keeps SUNDIALS loaded
 
 
 def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> None:

@@ -36,24 +36,12 @@ _DIRECTIONS = _spread(200)
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A shape that moves with a track.
+    """A shape that moves with a track."""
 
-    Attributes
-    ----------
-    name : str
-        The edge or node that it shows.
-    track : int
-        Number of the rigid cluster that it moves with.
-    mesh : Mesh
-        Its shape, in the track's axes.
-    color : Color
-        Its colour.
-    """
-
-    name: str
-    track: int
-    mesh: Mesh
-    color: Color
+    name: str  # the edge or node that it shows
+    track: int  # number of the rigid cluster that it moves with
+    mesh: Mesh  # its shape, in the track's axes
+    color: Color  # its colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +52,12 @@ class Strut:
     ----------
     name, mesh, color
         As of a :class:`Solid`.
-    tracks : tuple of two int
-        Numbers of the clusters that its ends move with.
-    ends : tuple of two ndarray, shape (3,), [m]
-        Points of these clusters, in their axes.
-    side : ndarray, shape (3,)
-        A direction in the first track's axes that its y stays near to.
     """
 
     name: str
-    tracks: tuple[int, int]
-    ends: tuple[Array, Array]
-    side: Array
+    tracks: tuple[int, int]  # numbers of the clusters that its ends move with
+    ends: tuple[Array, Array]  # points of these clusters, in their axes
+    side: Array  # a direction in the first track's axes that its y stays near to
     mesh: Mesh
     color: Color
 
@@ -91,39 +73,21 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """All that is shown.
+    """All that is shown."""
 
-    Attributes
-    ----------
-    title, note : str
-        Name of the scene, and a remark on the run; untrusted text.
-    frames : Moments
-        Times of the frames.
-    poses : Poses
-        Of the tracks, which are the clusters, in each frame.
-    solids, struts, labels : tuple
-        The shapes and names.
-    up : ndarray, shape (3,)
-        The axis that points up in the picture.
-    towards : ndarray, shape (3,)
-        Direction from the mechanism to the viewer: the normal of a plane, or chosen.
-    is_flat : bool
-        Whether everything moves in a plane.
-    thickness : float
-        Of bars, [m].
-    """
-
+    #: Name of the scene, and a remark on the run; untrusted text.
     title: str
     note: str
-    frames: Moments
-    poses: Poses
+    frames: Moments  # times of the frames
+    poses: Poses  # of the tracks, which are the clusters, in each frame
+    #: The shapes and names.
     solids: tuple[Solid, ...]
     struts: tuple[Strut, ...]
     labels: tuple[Label, ...]
-    up: Array
-    towards: Array
-    is_flat: bool
-    thickness: float
+    up: Array  # the axis that points up in the picture
+    towards: Array  # direction from the mechanism to the viewer: the normal of a plane, or chosen
+    is_flat: bool  # whether everything moves in a plane
+    thickness: float  # of bars, [m]
 
     def floor(self) -> Array:
         """Return lines at rest against which motion is visible, shape (n_lines, 2, 3), [m].

@@ -35,28 +35,17 @@ _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4", "10")
 
 @dataclass(frozen=True)
 class PageContext:
-    """Variables of the page's template.
+    """Variables of the page's template."""
 
-    Attributes
-    ----------
-    title, note : str
-        Untrusted text.
-    policy, generator : str
-        Content security policy, and the program that wrote the file.
-    last : int
-        Number of the last frame.
-    speeds : tuple of (str, str)
-        Labels and factors.
-    style, script, data : Markup
-        Ready to stand in the page.
-    """
-
+    #: Untrusted text.
     title: str
     note: str
+    #: Content security policy, and the program that wrote the file.
     policy: str
     generator: str
-    last: int
-    speeds: tuple[tuple[str, str], ...]
+    last: int  # number of the last frame
+    speeds: tuple[tuple[str, str], ...]  # labels and factors
+    #: Ready to stand in the page.
     style: Markup
     script: Markup
     data: Markup

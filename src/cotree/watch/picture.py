@@ -25,23 +25,12 @@ MARGIN = 1.14
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera, which projects points of the drawing onto the picture.
+    """A camera, which projects points of the drawing onto the picture."""
 
-    Attributes
-    ----------
-    axes : ndarray, shape (3, 3)
-        Directions to the right, upwards and towards the viewer, as columns.
-    centres : ndarray, shape (n_frames, 3)
-        Point in the middle of each frame, [m].
-    half : (float, float)
-        Half the width and half the height of the visible region there, [m].
-    distance : float
-        From the viewer to that point, [m]; infinite in a plane: a parallel projection.
-    """
-
-    axes: Array
-    centres: Array
-    half: tuple[float, float]
+    axes: Array  # directions to the right, upwards and towards the viewer, as columns
+    centres: Array  # point in the middle of each frame, [m]
+    half: tuple[float, float]  # half the width and half the height of the visible region there, [m]
+    #: From the viewer to that point, [m]; infinite in a plane: a parallel projection.
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:

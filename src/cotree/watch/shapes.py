@@ -24,18 +24,10 @@ _ROUND = 28  # sides of what is round
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles, counter-clockwise from outside.
+    """Triangles, counter-clockwise from outside."""
 
-    Attributes
-    ----------
-    points : ndarray, shape (n_points, 3), [m]
-        Corners.
-    faces : ndarray of int, shape (n_faces, 3)
-        Numbers of corners.
-    """
-
-    points: Array
-    faces: Indices
+    points: Array  # corners
+    faces: Indices  # numbers of corners
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:
         """Turn by a matrix, then move."""

@@ -39,41 +39,21 @@ _SPUR = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Poses, directions and sizes from which shapes are made.
+    """Poses, directions and sizes from which shapes are made."""
 
-    Attributes
-    ----------
-    poses : Poses
-        Of the clusters.
-    places : mapping of str to Place
-        The nodes.
-    up, towards : ndarray, shape (3,)
-        The axis that points up, and the direction to the viewer.
-    is_flat : bool
-        Whether everything moves in a plane.
-    size, thickness : float
-        Of the mechanism, and half the width of its bars, [m].
-    body : tuple of int
-        Numbers of the clusters that something is fixed in, in order.
-    shown : frozenset of int
-        Clusters that a joint or a constraint shows: as a block, or a disc.
-    reach : mapping of int to float
-        The longest arm of each cluster that has any, [m].
-    spurs : frozenset of str
-        Arms that only lead to a centre of mass.
-    """
-
-    poses: Poses
-    places: Mapping[str, Place]
+    poses: Poses  # of the clusters
+    places: Mapping[str, Place]  # the nodes
+    #: The axis that points up, and the direction to the viewer.
     up: Array
     towards: Array
-    is_flat: bool
+    is_flat: bool  # whether everything moves in a plane
+    #: Of the mechanism, and half the width of its bars, [m].
     size: float
     thickness: float
-    body: tuple[int, ...]
-    shown: frozenset[int]
-    reach: Mapping[int, float]
-    spurs: frozenset[str]
+    body: tuple[int, ...]  # numbers of the clusters that something is fixed in, in order
+    shown: frozenset[int]  # clusters that a joint or a constraint shows: as a block, or a disc
+    reach: Mapping[int, float]  # the longest arm of each cluster that has any, [m]
+    spurs: frozenset[str]  # arms that only lead to a centre of mass
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
@@ -211,18 +191,10 @@ def _spurs(
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Origins and axes of the clusters over time; number 0 is the ground.
+    """Origins and axes of the clusters over time; number 0 is the ground."""
 
-    Attributes
-    ----------
-    positions : ndarray, shape (n_clusters, n_times, 3)
-        Of the origins, [m].
-    axes : ndarray, shape (n_clusters, n_times, 3, 3)
-        From each cluster's axes to the ground's.
-    """
-
-    positions: Array
-    axes: Array
+    positions: Array  # of the origins, [m]
+    axes: Array  # from each cluster's axes to the ground's
 
     def of(self, cluster: int, local: Array) -> Array:
         """Return the position of a point of a cluster over time, shape (n_times, 3)."""
@@ -232,21 +204,11 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A node: a point of its cluster, and its axes in the cluster's.
-
-    Attributes
-    ----------
-    cluster : int
-        The cluster.
-    local : ndarray, shape (3,)
-        Position in the cluster, [m].
-    turn : ndarray, shape (3, 3)
-        From the node's axes to the cluster's.
-    """
+    """A node: a point of its cluster, and its axes in the cluster's."""
 
     cluster: int
-    local: Array
-    turn: Array
+    local: Array  # position in the cluster, [m]
+    turn: Array  # from the node's axes to the cluster's
 
 
 class MotionValues:

@@ -22,38 +22,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FmuVariable:
-    """A variable.
+    """A variable."""
 
-    Attributes
-    ----------
-    reference : int
-        Its value reference.
-    name, unit, doc : str
-        Its name, unit in the spelling of cotree, and meaning.
-    causality, variability : str
-        As in the standard.
-    initial : str
-        ``exact``, ``approx`` or ``calculated``; empty where the standard has none.
-    start : float or None
-        Its start value, if it has one.
-    derivative_of : int or None
-        Value reference of the state that it is the derivative of.
-    is_reset : bool
-        Whether events may set it.
-    depends, depends_at_start : tuple of int
-        Value references of the knowns that it depends on: later on, and during the initialization.
-    """
-
-    reference: int
+    reference: int  # its value reference
+    #: Its name, unit in the spelling of cotree, and meaning.
     name: str
     unit: str
     doc: str
+    #: As in the standard.
     causality: str
     variability: str
-    initial: str = ""
-    start: float | None = None
-    derivative_of: int | None = None
-    is_reset: bool = False
+    initial: str = ""  # ``exact``, ``approx`` or ``calculated``; empty where the standard has none
+    start: float | None = None  # its start value, if it has one
+    derivative_of: int | None = None  # value reference of the state that it is the derivative of
+    is_reset: bool = False  # whether events may set it
+    #: Value references of the knowns that it depends on: later on, and during the initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 
@@ -64,15 +47,12 @@ class FmuVariables:
 
     Attributes
     ----------
-    time : FmuVariable
-        The independent variable.
-    states, rates, parameters, inputs, signals, outputs, indicators, output_slopes, state_slopes
-        The blocks, in order; algebraic unknowns are the last of the states.
     n_rates : int
         Number of states that have rates.
     """
 
-    time: FmuVariable
+    time: FmuVariable  # the independent variable
+    #: The blocks, in order; algebraic unknowns are the last of the states.
     states: tuple[FmuVariable, ...]
     rates: tuple[FmuVariable, ...]
     parameters: tuple[FmuVariable, ...]

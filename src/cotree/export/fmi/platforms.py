@@ -22,24 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Platform:
-    """A platform.
+    """A platform."""
 
-    Attributes
-    ----------
-    name : str
-        As folders of FMI 3 are called.
-    old_name : str
-        As those of FMI 2 are; empty where it has none.
-    target : str
-        As zig calls it.
-    suffix : str
-        Of libraries.
-    """
-
-    name: str
-    old_name: str
-    target: str
-    suffix: str
+    name: str  # as folders of FMI 3 are called
+    old_name: str  # as those of FMI 2 are; empty where it has none
+    target: str  # as zig calls it
+    suffix: str  # of libraries
 
     def folder(self, version: int) -> str:
         """Give the folder of its library."""

@@ -45,23 +45,13 @@ _PARAMETER = ("p", "k")
 
 @dataclass(frozen=True)
 class Partials:
-    """A kernel that writes the nonzeros of a matrix of derivatives.
-
-    Attributes
-    ----------
-    name : str
-        Its name.
-    n_rows, n_columns : int
-        The matrix's shape.
-    starts, rows : tuple of int
-        Its pattern, compressed by columns.
-    kernel : Kernel
-        The kernel.
-    """
+    """A kernel that writes the nonzeros of a matrix of derivatives."""
 
     name: str
+    #: The matrix's shape.
     n_rows: int
     n_columns: int
+    #: Its pattern, compressed by columns.
     starts: tuple[int, ...]
     rows: tuple[int, ...]
     kernel: Kernel
@@ -77,32 +67,19 @@ class Partials:
 
 @dataclass(frozen=True)
 class FmuKernels:
-    """All further kernels.
+    """All further kernels."""
 
-    Attributes
-    ----------
-    partials : Partials
-        Rates and residuals, outputs, event indicators, and signals, by states, inputs from outside,
-        parameters and time.
-    initial : Partials
-        Initial states by parameters.
-    constraints : Partials
-        Constraints, then conditions on the start, by the columns of ``partials``.
-    stops : Kernel or None
-        Upper bounds of steps; then first time and period of each stop, with derivatives of both
-        along each sensitivity. None where there are neither.
-    starts : tuple of bool
-        Whether each stop has no times before its first.
-    n_limits : int
-        Number of upper bounds of steps.
-    """
-
+    #: Rates and residuals, outputs, event indicators, and signals, by states, inputs from outside,
+    #: parameters and time.
     partials: Partials
-    initial: Partials
+    initial: Partials  # initial states by parameters
+    #: Constraints, then conditions on the start, by the columns of ``partials``.
     constraints: Partials
+    #: Upper bounds of steps; then first time and period of each stop, with derivatives of both
+    #: along each sensitivity. None where there are neither.
     stops: Kernel | None
-    starts: tuple[bool, ...]
-    n_limits: int
+    starts: tuple[bool, ...]  # whether each stop has no times before its first
+    n_limits: int  # number of upper bounds of steps
 
     @property
     def present(self) -> list[Kernel]:
@@ -243,45 +220,21 @@ class TablesContext(KernelFile):
 
 @dataclass(frozen=True)
 class Facts:
-    """Properties of a model besides its program.
+    """Properties of a model besides its program."""
 
-    Attributes
-    ----------
-    token : str
-        What description and library prove with that they belong together.
-    integrator : str
-        Of Co-Simulation; empty without it.
-    is_exchangeable : bool
-        Whether there is Model Exchange.
-    has_sensitivities : bool
-        Whether sensitivities are integrated and are variables.
-    is_strict : bool
-        Whether constraints are dependent.
-    outside : tuple of int
-        Inputs that are set from outside.
-    input_values : tuple of float
-        Their values until then.
-    start : tuple of float
-        States at the start.
-    is_found, is_at_rest : bool
-        Whether states that are not given begin as in ``start``; whether all do.
-    sizes : tuple of float
-        Factors of absolute tolerances; empty where they are one.
-    rtol, atol, t_end : float
-        Defaults.
-    """
-
-    token: str
-    integrator: str
-    is_exchangeable: bool
-    has_sensitivities: bool
-    is_strict: bool
-    outside: tuple[int, ...]
-    input_values: tuple[float, ...]
-    start: tuple[float, ...]
+    token: str  # what description and library prove with that they belong together
+    integrator: str  # of Co-Simulation; empty without it
+    is_exchangeable: bool  # whether there is Model Exchange
+    has_sensitivities: bool  # whether sensitivities are integrated and are variables
+    is_strict: bool  # whether constraints are dependent
+    outside: tuple[int, ...]  # inputs that are set from outside
+    input_values: tuple[float, ...]  # their values until then
+    start: tuple[float, ...]  # states at the start
+    #: Whether states that are not given begin as in ``start``; whether all do.
     is_found: bool
     is_at_rest: bool
-    sizes: tuple[float, ...]
+    sizes: tuple[float, ...]  # factors of absolute tolerances; empty where they are one
+    #: Defaults.
     rtol: float
     atol: float
     t_end: float

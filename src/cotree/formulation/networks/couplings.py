@@ -29,26 +29,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A port that acts on a multibody system.
-
-    Attributes
-    ----------
-    port : Port
-        The port.
-    measure : Measure
-        The measure that it acts along.
-    value, rate, acceleration : Node
-        The integral of its across variable, that itself, and its rate.
-    pull : Pull
-        The wrenches and efforts of a unit of its through variable.
-    """
+    """A port that acts on a multibody system."""
 
     port: Port
-    measure: Measure
+    measure: Measure  # the measure that it acts along
+    #: The integral of its across variable, that itself, and its rate.
     value: Node
     rate: Node
     acceleration: Node
-    pull: Pull
+    pull: Pull  # the wrenches and efforts of a unit of its through variable
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:

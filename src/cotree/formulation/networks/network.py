@@ -50,50 +50,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Network:
-    """The scalar networks of a scene.
+    """The scalar networks of a scene."""
 
-    Attributes
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    graphs, trees : mapping of str to LinearGraph and NormalTree
-        The graphs and their normal trees, by domain.
-    states : tuple of State
-        States of storages and springs, then algebraic unknowns.
-    solved : Solved
-        Every variable that states and outputs need.
-    rates : tuple of Variable
-        The variables that the states' rates are; residuals for algebraic unknowns.
-    guards : tuple of Guard
-        Conditions that parameter values must satisfy.
-    observed : mapping of str to Variable
-        The variables that outputs and other fields name.
-    positions : tuple of PositionRow
-        Positions that are sums of states.
-    redundant : tuple of Redundant
-        Initial values of variables that are not states.
-    corners : mapping of str to frozenset of Node
-        Fields whose rates jump at unknown times, and the symbols that decide when.
-    of_friction : frozenset of Node
-        Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
-        beside the accelerations, so that they may stand for reactions.
-    names : Names
-        What scenes call its variables.
-    """
-
-    ports: Mapping[str, Port]
+    ports: Mapping[str, Port]  # the edges of all scalar graphs
+    #: The graphs and their normal trees, by domain.
     graphs: Mapping[str, LinearGraph]
     trees: Mapping[str, NormalTree]
-    states: tuple[State, ...]
-    solved: Solved
+    states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
+    solved: Solved  # every variable that states and outputs need
+    #: The variables that the states' rates are; residuals for algebraic unknowns.
     rates: tuple[Variable, ...]
-    guards: tuple[Guard, ...]
-    observed: Mapping[str, Variable]
-    positions: tuple[PositionRow, ...]
-    redundant: tuple[Redundant, ...]
+    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
+    observed: Mapping[str, Variable]  # the variables that outputs and other fields name
+    positions: tuple[PositionRow, ...]  # positions that are sums of states
+    redundant: tuple[Redundant, ...]  # initial values of variables that are not states
+    #: Fields whose rates jump at unknown times, and the symbols that decide when.
     corners: Mapping[str, frozenset[Node]]
+    #: Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
+    #: beside the accelerations, so that they may stand for reactions.
     of_friction: frozenset[Node]
-    names: Names
+    names: Names  # what scenes call its variables
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -332,30 +308,16 @@ def _negative(node: Node, what: str) -> Guard:
 
 @dataclass(frozen=True)
 class Attached:
-    """Networks beside a multibody system.
+    """Networks beside a multibody system."""
 
-    Attributes
-    ----------
-    network : Network or None
-        The networks; None where the scene has none.
-    observed : mapping of str to Node
-        What names of the networks in outputs and fields stand for.
-    couplings : mapping of str to Coupling
-        The ports that act on the multibody system.
-    throughs : mapping of str to Node
-        The symbols that stand for their through variables.
-    slopes : mapping of str to mapping of int to Node
-        How through variables change with accelerations, by their number: inertia of storages
-        that are tied to joints.
-    reacting : frozenset of str
-        Names that only fields of dry friction on the mechanism use: they may be reactions.
-    """
-
-    network: Network | None
-    observed: Mapping[str, Node]
-    couplings: Mapping[str, Coupling]
-    throughs: Mapping[str, Node]
+    network: Network | None  # the networks; None where the scene has none
+    observed: Mapping[str, Node]  # what names of the networks in outputs and fields stand for
+    couplings: Mapping[str, Coupling]  # the ports that act on the multibody system
+    throughs: Mapping[str, Node]  # the symbols that stand for their through variables
+    #: How through variables change with accelerations, by their number: inertia of storages that
+    #: are tied to joints.
     slopes: Mapping[str, Mapping[int, Node]]
+    #: Names that only fields of dry friction on the mechanism use: they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property

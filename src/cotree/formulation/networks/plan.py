@@ -24,21 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Block:
-    """Variables that depend on each other, and are solved for together.
+    """Variables that depend on each other, and are solved for together."""
 
-    Attributes
-    ----------
-    unknowns : tuple of Variable
-        Those with an equation each.
-    residuals : tuple of Variable
-        The equations: what must be zero.
-    inner : tuple of Variable
-        What follows from the unknowns, in order, the residuals last.
-    """
-
-    unknowns: tuple[Variable, ...]
-    residuals: tuple[Variable, ...]
-    inner: tuple[Variable, ...]
+    unknowns: tuple[Variable, ...]  # those with an equation each
+    residuals: tuple[Variable, ...]  # the equations: what must be zero
+    inner: tuple[Variable, ...]  # what follows from the unknowns, in order, the residuals last
 
 
 @dataclass(frozen=True)

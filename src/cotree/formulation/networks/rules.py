@@ -155,18 +155,10 @@ class Lawful(Rule):
 
 @dataclass(frozen=True)
 class FieldRule(Rule):
-    """A field of a component, or a state: a node of symbols.
+    """A field of a component, or a state: a node of symbols."""
 
-    Attributes
-    ----------
-    node : Node
-        The value; the variables that it is made of stand in it as symbols.
-    variables : tuple of (Node, Variable)
-        These symbols.
-    """
-
-    node: Node
-    variables: tuple[tuple[Node, Variable], ...] = ()
+    node: Node  # the value; the variables that it is made of stand in it as symbols
+    variables: tuple[tuple[Node, Variable], ...] = ()  # these symbols
 
     @property
     def needs(self) -> tuple[Variable, ...]:

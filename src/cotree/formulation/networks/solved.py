@@ -35,18 +35,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Nodal:
-    """Equations of branches, solved in the potentials of parts.
-
-    Attributes
-    ----------
-    factors : LinearSolver
-        Of the balances of the parts by their potentials.
-    above : tuple of (int, int)
-        For each branch its sign, and which other one leads to it; -1 for none.
-    """
+    """Equations of branches, solved in the potentials of parts."""
 
     dag: Dag
-    factors: LinearSolver
+    factors: LinearSolver  # of the balances of the parts by their potentials
+    #: For each branch its sign, and which other one leads to it; -1 for none.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
@@ -265,43 +258,23 @@ _MANY_BENT = 24
 
 @dataclass(frozen=True)
 class SolvedBlock:
-    """A block whose linear unknowns have been solved for.
+    """A block whose linear unknowns have been solved for."""
 
-    Attributes
-    ----------
-    linear, nonlinear : tuple of (Variable, Variable)
-        Unknowns with their equations.
-    factors : LinearSolver
-        Of the linear equations by the linear unknowns.
-    """
-
+    #: Unknowns with their equations.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
-    factors: LinearSolver
+    factors: LinearSolver  # of the linear equations by the linear unknowns
 
 
 @dataclass(frozen=True)
 class Solved:
-    """The values of a network's variables.
+    """The values of a network's variables."""
 
-    Attributes
-    ----------
-    dag : Dag
-        The arena.
-    plan : Plan
-        How they follow from each other.
-    values : dict of Variable to Node
-        Their values.
-    blocks : dict of Block to SolvedBlock
-        The blocks.
-    algebraic : dict of Variable to Node
-        The unknowns that stay, with their symbols.
-    """
-
-    dag: Dag
-    plan: Plan
-    values: dict[Variable, Node]
+    dag: Dag  # the arena
+    plan: Plan  # how they follow from each other
+    values: dict[Variable, Node]  # their values
     blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
+    #: The unknowns that stay, with their symbols.
     algebraic: dict[Variable, Node] = field(default_factory=dict)
 
     @property

@@ -29,20 +29,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Held:
-    """A variable of a port that is a state.
-
-    Attributes
-    ----------
-    port : Port
-        The port.
-    quantity : str
-        ``across``, ``through``, ``stretch`` or ``total`` (of contents).
-    short, unit : str
-        Its name without that of the port, and its unit.
-    """
+    """A variable of a port that is a state."""
 
     port: Port
-    quantity: str
+    quantity: str  # ``across``, ``through``, ``stretch`` or ``total`` (of contents)
+    #: Its name without that of the port, and its unit.
     short: str
     unit: str
 
@@ -317,21 +308,11 @@ def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
 
 @dataclass(frozen=True)
 class Redundant:
-    """An initial value of a variable that states and sources give.
+    """An initial value of a variable that states and sources give."""
 
-    Attributes
-    ----------
-    name : str
-        The variable's name.
-    variable : Variable
-        The variable.
-    given : Node
-        The initial value, of parameters only.
-    """
-
-    name: str
+    name: str  # the variable's name
     variable: Variable
-    given: Node
+    given: Node  # the initial value, of parameters only
 
 
 def redundant_values(

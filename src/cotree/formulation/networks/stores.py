@@ -32,20 +32,12 @@ _VARIABLES = {
 
 @dataclass(frozen=True)
 class Store:
-    """A total of contents that is a state.
+    """A total of contents that is a state."""
 
-    Attributes
-    ----------
-    port : Port
-        The storage whose f-cutset, or f-circuit, defines the total.
-    parts : tuple of (int, str)
-        The storages whose contents make it up, with signs; the port itself first.
-    flows : tuple of (int, Variable)
-        The variables whose sum, with signs, is the rate of the total.
-    """
-
-    port: Port
+    port: Port  # the storage whose f-cutset, or f-circuit, defines the total
+    #: The storages whose contents make it up, with signs; the port itself first.
     parts: tuple[tuple[int, str], ...]
+    #: The variables whose sum, with signs, is the rate of the total.
     flows: tuple[tuple[int, Variable], ...]
 
     @property

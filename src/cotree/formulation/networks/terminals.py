@@ -49,54 +49,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Terminals:
-    """The topological and terminal equations of all networks, as the rule of each variable.
+    """The topological and terminal equations of all networks, as the rule of each variable."""
 
-    Attributes
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    topologies, cutsets, positions : mapping of str to Topology
-        The graphs with the trees of across and of through variables, and of positions where the
-        domain has any, by domain.
-    states : mapping of Variable to Node
-        Symbols of the variables that are states.
-    fields : mapping of (edge, field) to Node
-        Fields of the components.
-    measured : mapping of Node to Variable
-        What symbols in fields stand for.
-    time : Node
-        The symbol of time.
-    couplings : mapping of str to Coupling
-        The motion of the ports that act on a multibody system.
-    stores : mapping of str to Store
-        The totals of contents that are states, by the ports that they belong to.
-    contents : mapping of str to Law
-        What storages hold.
-    modes : frozenset of Node
-        Symbols of the modes, which change at events only.
-    swaps : mapping of str to Swap
-        The controlled sources whose laws determine what controls them, by the controlling edge.
-    guards : dict of Node to Guard
-        What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
-    corners : dict of str to frozenset of Node
-        What has corners at unknown times, so that its rate, which was asked for, jumps there; with
-        the symbols that decide when.
-    """
-
-    ports: Mapping[str, Port]
+    ports: Mapping[str, Port]  # the edges of all scalar graphs
+    #: The graphs with the trees of across and of through variables, and of positions where the
+    #: domain has any, by domain.
     topologies: Mapping[str, Topology]
     cutsets: Mapping[str, Topology]
     positions: Mapping[str, Topology]
-    states: Mapping[Variable, Node]
-    fields: Mapping[tuple[str, str], Node]
-    measured: Mapping[Node, Variable]
-    time: Node
-    couplings: Mapping[str, Coupling]
+    states: Mapping[Variable, Node]  # symbols of the variables that are states
+    fields: Mapping[tuple[str, str], Node]  # fields of the components
+    measured: Mapping[Node, Variable]  # what symbols in fields stand for
+    time: Node  # the symbol of time
+    couplings: Mapping[str, Coupling]  # the motion of the ports that act on a multibody system
+    #: The totals of contents that are states, by the ports that they belong to.
     stores: Mapping[str, Store]
-    contents: Mapping[str, Law]
-    modes: frozenset[Node]
+    contents: Mapping[str, Law]  # what storages hold
+    modes: frozenset[Node]  # symbols of the modes, which change at events only
+    #: The controlled sources whose laws determine what controls them, by the controlling edge.
     swaps: Mapping[str, Swap]
+    #: What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
     guards: dict[Node, Guard] = field(default_factory=dict)
+    #: What has corners at unknown times, so that its rate, which was asked for, jumps there; with
+    #: the symbols that decide when.
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:

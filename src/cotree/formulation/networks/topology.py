@@ -34,20 +34,11 @@ class _Place:
 
 @dataclass(frozen=True)
 class Topology:
-    """One scalar graph with its tree.
+    """One scalar graph with its tree."""
 
-    Attributes
-    ----------
-    domain : str
-        The graph's domain.
-    tree : Tree
-        Its normal tree, or that of its positions.
-    across, prefix : str
-        The quantities that circuits sum along one branch, and along several.
-    """
-
-    domain: str
-    tree: Tree
+    domain: str  # the graph's domain
+    tree: Tree  # its normal tree, or that of its positions
+    #: The quantities that circuits sum along one branch, and along several.
     across: str = "across"
     prefix: str = "path"
 
