@@ -19,7 +19,7 @@ from cotree.codegen.integrators import method_files, stepper_files
 from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.runtime import resolve, with_runtime
 from cotree.codegen.single_file import prefixed, single_file
 from cotree.codegen.tableaus import FIXED
 from cotree.codegen.targets import BY_REAL, DOUBLE
@@ -213,7 +213,8 @@ def write_c_project(
         is_strict=is_dependent,
         is_found=found is not None and start is None and evaluated.is_found_in_c(found),
     )
-    texts["main.c"] = render("c/main.c.jinja", target, main=main)
+    text = render("c/main/main.c.jinja", target, main=main)
+    texts["main.c"] = resolve(text, main.conditions(model))
     is_fixed = methods[0] in FIXED
     features = replace(
         model.features(),

@@ -18,7 +18,6 @@ from cotree.codegen.start_tables import start_tables
 from cotree.codegen.tableaus import FIXED
 from cotree.dag.nodes import symbols_in
 from cotree.dag.switching_times import value_of
-from cotree.naming import c_string
 from cotree.scene.settings import MOST_STEPS
 
 if TYPE_CHECKING:
@@ -82,12 +81,10 @@ class MainContext:
         All that are compiled in.
     implicit : list of str
         Those among them that take a Jacobian.
-    is_implicit, has_explicit : bool
-        Whether there are such methods, and others.
     t_end, rtol, atol : str
         C literals.
-    guards : list of str
-        A C string for each guard of ``prepare``: what it demands.
+    has_rtol : bool
+        Whether something is solved to a relative tolerance.
     stops : list of str
         A C initialiser for each time, or each row of times with a period, where something has a
         kink: the first time, the period or zero, and one where none come before the first.
@@ -118,15 +115,11 @@ class MainContext:
         Lines of C literals: the factor of each state's absolute tolerance, if any.
     least_size : str
         The least of these, where it is below one.
-    parameters : bool
-        Whether there are parameters.
     held : list of str
         Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
         where they depend on none.
     most_steps : int
         Steps that a run takes at most without an event or a stop.
-    digits : str
-        Format of a number in tables.
     """
 
     title: str
@@ -137,12 +130,10 @@ class MainContext:
     integrator: str
     methods: list[str]
     implicit: list[str]
-    is_implicit: bool
-    has_explicit: bool
     t_end: str
     rtol: str
     atol: str
-    guards: list[str]
+    has_rtol: bool
     stops: list[str]
     max_step: str
     has_sensitivities: bool
@@ -158,10 +149,34 @@ class MainContext:
     is_extended: bool
     sizes: list[str]
     least_size: str
-    parameters: bool
     held: list[str]
-    digits: str
     most_steps: int
+
+    def conditions(self, model: ModelContext) -> dict[str, bool]:
+        """Return the values of the macros that its plain C is selected by."""
+        turns = self.has_sensitivities and bool(self.stops)
+        found = {
+            "ALGEBRAIC": self.n_algebraic > 0,
+            "CONSTRAINTS": self.n_constraints > 0,
+            "EVENTS": self.n_events > 0,
+            "EXPLICIT": len(self.implicit) < len(self.methods),
+            "EXTENDED": self.is_extended,
+            "FIXED": bool(self.step),
+            "GUARDS": model.n_guards > 0,
+            "GUESS": bool(self.guess),
+            "HELD": bool(self.held),
+            "LEAST_SIZE": bool(self.least_size),
+            "METHODS": len(self.methods) > 1,
+            "OUTPUTS": bool(model.outputs),
+            "PARAMETERS": bool(model.parameters),
+            "RTOL": self.has_rtol,
+            "SIZES": bool(self.sizes),
+            "START": bool(self.start),
+            "STOPS": bool(self.stops),
+            "TABLES": self.start_tables is not None,
+            "TURNS": turns,
+        }
+        return {f"COTREE_MAIN_{name}": value for name, value in found.items()}
 
 
 def main_context(
@@ -209,12 +224,10 @@ def main_context(
         integrator=methods[0],
         methods=list(methods),
         implicit=implicit,
-        is_implicit=bool(implicit),
-        has_explicit=has_explicit,
         t_end=target.literal(numbers.t_end),
         rtol=target.literal(numbers.rtol),
         atol=target.literal(numbers.atol),
-        guards=[c_string(guard.demand) for guard in program.guards],
+        has_rtol=numbers.step is None or not implicit,
         # Steps of one length pass over these.
         stops=[] if numbers.step is not None else _stop_rows(program, target),
         max_step=_max_step(program, target),
@@ -231,9 +244,7 @@ def main_context(
         is_extended=has_explicit and program.can_extend and not program.layout.events,
         sizes=_lines(sizes, target),
         least_size=target.literal(least) if least < 1.0 else "",
-        parameters=bool(model.parameters),
         held=_held(program, has_start=start is not None and not is_found),
-        digits="%.17g",
         most_steps=MOST_STEPS,
     )
 

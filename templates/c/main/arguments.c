@@ -1,0 +1,168 @@
+/* Read a finite number that fills the whole text. */
+static int read_number(const char *text, cotree_real *value)
+{
+    char *end;
+    *value = COTREE_STRTOD(text, &end);
+    return end != text && *end == '\0' && COTREE_FABS(*value) <= COTREE_MAX;
+}
+
+#if COTREE_MAIN_PARAMETERS
+/* Set a parameter: NAME=VALUE. */
+static int set_parameter(const char *text)
+{
+    const char *const equals = strchr(text, '=');
+    size_t length;
+    cotree_real value;
+    int i;
+    if (equals == NULL) return refuse(text, "write --set NAME=VALUE");
+    if (!read_number(equals + 1, &value)) return refuse(text, "the value is not a finite number");
+    length = (size_t)(equals - text);
+    for (i = 0; i < N_PARAMETERS; ++i) {
+        const char *const name = MODEL->parameters[i].name;
+        if (strlen(name) == length && strncmp(name, text, length) == 0) break;
+    }
+    if (i == N_PARAMETERS) return refuse(text, "there is no such parameter; --help lists them");
+#if COTREE_MAIN_HELD
+    if (is_held[i] && value != problem.p[i]) {
+        return refuse(text, "a time or the start of this model is computed for the value in the "
+                            "scene, so change it there and generate the project again");
+    }
+#endif
+    problem.p[i] = value;
+    return 0;
+}
+
+#endif
+#if COTREE_MAIN_METHODS
+static int choose_method(const char *name)
+{
+    size_t i;
+    for (i = 0; i < sizeof methods / sizeof methods[0]; ++i) {
+        method = methods + i;
+        if (strcmp(method->name, name) == 0) return 0;
+    }
+    return refuse(name, "this method is not compiled in: give one of " METHODS);
+}
+
+#endif
+static int print_help(void)
+{
+#if COTREE_MAIN_PARAMETERS
+    int i;
+#endif
+    printf("%s: integrates the model and prints where it ends, or its way there.\n\n"
+           "usage: " PROGRAM " [options] [end time [points]]\n\n"
+#if COTREE_MAIN_PARAMETERS
+           "  --set NAME=VALUE  value of a parameter\n"
+#endif
+           "  --t-end T         end time (%g)\n"
+           "  --points N        number of evenly spaced times to print\n"
+           "  --csv FILE        file for these, as comma-separated values (%d points)\n",
+           TITLE, request.t_end, N_POINTS);
+#if COTREE_MAIN_METHODS
+    printf("  --method NAME     " METHODS "\n");
+#endif
+#if COTREE_MAIN_FIXED
+    printf("  --step H          length of the steps (%g)\n", request.step);
+#endif
+#if COTREE_MAIN_RTOL
+    printf("  --rtol R          relative tolerance (%g)\n", request.rtol);
+#endif
+    printf("  --atol A          absolute tolerance (%g)\n", request.atol);
+#if COTREE_MAIN_PARAMETERS
+    printf("\nparameters:\n");
+    for (i = 0; i < N_PARAMETERS; ++i) {
+        printf("  %s = %.12g %s\n", MODEL->parameters[i].name, MODEL->parameter_values[i],
+               MODEL->parameters[i].unit);
+    }
+#endif
+    return fflush(stdout) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
+
+static int read_end(const char *text)
+{
+    const int is_read = read_number(text, &request.t_end);
+    return is_read ? 0 : refuse(text, "the end time is not a finite number");
+}
+
+static int read_points(const char *text)
+{
+    char *end;
+    request.n_points = strtol(text, &end, 10);
+    if (end == text || *end != '\0' || request.n_points < 2 || request.n_points > 100000000) {
+        return refuse(text, "the number of points is not a whole number from 2 on");
+    }
+    return 0;
+}
+
+/* Read an option that has a value. */
+static int read_option(const char *option, const char *value)
+{
+    if (strcmp(option, "--t-end") == 0) return read_end(value);
+    if (strcmp(option, "--points") == 0) return read_points(value);
+#if COTREE_MAIN_PARAMETERS
+    if (strcmp(option, "--set") == 0) return set_parameter(value);
+#endif
+#if COTREE_MAIN_METHODS
+    if (strcmp(option, "--method") == 0) return choose_method(value);
+#endif
+    if (strcmp(option, "--csv") == 0) {
+        request.csv = value;
+        return 0;
+    }
+#if COTREE_MAIN_FIXED
+    if (strcmp(option, "--step") == 0) {
+        const int is_read = read_number(value, &request.step);
+        return is_read && request.step > COTREE_F(0.0) ? 0
+                                                       : refuse(value, "a step is a positive number");
+    }
+#endif
+#if COTREE_MAIN_RTOL
+    if (strcmp(option, "--rtol") == 0) {
+        const int is_read = read_number(value, &request.rtol);
+        return is_read && request.rtol > COTREE_F(0.0) && request.rtol < COTREE_F(1.0)
+                   ? 0
+                   : refuse(value, "a relative tolerance lies between 0 and 1");
+    }
+#endif
+    if (strcmp(option, "--atol") == 0) {
+        const int is_read = read_number(value, &request.atol);
+        return is_read && request.atol >= COTREE_F(0.0)
+                   ? 0
+                   : refuse(value, "an absolute tolerance is a number that is not negative");
+    }
+    return refuse(option, "there is no such option; --help lists them");
+}
+
+/* Fill in parameters and the request. Return -1 to continue, or the exit code. */
+static int read_arguments(int argc, char **argv)
+{
+    int i, n_plain = 0, status = 0;
+#if COTREE_MAIN_PARAMETERS
+    memcpy(problem.p, MODEL->parameter_values, sizeof problem.p);
+#endif
+    for (i = 1; i < argc && status == 0; ++i) {
+        if (strcmp(argv[i], "--help") == 0) return print_help();
+        if (strncmp(argv[i], "--", 2) == 0) {
+            if (i + 1 == argc) return refuse(argv[i], "its value is missing");
+            status = read_option(argv[i], argv[i + 1]);
+            ++i;
+        } else if (n_plain < 2) {
+            status = n_plain == 0 ? read_end(argv[i]) : read_points(argv[i]);
+            ++n_plain;
+        } else {
+            return refuse(argv[i], "only the end time and the points stand without an option");
+        }
+    }
+    if (status != 0) return status;
+    if (request.csv != NULL && request.n_points == 0) request.n_points = N_POINTS;
+    return -1;
+}
+
+/* Open the file for values. */
+static int open_output(void)
+{
+    out = request.csv == NULL ? stdout : fopen(request.csv, "w");
+    return out != NULL ? 0 : refuse(request.csv, "the file cannot be written");
+}
+

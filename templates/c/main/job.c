@@ -1,0 +1,300 @@
+static cotree_job job; /* all zero */
+#if COTREE_MAIN_EVENTS
+#define RECORD COTREE_EVENTS_RECORD(N_STATES, N_SENSITIVITIES)
+#endif
+
+#if COTREE_HAS_SENSITIVITIES
+/* Return the size of a parameter of sensitivity; that of an initial value is one. */
+static cotree_real size_of(int j)
+{
+    return seeds[j] < 0 ? COTREE_F(1.0) : COTREE_FABS(problem.p[seeds[j]]);
+}
+
+#endif
+/* Set the absolute tolerances of the unknowns, and return their number. That of a sensitivity is
+ * divided by the size of its parameter. */
+static int set_tolerances(cotree_real *atols)
+{
+#if COTREE_MAIN_ALGEBRAIC
+    const int n_rates = N_STATES - N_ALGEBRAIC;
+    const int n_lead = IS_IMPLICIT || IS_EXTENDED ? N_STATES : n_rates;
+#else
+    const int n_lead = N_STATES;
+#endif
+    int i, k = 0;
+#if COTREE_HAS_SENSITIVITIES
+#if COTREE_MAIN_ALGEBRAIC
+    const int n = IS_IMPLICIT ? N_STATES : n_rates;
+#else
+    const int n = N_STATES;
+#endif
+    int j;
+#endif
+#if COTREE_MAIN_SIZES
+    for (i = 0; i < n_lead; ++i) atols[k++] = request.atol * sizes[i];
+#else
+    for (i = 0; i < n_lead; ++i) atols[k++] = request.atol;
+#endif
+#if COTREE_HAS_SENSITIVITIES
+    for (j = 0; j < N_SENSITIVITIES; ++j) {
+        const cotree_real size = size_of(j), most = COTREE_SELECT(1e100, 1e12f);
+        const cotree_real atol = size > COTREE_F(0.0) ? COTREE_FMIN(request.atol / size, most)
+                                                      : request.atol;
+        for (i = MODEL->sensitivity_starts[j]; i < MODEL->sensitivity_starts[j + 1]; ++i) {
+            const int row = MODEL->sensitivity_rows[i];
+#if COTREE_MAIN_SIZES
+            if (row < n) atols[k++] = atol * sizes[row];
+#else
+            if (row < n) atols[k++] = atol;
+#endif
+        }
+    }
+#endif
+    return k;
+}
+
+/* List the start, the times at which rates have kinks, and the end. Return their number; count them
+ * only if corners is NULL. */
+static int list_corners(cotree_real t_end, cotree_real *corners)
+{
+    cotree_real t = COTREE_F(0.0);
+    int n = 0;
+    for (;;) {
+        if (corners != NULL) corners[n] = t;
+        ++n;
+        if (t == t_end) return n;
+#if COTREE_MAIN_STOPS
+        t = cotree_next_breakpoint(&stops, t, t_end);
+#else
+        t = t_end;
+#endif
+    }
+}
+
+#if COTREE_MAIN_EVENTS
+/* Print the times of events, with their sensitivities. */
+static void print_events(void)
+{
+    FILE *const to = job.n_wanted > 0 ? stderr : out; /* not among rows of values */
+    static long counts[N_EVENTS];
+    int i;
+    for (i = 0; i < job.n_records; ++i) {
+        const cotree_real *const row = job.records + i * RECORD;
+        const int event = (int)row[1];
+        const char *const name = MODEL->hybrid->events[event].name;
+#if COTREE_HAS_SENSITIVITIES
+        int j;
+#endif
+        fprintf(to, "%s[%ld] = %#.12g\n", name, counts[event], row[0]);
+#if COTREE_HAS_SENSITIVITIES
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            fprintf(to, "d(%s[%ld])/d(%s) = %#.12g\n", name, counts[event],
+                    MODEL->sensitivities[j], row[2 + j]);
+        }
+#endif
+        ++counts[event];
+    }
+    job.n_records = 0;
+}
+
+#endif
+/* Print why the job failed. */
+static void report(void)
+{
+#if COTREE_MAIN_TURNS
+    if (job.status == COTREE_RUN_TURNED) {
+        const int state = job.turned % N_STATES, parameter = job.turned / N_STATES - 1;
+        fprintf(stderr, "%s: the sensitivity of '%s' to '%s' does not exist from t = %.10g on: "
+                "stops meet there that move differently with it.\n", TITLE,
+                MODEL->states[state].name, MODEL->sensitivities[parameter], job.t);
+        return;
+    }
+#endif
+#if COTREE_MAIN_EVENTS
+    if (job.status >= COTREE_EVENTS_FAILED) {
+        fprintf(stderr, "%s: event '%s' stops the integration at t = %.6g: %s", TITLE,
+                MODEL->hybrid->events[job.event].name, job.event_time,
+                cotree_events_message(job.status));
+        if (job.status == COTREE_EVENTS_ACCUMULATE) {
+            fprintf(stderr, " at t = %.10g", job.event_detail);
+        }
+        fprintf(stderr, ".\n");
+        return;
+    }
+#endif
+    fprintf(stderr, "%s: the integration stops at t = %.6g: %s.\n", TITLE, job.t,
+            cotree_status_message((cotree_status)job.status));
+}
+
+#if COTREE_MAIN_TURNS
+/* Set how the times of kinks move with parameters. Return the memory of these numbers. */
+static cotree_real *set_slopes(void)
+{
+    static cotree_real tolerances[N_SENSITIVITIES];
+    const size_t n = (size_t)job.n_corners * N_SENSITIVITIES;
+    cotree_real *const slopes = (cotree_real *)calloc(2 * n, sizeof(cotree_real));
+    int i;
+    if (slopes == NULL) return NULL;
+    job.slopes = slopes;
+    job.spreads = slopes + n;
+    for (i = 0; i < job.n_corners; ++i) {
+        const int at = i * N_SENSITIVITIES;
+        cotree_find_breakpoint_slopes(&stops, job.corners[i], job.corners[i] == COTREE_F(0.0),
+                                      slopes + at, slopes + n + at);
+    }
+    for (i = 0; i < N_SENSITIVITIES; ++i) { /* errors of sensitivities that are zero */
+        const cotree_real size = size_of(i);
+#if COTREE_MAIN_LEAST_SIZE
+        const cotree_real least = request.atol * LEAST_SIZE;
+#else
+        const cotree_real least = request.atol;
+#endif
+        tolerances[i] = size > COTREE_F(0.0) ? least / size : least;
+    }
+    job.turn_tolerances = tolerances;
+    return slopes;
+}
+
+#endif
+/* Run the job to its end. Its memory and its corners are all that is allocated; without a heap,
+ * arrays of these sizes serve. */
+static int integrate(cotree_real t_end)
+{
+    const size_t n_corners = (size_t)list_corners(t_end, NULL);
+    cotree_real *const corners = (cotree_real *)calloc(n_corners, sizeof(cotree_real));
+#if COTREE_MAIN_TURNS
+    cotree_real *slopes;
+#endif
+    int result = COTREE_JOB_MORE;
+    if (corners == NULL) return fail("there is no memory");
+    job.n_corners = list_corners(t_end, corners);
+    job.corners = corners;
+    if (job.n_wanted == 0) job.wanted = corners; /* none of them */
+#if COTREE_MAIN_STOPS
+    job.scale = cotree_largest_breakpoint(&stops, t_end);
+    job.is_start_sharp = cotree_is_breakpoint(&stops, COTREE_F(0.0));
+    job.is_end_sharp = cotree_is_breakpoint(&stops, t_end);
+#endif
+#if COTREE_MAIN_TURNS
+    slopes = set_slopes();
+    if (slopes == NULL) return fail("there is no memory");
+#endif
+    job.memory = calloc(1, cotree_job_memory(&job));
+    if (job.memory == NULL) return fail("there is no memory");
+    while (result == COTREE_JOB_MORE) {
+        const int corner = job.corner;
+        result = cotree_job_run(&job, MOST_STEPS);
+#if COTREE_MAIN_EVENTS
+        if (result == COTREE_JOB_MORE && job.corner == corner && job.n_records == 0) {
+#else
+        if (result == COTREE_JOB_MORE && job.corner == corner) {
+#endif
+            job.status = COTREE_TOO_MANY_STEPS;
+            result = COTREE_JOB_FAILED;
+        }
+#if COTREE_MAIN_EVENTS
+        print_events();
+#endif
+    }
+    free(job.memory);
+#if COTREE_MAIN_TURNS
+    free(slopes);
+#endif
+    free(corners);
+    if (result == COTREE_JOB_FAILED) report();
+    return result == COTREE_JOB_FAILED;
+}
+
+/* Allocate evenly spaced points up to the end, which the job fills in. */
+static int want_points(long n, cotree_real t_end)
+{
+    const size_t row = N_UNKNOWNS, rows = (size_t)n;
+    cotree_real *const numbers = (cotree_real *)calloc(rows, (2 + row) * sizeof(cotree_real));
+    long i;
+    if (numbers == NULL) return fail("there is no memory");
+    for (i = 0; i < n; ++i) {
+        numbers[i] = i == n - 1 ? t_end : t_end * ((cotree_real)i / (cotree_real)(n - 1));
+    }
+    job.wanted = numbers;
+    job.times = numbers + rows;
+    job.values = numbers + 2 * rows;
+    job.n_wanted = (int)n;
+    return 0;
+}
+
+static int print_rows(void)
+{
+    int i;
+    print_head();
+    for (i = 0; i < job.n_kept; ++i) {
+        const cotree_real *const z = job.values + (size_t)i * N_UNKNOWNS;
+        if (print_row(job.times[i], z) != 0) return EXIT_FAILURE;
+    }
+    return fflush(out) == 0 ? 0 : fail("the results cannot be written");
+}
+
+int main(int argc, char **argv)
+{
+    static cotree_real atols[LENGTH(N_UNKNOWNS)];
+#if COTREE_MAIN_EVENTS
+    static cotree_real records[COTREE_EVENTS_AT_ONCE(N_EVENTS) * RECORD];
+#endif
+    int has_failed = 0;
+    const int refused = read_arguments(argc, argv);
+    const cotree_real t_end = request.t_end;
+    const long n_points = request.n_points;
+    if (refused >= 0) return refused;
+    if (n_points > 0 && t_end == COTREE_F(0.0)) {
+        return refuse("--points", "points need an end time other than 0");
+    }
+#if COTREE_MAIN_EVENTS
+    if (t_end < COTREE_F(0.0)) return refuse("--t-end", "events happen forwards in time only");
+#endif
+    if (begin() != 0) return EXIT_FAILURE;
+    if (open_output() != 0) return 2;
+    job.n = set_tolerances(atols);
+    job.model = MODEL;
+    job.p = problem.p;
+    job.k = problem.k;
+    job.u = problem.u;
+    job.has_sensitivities = N_SENSITIVITIES > 0;
+#if COTREE_MAIN_CONSTRAINTS
+    job.is_held = 1;
+    job.is_strict = IS_STRICT;
+#if COTREE_MAIN_TABLES
+    job.constraints = start_tables.assembly;
+#endif
+#endif
+#if COTREE_MAIN_EXTENDED
+    job.is_extended = !IS_IMPLICIT;
+#endif
+    job.stepper = STEPPER;
+#if COTREE_HAS_IMPLICIT
+    if (IS_IMPLICIT) job.aid = NEWTON;
+#endif
+    job.rtol = request.rtol;
+    job.atol = request.atol;
+    job.atols = atols;
+    job.max_step = MAX_STEP;
+    job.z = problem.z;
+#if COTREE_MAIN_EVENTS
+    job.records = records;
+    job.most_records = COTREE_EVENTS_AT_ONCE(N_EVENTS);
+#endif
+    if (n_points > 0 && want_points(n_points, t_end) != 0) return EXIT_FAILURE;
+    if (t_end != COTREE_F(0.0)) has_failed = integrate(t_end);
+#if COTREE_MAIN_EXPLICIT
+    if (job.n_stiff_steps > COTREE_MOST_STIFF_STEPS) {
+        fprintf(stderr, "%s: the problem is stiff from t = %.6g on: rodas5 may take far fewer "
+                "steps.\n", TITLE, job.stiff_since);
+    }
+#endif
+    /* A run that failed is printed up to its last point. */
+    if (n_points > 0 && print_rows() != 0) return EXIT_FAILURE;
+    if (has_failed) return EXIT_FAILURE;
+    if (n_points > 0) return EXIT_SUCCESS;
+#if COTREE_MAIN_EVENTS
+    fprintf(out, "t = %#.12g\n", job.t);
+#endif
+    return print_state(job.t, problem.z) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}
