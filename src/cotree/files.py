@@ -75,11 +75,6 @@ def read_rows(text: str, where: str) -> list[tuple[int, list[str]]]:
     -------
     list of tuple of int and list of str
         The number of the line that each row ends in, and its cells.
-
-    Raises
-    ------
-    SceneError
-        If the text is no such table.
     """
     lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
     separator = max(",;\t", key=next(lines, "").count)
@@ -110,13 +105,7 @@ def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
 
 
 def write_csv(path: str | os.PathLike[str], rows: Iterable[Iterable[object]]) -> None:
-    """Write a table as a file, whole or not at all.
-
-    Raises
-    ------
-    SceneError
-        If it cannot be written.
-    """
+    """Write a table as a file, whole or not at all."""
     with written_whole(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
         write_rows(file, rows)
 
@@ -138,11 +127,6 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
         Suffixes that can be written: ``.svg``.
     act : str
         The act that a wrong suffix prevents, for the message: ``draw``.
-
-    Raises
-    ------
-    SceneError
-        If the suffix is unknown.
     """
     suffix = path.suffix.lower()
     if suffix not in known:
@@ -191,11 +175,6 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
         The file.
     what : str
         Description of it, for messages.
-
-    Raises
-    ------
-    SceneError
-        If it cannot be written.
     """
     target = target_path(path, what)
     # In the same folder, since a file takes another one's place at once only within a file system.

@@ -107,13 +107,7 @@ def owner_among(name: str, owners: Container[str]) -> str:
 
 
 def check_scene_name(name: object) -> str:
-    """Accept the name of a scene; like other names, but dashes are allowed too.
-
-    Raises
-    ------
-    SceneError
-        If it is not.
-    """
+    """Accept the name of a scene; like other names, but dashes are allowed too."""
     if not isinstance(name, str) or not _SCENE_NAME.match(name):
         raise SceneError(
             f"scene name {brief(repr(name))} is not allowed: use a letter followed by at most 63 "
@@ -123,13 +117,7 @@ def check_scene_name(name: object) -> str:
 
 
 def check_text(value: object, what: str) -> str:
-    """Accept a unit, a meaning or another text for people.
-
-    Raises
-    ------
-    SceneError
-        If it is none, or too long.
-    """
+    """Accept a unit, a meaning or another text for people."""
     if not isinstance(value, str) or len(value) > 1000:
         raise SceneError(f"{what} must be a text of at most 1000 characters")
     if any("\ud800" <= char <= "\udfff" for char in value):

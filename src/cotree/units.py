@@ -143,11 +143,6 @@ def check_unit(text: str, what: str) -> Unit | None:
         The unit: products, quotients and powers of symbols, as ``kg m^2`` or ``W/(m^2 K)``.
     what : str
         What it belongs to, for messages: "unit of parameter 'L'".
-
-    Raises
-    ------
-    UnitError
-        If it is no unit.
     """
     if not text.strip():
         return None

@@ -143,13 +143,7 @@ def find_published(key: str, end: str = LIBRARY) -> Path | None:
 
 
 def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
-    """Move a file from a private folder of the cache to its place.
-
-    Raises
-    ------
-    OSError
-        If the files cannot be written.
-    """
+    """Move a file from a private folder of the cache to its place."""
     library, checksum = _published_paths(key, end)
     # Objects of one library are published by threads side by side.
     written = built.with_name(f"{built.name}.checksum")

@@ -145,11 +145,6 @@ def loop_flags(toolchain: Toolchain) -> str:
     These are the parts of ``-O3`` that the loops gain from: they need half of the compiler's time,
     and the code executes at most a hundredth more instructions.
 
-    Parameters
-    ----------
-    toolchain : Toolchain
-        The compiler.
-
     Returns
     -------
     str

@@ -95,11 +95,6 @@ def obtain_library(
     -------
     tuple of BuiltLibrary and LoadedLibrary
         The library's file, and its functions.
-
-    Raises
-    ------
-    BuildError
-        If it cannot be compiled or loaded.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)

@@ -77,13 +77,7 @@ def read_inputs(scene: Scene, texts: Sequence[str], values: Mapping[str, float])
 
 
 def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
-    """Read ``rtol`` or ``rtol,atol`` for each time that the option is given.
-
-    Raises
-    ------
-    ParameterError
-        If a text has another form.
-    """
+    """Read ``rtol`` or ``rtol,atol`` for each time that the option is given."""
     tolerances: list[float | tuple[float, float]] = []
     for text in texts:
         try:
@@ -235,13 +229,7 @@ def read_members_of(
     seed: int | None,
     sampling: str | None,
 ) -> Any:
-    """Read the members of a sweep from options that do not contradict each other.
-
-    Raises
-    ------
-    ModelError
-        If a text is not accepted.
-    """
+    """Read the members of a sweep from options that do not contradict each other."""
     if grids:
         return grid({name: _axis(name, text) for name, text in read_pairs("--grid", grids).items()})
     if samples:

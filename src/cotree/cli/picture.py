@@ -46,11 +46,6 @@ def draw_run(
         Arguments of :meth:`cotree.Model.simulate` that made the result.
     names : sequence of str
         What is drawn; see :func:`check_names`.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be written.
     """
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
@@ -73,11 +68,6 @@ def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
         The file, ``.html`` or ``.gif``.
     names : sequence of str
         What is drawn; see :func:`check_names`.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be written.
     """
     figure = plot_result(result.smooth(), names or None)
     with written_whole(path, "the picture") as draft:
@@ -93,13 +83,7 @@ def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
 
 
 def check_names(model: Model, names: Sequence[str]) -> Curves:
-    """Choose the curves of a run before it begins: those that are named, or all coordinates.
-
-    Raises
-    ------
-    SceneError
-        If there is nothing of a name.
-    """
+    """Choose the curves of a run before it begins: those that are named, or all coordinates."""
     # The model knows the names before a run has given a result.
     followers = (*(row.name for row in model.layout.positions), *model.outputs)
     known = (model.states, followers, model.inputs, model.sensitivities)

@@ -159,11 +159,6 @@ class NewtonContext(KernelFile):
 def render_newton(model: NewtonContext) -> Mapping[str, str]:
     """Write the file of a model, and the headers that it includes.
 
-    Parameters
-    ----------
-    model : NewtonContext
-        From :func:`newton_context`.
-
     Returns
     -------
     mapping of str to str
@@ -228,15 +223,7 @@ def is_unrolled(plan: Elimination) -> bool:
 
 
 def elimination_context(plan: Elimination, target: Target) -> EliminationContext:
-    """Write a plan as statements, or as tables where these would be many.
-
-    Parameters
-    ----------
-    plan : Elimination
-        The plan.
-    target : Target
-        What is computed with.
-    """
+    """Write a plan as statements, or as tables where these would be many."""
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(

@@ -19,13 +19,7 @@ LARGEST_FILE = 200_000_000
 
 
 def template_folder() -> Path:
-    """Find the templates: beside the installed package, or in the source tree.
-
-    Raises
-    ------
-    CodegenError
-        If they are in neither place.
-    """
+    """Find the templates: beside the installed package, or in the source tree."""
     # An installed package holds a copy of the templates; the source tree has them beside ``src``.
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "_templates", package.parents[1] / "templates"):

@@ -65,13 +65,7 @@ class Target:
         )
 
     def literal(self, value: float) -> str:
-        """Write a number as the shortest literal that reads back equal as a double.
-
-        Raises
-        ------
-        CodegenError
-            If the type cannot hold it.
-        """
+        """Write a number as the shortest literal that reads back equal as a double."""
         return repr(self.checked(float(value))) + self.suffix
 
     def constant(self, text: str) -> str:
@@ -88,25 +82,13 @@ class Target:
         return " / ".join(part + self.suffix for part in parts)
 
     def fitted(self, value: float) -> float:
-        """Return a number of a program as the type holds it; ``TINY`` is a share of its range.
-
-        Raises
-        ------
-        CodegenError
-            If the type cannot hold it.
-        """
+        """Return a number of a program as the type holds it; ``TINY`` is a share of its range."""
         if value != TINY or self.most_decades == DOUBLE.most_decades:
             return self.checked(value)
         return float(self.extreme(repr(TINY)).removesuffix(self.suffix))
 
     def checked(self, value: float) -> float:
-        """Return a number that is within the range of the type.
-
-        Raises
-        ------
-        CodegenError
-            If it is not.
-        """
+        """Return a number that is within the range of the type."""
         if self.holds(value):
             return value
         raise CodegenError(

@@ -124,13 +124,6 @@ GEOMETRY = Component(
 def spots_of(edge: str, given: Given) -> int:
     """Count the places of an edge that may touch, by its fields.
 
-    Parameters
-    ----------
-    edge : str
-        Its name.
-    given : mapping of str to object
-        Its fields.
-
     Raises
     ------
     SceneError

@@ -83,13 +83,7 @@ def make_component(
 
 
 def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, ...]:
-    """Make the fields of a user's law from the names of its arguments and their units.
-
-    Raises
-    ------
-    SceneError
-        If a name is not allowed.
-    """
+    """Make the fields of a user's law from the names of its arguments and their units."""
     return tuple(
         # Ports may share an argument, which is one field; its sign is the user's affair.
         value(check_name("field", name), units.get(name, ""), "", sign="")

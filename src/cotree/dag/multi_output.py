@@ -543,17 +543,7 @@ def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
 
 
 def call(dag: Dag, function: Function, args: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the results of an external function.
-
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    function : Function
-        The function.
-    args : sequence of Node
-        Its arguments.
-    """
+    """Form the results of an external function."""
     return dag.several("call", args, function, function.n_results)
 
 

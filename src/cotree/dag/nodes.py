@@ -162,13 +162,7 @@ class Dag:
             self.origins.setdefault(node, origin)
 
     def constant(self, value: float) -> Node:
-        """Intern a finite number.
-
-        Raises
-        ------
-        ArithmeticError
-            If the number is not finite.
-        """
+        """Intern a finite number."""
         value = float(value) + 0.0  # +0.0 turns -0.0 into 0.0: one zero only
         node = self._interned.get(value)
         if node is None:
@@ -293,13 +287,7 @@ class Dag:
         return self._intern("mul", (a, b))
 
     def div(self, a: Node, b: Node) -> Node:
-        """Form a / b.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If b is the constant zero.
-        """
+        """Form a / b."""
         if b.value is not None:
             if b.value == 0.0:
                 raise ZeroDivisionError("division by zero")

@@ -77,15 +77,7 @@ class _Line:
 
 
 def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
-    """List the times at which conditions of values change, as decided by time and parameters.
-
-    Parameters
-    ----------
-    dag : Dag
-        Their arena.
-    roots : iterable of Node
-        The values.
-    """
+    """List the times at which conditions of values change, as decided by time and parameters."""
     return tuple(dict.fromkeys(chain.from_iterable(stops_within(dag, roots).values())))
 
 

@@ -228,15 +228,7 @@ def no_rotation(dag: Dag) -> Rotation:
 
 
 def about(axis: Vector, angle: Node) -> Rotation:
-    """Turn about a unit axis.
-
-    Parameters
-    ----------
-    axis : Vector
-        Unit vector.
-    angle : Node
-        Angle in rad.
-    """
+    """Turn about a unit axis."""
     dag = angle.dag
     cosine, sine = dag.function("cos", angle), dag.function("sin", angle)
     # Rodrigues: R = cos I + (1 - cos) e e^T + sin [e]x.

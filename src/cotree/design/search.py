@@ -159,17 +159,7 @@ class Search:
         return self._good._replace(objective=penalty)
 
     def run(self, start: Array, method: str, tolerance: float, most: int) -> Any:
-        """Search from a starting point.
-
-        Returns
-        -------
-        scipy.optimize.OptimizeResult
-
-        Raises
-        ------
-        Error
-            If the starting point cannot be evaluated.
-        """
+        """Search from a starting point."""
         from scipy.optimize import minimize
 
         first = self.point(start)

@@ -197,20 +197,10 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType({row.name: row for row in _ROWS
 def domain(name: str) -> Domain:
     """Look a domain up by its name.
 
-    Parameters
-    ----------
-    name : str
-        Name of the domain.
-
     Returns
     -------
     Domain
         Its row of the table.
-
-    Raises
-    ------
-    SceneError
-        If no domain has this name.
 
     Examples
     --------

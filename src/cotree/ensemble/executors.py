@@ -52,13 +52,7 @@ class Parcel:
 
 
 def parcel_of(plan: Plan) -> Parcel:
-    """Pickle a plan.
-
-    Raises
-    ------
-    SolveError
-        If it holds what cannot be sent.
-    """
+    """Pickle a plan."""
     try:
         data = pickle.dumps(plan, pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -163,13 +157,7 @@ _LOST = {"KilledWorker", "CommClosedError", "FutureCancelledError", "FuturesCanc
 
 
 def read_executor(executor: Any) -> Any:
-    """Accept an executor, or a client of dask, which has one; None stays None.
-
-    Raises
-    ------
-    SolveError
-        If it is neither.
-    """
+    """Accept an executor, or a client of dask, which has one; None stays None."""
     if executor is None:
         return None
     if hasattr(executor, "get_executor"):

@@ -243,11 +243,6 @@ def check_columns(
         The model.
     parameters, initial : container of str
         Names of what all members share.
-
-    Raises
-    ------
-    ParameterError
-        For the first such column.
     """
     derived = {row.name: row.told for row in model.layout.derived}
     for name in columns:

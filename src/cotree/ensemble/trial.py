@@ -69,13 +69,7 @@ def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) 
 def settings_of(
     model: CompiledModel, settings: Settings, columns: Sequence[str], row: Sequence[float]
 ) -> Settings:
-    """Give the settings of one member.
-
-    Raises
-    ------
-    ParameterError
-        If a value is not accepted.
-    """
+    """Give the settings of one member."""
     own = dict(zip(columns, row, strict=True))
     initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
@@ -126,11 +120,6 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
     the scene, and of the members with the smallest and the largest value of each column. One that
     is stiff decides, whatever the order of the members; those that become stiff later are found
     when they run.
-
-    Raises
-    ------
-    ModelError, SolveError
-        If a setting is not accepted.
     """
     settings = replace(settings, throw=False)
     if settings.method != "auto":

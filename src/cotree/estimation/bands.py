@@ -97,13 +97,7 @@ def course_of(band: Band, make: Any, **more: Any) -> Any:
 
 
 def find_condition(problem: Problem, given: int | str) -> int:
-    """Find a condition by its number or its name.
-
-    Raises
-    ------
-    ParameterError
-        If there is none.
-    """
+    """Find a condition by its number or its name."""
     names = [condition.name for condition in problem.conditions]
     if isinstance(given, str):
         if given not in names:
@@ -163,13 +157,7 @@ def measured_like(problem: Problem, number: int, output: str) -> int | None:
 
 
 def noise_like(problem: Problem, output: str, row: int | None) -> str | float:
-    """Return the noise of further measurements: that of a measured row.
-
-    Raises
-    ------
-    ParameterError
-        If the quantity was not measured.
-    """
+    """Return the noise of further measurements: that of a measured row."""
     if row is None:
         raise ParameterError(
             f"'{output}' was not measured, so its noise is unknown: give the standard "

@@ -73,13 +73,7 @@ class Table:
     columns: Mapping[str, Column]
 
     def column(self, name: str) -> Column:
-        """Return a column by its name with or without the unit.
-
-        Raises
-        ------
-        ParameterError
-            If there is none.
-        """
+        """Return a column by its name with or without the unit."""
         plain = split_unit(name)[0]
         for known in (name, plain):
             if known in self.columns:
@@ -112,11 +106,6 @@ def read_table(data: Any, where: str, time: str | None = None) -> Table:
         Origin of the data, for messages; for files, their name is used.
     time : str, optional
         The time column; by default ``t`` or ``time``, in lower or upper case.
-
-    Raises
-    ------
-    ParameterError, UnitError, SceneError
-        If the data cannot be read.
     """
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name

@@ -57,13 +57,7 @@ class Rendezvous:
         self._is_stopped = False
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Request predictions from a thread, and wait for them.
-
-        Raises
-        ------
-        Stopped
-            If computation was stopped.
-        """
+        """Request predictions from a thread, and wait for them."""
         with self._changed:
             self._asked[number] = np.array(theta, dtype=float)
             self._changed.notify_all()

@@ -152,13 +152,7 @@ def starts_rows(result: FitResult) -> list[dict[str, Any]]:
 
 
 def frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> Any:
-    """Make a pandas DataFrame.
-
-    Raises
-    ------
-    Error
-        If pandas is not installed.
-    """
+    """Make a pandas DataFrame."""
     try:
         import pandas as pd
     except ImportError as error:

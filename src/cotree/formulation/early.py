@@ -38,13 +38,7 @@ _N_TRIED = 3
 
 @contextmanager
 def within_range(scene: SceneDescription) -> Iterator[None]:
-    """Name the value of a scene that is likely to be at fault where a constant overflows.
-
-    Raises
-    ------
-    FormulationError
-        In the place of an ArithmeticError.
-    """
+    """Name the value of a scene that is likely to be at fault where a constant overflows."""
     try:
         yield
     except ArithmeticError as error:

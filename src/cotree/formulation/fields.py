@@ -469,11 +469,6 @@ def guards_of(
         The symbol of time.
     what, breach : str
         Subject and predicate of the message: the name of the value, and what is wrong if it jumps.
-
-    Raises
-    ------
-    FormulationError
-        If the value jumps.
     """
     if not is_timed(value, time):
         if may_jump(value, moving, time):

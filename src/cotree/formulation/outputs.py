@@ -180,13 +180,7 @@ class Observer:
         return self.view.motion
 
     def value(self, name: str) -> Node:
-        """Form what a name stands for.
-
-        Raises
-        ------
-        ExpressionError
-            If there is nothing of this name.
-        """
+        """Form what a name stands for."""
         if name == "energy.kinetic":
             return self._kinetic()
         if name == "energy.potential":
@@ -477,13 +471,6 @@ def units_of_expressions(
     scene: SceneDescription, states: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Return the unit of each output and derived parameter; nothing where a name in it has none.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    states : mapping of str to str
-        Units of the states.
 
     Returns
     -------

@@ -233,11 +233,6 @@ def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy:
         What these edges are called, for the message.
     remedy : str
         What to do about it, for the message; `{them}` in it stands for the nodes.
-
-    Raises
-    ------
-    TopologyError
-        If a node is not reached.
     """
     steps = walk_edges(graph, names, graph.reference)
     # Each step reaches one more node; the reference is reached by none.

@@ -67,11 +67,6 @@ class TopologyMatrix:
 def incidence(graph: LinearGraph) -> TopologyMatrix:
     """Form the incidence matrix.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-
     Returns
     -------
     TopologyMatrix, shape (n_nodes, n_edges)
@@ -88,11 +83,6 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 
 def f_cutset(tree: Tree) -> TopologyMatrix:
     """Form the f-cutset matrix.
-
-    Parameters
-    ----------
-    tree : Tree
-        The tree.
 
     Returns
     -------
@@ -115,11 +105,6 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 
 def f_circuit(tree: Tree) -> TopologyMatrix:
     """Form the f-circuit matrix.
-
-    Parameters
-    ----------
-    tree : Tree
-        The tree.
 
     Returns
     -------

@@ -123,11 +123,6 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
     names : iterable of str
         Names of the edges to be branches, in any order.
 
-    Returns
-    -------
-    Tree
-        The tree.
-
     Raises
     ------
     TopologyError
@@ -160,11 +155,6 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
 
 def tree_walk(tree: Tree) -> tuple[TreeStep, ...]:
     """Walk the tree from the reference node outwards.
-
-    Parameters
-    ----------
-    tree : Tree
-        The tree.
 
     Returns
     -------

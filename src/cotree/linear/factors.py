@@ -44,11 +44,6 @@ class RankedSolver(LinearSolver, Protocol):
             Right-hand side.
         tolerance : float
             Pivots chosen at run time that are below this share of their entries are zero.
-
-        Returns
-        -------
-        list of Node
-            The unknowns.
         """
 
 

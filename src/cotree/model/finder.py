@@ -181,13 +181,7 @@ class Finder:
         return np.asarray(rows * self.units / self.sizes[level][:, None])
 
     def normalised(self, y: Array) -> Array:
-        """Give quaternions the norm one.
-
-        Raises
-        ------
-        ParameterError
-            If one is zero.
-        """
+        """Give quaternions the norm one."""
         y = y.copy()
         for first in self.model.layout.quaternions:
             length = float(np.linalg.norm(y[first : first + 4]))

@@ -248,13 +248,7 @@ class CKernels:
 
 
 def check_guards(guards: Sequence[Guard], p: Array) -> None:
-    """Check parameter values in Python, where the numbers can be named.
-
-    Raises
-    ------
-    ParameterError
-        For the first guard that is violated.
-    """
+    """Check parameter values in Python, where the numbers can be named."""
     values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
     for guard in guards:
         guard.check(evaluate([guard.value], values)[0])

@@ -154,13 +154,7 @@ def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
 
 
 def solve_with(matrix: Matrix, b: Array) -> Array:
-    """Solve with a square matrix, full or sparse.
-
-    Raises
-    ------
-    LinAlgError
-        If the matrix is singular.
-    """
+    """Solve with a square matrix, full or sparse."""
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.linalg.solve(matrix, b), dtype=np.float64)
     return _factorised(matrix)(b)

@@ -38,11 +38,6 @@ def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]
     ----------
     matrix, slope : ndarray, shape (n, n)
         The matrix and its derivative.
-
-    Raises
-    ------
-    SingularSystemError
-        If eigenvalues coincide.
     """
     from scipy.linalg import eig
 

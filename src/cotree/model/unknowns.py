@@ -44,11 +44,6 @@ def solve_start(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tu
     Returns
     -------
     ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
-
-    Raises
-    ------
-    SolveError, SingularSystemError
-        As :meth:`Algebraic.solve`.
     """
     if not at.model.layout.n_algebraic:
         return y, s
@@ -105,11 +100,6 @@ def _solve_held(at: Moment, algebraic: Algebraic, y: Array, held: Sequence[Pair]
     Each of these states stands in one equation only, c(v) - q = 0, v being given. Its value follows
     from that equation, and then all equations are solved as at any other time. This is repeated
     where c depends on other unknowns, too.
-
-    Raises
-    ------
-    SolveError
-        If that leads nowhere.
     """
     t, jacobian = at.t, at.model.bound_jacobian(at.p)
     totals, followers = (np.array(places) for places in zip(*held, strict=True))

@@ -69,13 +69,7 @@ class Variable:
         return _titled(dim, self.array[dim]), np.asarray(values, dtype=float)
 
     def column(self, name: str | None) -> tuple[str, Array]:
-        """Return the title and, for each member, the value of a column; the first where None.
-
-        Raises
-        ------
-        SceneError
-            If members have no such column.
-        """
+        """Return the title and, for each member, the value of a column; the first where None."""
         known = [
             str(title)
             for title, row in self.array.coords.items()
@@ -401,11 +395,6 @@ def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure
         As of :func:`bands`.
     of : {"last", "max", "min", "mean"}
         What heat maps show.
-
-    Raises
-    ------
-    SceneError
-        If there is nothing of a name.
     """
     chosen = chosen_variables(dataset, names or None)
     dims = read_variable(dataset, chosen[0], over_time=False).dims

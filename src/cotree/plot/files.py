@@ -57,11 +57,5 @@ def svg_text(fig: Figure) -> str:
 
 
 def check_picture(path: Path) -> str:
-    """Return the suffix of a picture's file.
-
-    Raises
-    ------
-    SceneError
-        If it is unknown.
-    """
+    """Return the suffix of a picture's file."""
     return check_suffix(path, _SUFFIXES, "draw")

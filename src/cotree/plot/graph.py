@@ -37,11 +37,6 @@ def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) ->
         Its branches are drawn bold, its chords thin.
     ax : Axes or None
         Where to draw; None makes a new figure that fits the graph.
-
-    Returns
-    -------
-    Figure
-        The figure that holds the drawing.
     """
     drawing = lay_out(graph)
     if ax is None:

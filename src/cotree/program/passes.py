@@ -364,15 +364,7 @@ class PassReport:
 
 
 def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
-    """Run every pass of the recipe.
-
-    Returns
-    -------
-    program : Program
-        The rewritten program.
-    reports : tuple of PassReport
-        One for each pass.
-    """
+    """Run every pass of the recipe."""
     reports = []
     for name, transform in RECIPE:
         # Programs are immutable, so the report keeps both as they are.

@@ -42,13 +42,6 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
 
     Runs that failed, have many points, took many steps, or whose inputs are functions of Python,
     which may remember their calls, are left as they are.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    model, settings : CompiledModel, Settings
-        What made it.
     """
     t = record.t
     is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS

@@ -31,11 +31,6 @@ def check_installed(method: str) -> None:
     ----------
     method : str
         "cvode" or "ida".
-
-    Raises
-    ------
-    SolveError
-        If scikit-sundae is not installed.
     """
     try:
         # Imported and not only looked for, since a part of the package may be missing.

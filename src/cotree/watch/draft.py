@@ -134,15 +134,6 @@ class Drafter:
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
         """Return an axis of an edge, resolved in the axes of a node's cluster.
 
-        Parameters
-        ----------
-        edge : BoundEdge
-            The edge.
-        name : str
-            Its field.
-        end : str
-            The node.
-
         Returns
         -------
         ndarray, shape (3,)

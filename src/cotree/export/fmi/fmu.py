@@ -164,15 +164,7 @@ def reference_files(
 
 
 def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
-    """Write an icon where importers look for it.
-
-    Parameters
-    ----------
-    figure : Figure
-        The drawing.
-    version : int
-        2 or 3.
-    """
+    """Write an icon where importers look for it."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
     if version == 2:

@@ -341,13 +341,7 @@ class Terminals:
         )
 
     def _ask_to_be_continuous(self, edge: str, what: str, node: Node) -> None:
-        """Refuse what jumps; where parameters decide it, guard them.
-
-        Raises
-        ------
-        FormulationError
-            If it jumps.
-        """
+        """Refuse what jumps; where parameters decide it, guard them."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
