@@ -61,6 +61,39 @@ def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
         assert np.max(np.abs(np.asarray(found[one]) - values)) <= 1e-6 * scale, one
 
 
+INTEGRATION = ["dopri5", "dopri5_stepper", "history", "integrator", "job"]
+STEPS, EXCHANGE = ["CoSimulation"], ["ModelExchange"]
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "modules", "absent"),
+    [
+        ("slider-pendulum", [*STEPS, *EXCHANGE], INTEGRATION, ["cotree_events", "assembly"]),
+        ("slider-pendulum", EXCHANGE, [], ["cotree_job", "cotree_events", "assembly"]),
+        ("bouncing-ball", STEPS, [*INTEGRATION, "events", "jumps"], ["assembly", "call_with_num"]),
+        (
+            "motor-linkage",
+            EXCHANGE,
+            ["assembly", "iteration", "least"],
+            ["cotree_job", "cotree_events"],
+        ),
+    ],
+)
+def test_sources_have_what_the_model_uses(tmp_path, name, kinds, modules, absent):
+    model, path = cotree.load(name).compile(), tmp_path / "x.fmu"
+    model.export_fmu(path, kinds=kinds, platforms=[])
+    archive = zipfile.ZipFile(path)
+    texts = {
+        file: archive.read(file).decode()
+        for file in archive.namelist()
+        if file.startswith("sources/") and file.endswith((".c", ".h"))
+    }
+    found = {file.split("/")[1][7:-2] for file in texts if "/cotree_" in file and file[-1] == "c"}
+    assert found == {*modules, "run", "fmu"}
+    assert not any("COTREE_HAS_" in text for text in texts.values())
+    assert [word for word in absent if word in texts["sources/cotree_fmu.c"]] == []
+
+
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wshadow", "-Werror"]
 
 
