@@ -96,6 +96,36 @@ def test_a_member_without_a_start_says_why(pendulum):
     assert_same(block, run_one_by_one(plan, rows))
 
 
+def switched(load: str) -> Scene:
+    """Draw a capacitor whose source jumps with its voltage."""
+    scene = Scene("switched")
+    scene.parameter("E", 2.0)
+    scene.parameter("v0", 0.4)
+    source = f"E + {load}*sign(C.v - 0.5)"
+    scene.edge("V", "voltage_source", "a", "ground", voltage=source)
+    scene.edge("R", "resistor", "a", "b", resistance=1.0)
+    scene.edge("C", "capacitor", "b", "ground", capacitance=1.0, initial={"v": "v0"})
+    return scene
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas5"])
+def test_expressions_that_jump(method):
+    check(switched("0.5").compile(["E"]), ("E",), method)
+
+
+def test_a_member_that_starts_on_a_jump():
+    """Its rates jump there, and the derivative by its initial value has two sides."""
+    rows = np.array([[0.4], [0.5], [0.6]])
+    plan = plan_of(switched("0.5").compile(["v0"]), ("v0",), "dop853")
+    block = run_block(plan, rows)
+    assert block.status.tolist() == [0, -1, 0]
+    assert "happens right at the start" in block.messages[1]
+    plan = plan_of(switched("(C.v - 0.5)").compile(["v0"]), ("v0",), "dop853")
+    block = run_block(plan, rows)
+    assert (block.status == 0).all(), block.messages
+    assert_same(block, run_one_by_one(plan, rows))
+
+
 def test_corners_that_members_move():
     scene = Scene("filter")
     scene.parameter("d", 0.5)

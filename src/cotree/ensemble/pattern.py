@@ -168,9 +168,6 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
     # Tolerances of contents follow from the start.
     if plan.model.layout.followers:
         return True
-    # Sensitivities do not exist where an expression jumps right at the start.
-    if problem.n_sensitivities and any(row.is_jump for row in plan.model.layout.events):
-        return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True
     assert problem.native is not None  # C takes it

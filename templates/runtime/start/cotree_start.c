@@ -29,6 +29,11 @@
 #define PIVOT_ROUNDING 10
 #endif
 
+#if COTREE_HAS_EVENTS
+/* Rates are the same on both sides of a jump if they differ by at most this share. */
+#define SAME_RATE COTREE_SELECT(1e-12, 1e-05f)
+#endif
+
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 /* Limits of the iterations over contents and unknowns, and, for each event, over modes. */
 #define MOST_ROUNDS 50
@@ -82,6 +87,8 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
         start->event_values =
             cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
         start->new_values = cotree_arena_reals(arena, h->n_jumps);
+        start->sides = cotree_arena_reals(arena, 3 * model->n_states);
+        start->event_slopes = cotree_arena_reals(arena, m * (h->n_events + h->n_jumps));
     }
 }
 
@@ -568,6 +575,71 @@ static int choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
     return most > 0 ? COTREE_START_TURNED_BACK : 0;
 }
 
+/* Compute the rates at z with another value of a mode. */
+static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *z, int mode,
+                         cotree_real value, cotree_real *rates)
+{
+    const cotree_run *const run = start->run;
+    cotree_real *const x = start->sides;
+    int i, status = 0;
+    for (i = 0; i < N_STATES; ++i) x[i] = z[i];
+    x[mode] = value;
+#if COTREE_HAS_ALGEBRAIC
+    if (MODEL->n_algebraic > 0) status = complete_states(start, t, x);
+#endif
+    return status == 0 ? MODEL->rhs(t, x, run->u, run->p, run->k, rates) : status;
+}
+
+/* Return COTREE_START_ON_JUMP if the rates differ between the events of a mode: its sides. */
+static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *z, int mode)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    cotree_real *const one = start->sides + N_STATES, *const other = one + N_STATES;
+    int first = 0, i, j, n_sides = 0, status = 0;
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        const cotree_event *const row = h->events + i;
+        if (row->n_targets == 1 && row->targets[0] == mode) {
+            status = rates_on_side(start, t, z, mode, start->new_values[first],
+                                   n_sides == 0 ? one : other);
+            for (j = 0; j < N_STATES && n_sides > 0 && status == 0; ++j) {
+                const cotree_real size = COTREE_FMAX(COTREE_FABS(one[j]), COTREE_FABS(other[j]));
+                if (COTREE_FABS(one[j] - other[j]) > SAME_RATE * size)
+                    status = COTREE_START_ON_JUMP;
+            }
+            ++n_sides;
+        }
+        first += row->n_targets;
+    }
+    return status;
+}
+
+/* Return COTREE_START_ON_JUMP if the rates jump at z, and a parameter moves the jump: then there
+ * are no sensitivities. */
+static int check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    const cotree_real *const values = start->event_values, *const slopes = start->event_slopes;
+    int i, j, status;
+    if (N_SENSITIVITIES == 0 || is_jumping(start) == 0 || values == NULL) return 0;
+    status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
+    if (status == 0) status = MODEL->jumps(t, z, run->u, run->p, run->k, start->new_values);
+    if (status == 0)
+        status = MODEL->event_sensitivity(t, z, z + N_STATES, run->u, run->p, run->k,
+                                          start->event_slopes);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        int is_moved = 0;
+        if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            /* A nan counts as a dependence. */
+            if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) is_moved = 1;
+        }
+        start->culprit = i;
+        if (is_moved) status = compare_sides(start, t, z, h->events[i].targets[0]);
+    }
+    return status;
+}
+
 #endif
 /* Checks. */
 
@@ -645,6 +717,7 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
 #endif
 #if COTREE_HAS_EVENTS
     if (status == 0) status = choose_jump_modes(start, t, z);
+    if (status == 0) status = check_jumps(start, t, z);
 #endif
     if (status == 0) status = check_redundant(start, t, z);
     return status == 0 ? check_finite(start, z) : status;
@@ -721,6 +794,8 @@ const char *cotree_start_message(int status)
         return "a jump turns back what it looks at";
     case COTREE_START_NO_MEMORY:
         return "there is no memory";
+    case COTREE_START_ON_JUMP:
+        return "the start lies on a jump that a parameter moves: there are no sensitivities";
     case COTREE_START_UNDEFINED:
         return "an initial value is not finite";
     default:
@@ -739,6 +814,7 @@ const char *cotree_start_culprit(const cotree_start *start, int status)
     case COTREE_START_CONTRADICTED:
         return start->tables->redundant[i].name;
     case COTREE_START_TURNED_BACK:
+    case COTREE_START_ON_JUMP:
         return MODEL->hybrid->events[i].name;
     case COTREE_START_UNDEFINED:
         return MODEL->states[i].name;

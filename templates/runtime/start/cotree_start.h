@@ -27,6 +27,7 @@ extern "C" {
 #define COTREE_START_TURNED_BACK 105 /* culprit: an event, whose jump undoes itself */
 #define COTREE_START_UNDEFINED 106   /* culprit: a state without a finite value */
 #define COTREE_START_NO_MEMORY 107
+#define COTREE_START_ON_JUMP 109      /* culprit: an event, whose jump a parameter crosses */
 #define COTREE_START_UNDETERMINED 108 /* the algebraic equations leave unknowns free */
 
 /* cotree: begin of the part that cffi reads */
@@ -68,7 +69,8 @@ typedef struct cotree_start {
     /* The rest belongs to the start. */
     int *is_set, *is_found, *pivots;
     cotree_real *rates, *given_slopes, *matrix;
-    cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *new_values;
+    cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *event_slopes, *new_values,
+        *sides;
 } cotree_start;
 
 void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_tables *tables,
