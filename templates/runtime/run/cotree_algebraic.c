@@ -2,10 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_run_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_ALGEBRAIC
 /* Newton's method for algebraic unknowns; step sizes are shares of an unknown, or of atol near
  * zero. It converges quadratically: after a step below CONVERGED_STEP only rounding is left. */

@@ -2,13 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_run_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
-#if COTREE_HAS_MOVING_CORNERS
-#endif
-
 #if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
 void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
                            cotree_real *w)

@@ -3,8 +3,6 @@
  */
 #include "cotree_least.h"
 
-#include <math.h>
-
 /* Steps of inverse iteration, each of which brings the smallest singular value out by the square of
  * its ratio to the others. */
 #define MOST_INVERSE 40

@@ -2,9 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_lu.h"
 
-#include <float.h>
-#include <math.h>
-
 static int is_dense(int n, int lower, int upper) { return 2 * lower + upper + 1 >= n; }
 
 size_t cotree_lu_doubles(int n, int lower, int upper)

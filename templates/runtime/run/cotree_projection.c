@@ -3,10 +3,6 @@
  */
 #include "cotree_run_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS
 int cotree_run_is_constrained(const cotree_run *run)
 {

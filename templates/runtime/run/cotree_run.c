@@ -3,10 +3,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_run_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare)
 {
     void *const place = arena->base == NULL ? spare : arena->base + arena->used;
@@ -289,7 +285,7 @@ int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w)
 #endif
 }
 
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w)
 {
     const int n_blocks = run->n_blocks, n_full = run->n_full;

@@ -252,7 +252,7 @@ int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 /* The same; call the helper if the iterations here fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
-#if COTREE_HAS_EVENTS || COTREE_HAS_HELPER
+#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 /* The same, without sensitivities. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 

@@ -10,10 +10,6 @@
 #include "cotree_iteration.h"
 #endif
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_CONSTRAINTS
 #define ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
 #endif

@@ -2,9 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_assembly.h"
 
-#include <math.h>
-#include <stddef.h>
-
 /* Residuals below RESIDUAL_TOLERANCE times the size of the states satisfy the constraints; those
  * below RESIDUAL_ROUNDING are rounding. A step rotates nothing by more than MAX_ROTATION, [rad], so
  * that it stays on the same branch. A step below STEP_ROUNDING is the last one. */
@@ -559,34 +556,23 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
     return status;
 }
 
-/* Add the squares of the gradients by rotations and by translations to those of their groups. */
-static void add_squares(cotree_assembly *a, cotree_real *turned, cotree_real *shifted)
+/* Add the squares of the gradients by rotations and by translations to those of their groups.
+ * Increase *lever to the longest lever arm of a translation. */
+static void add_squares(const cotree_assembly *a, cotree_real *turned, cotree_real *shifted,
+                        cotree_real *lever)
 {
     const cotree_assembly_tables *const tables = a->tables;
     const int n = tables->n_rows + tables->n_conditions;
     int i, r;
     for (r = 0; r < n; ++r) {
         const cotree_real *const row = gradient_of(a, tables->n_values + r);
+        const int is_lever = is_length(a, tables->n_values + r);
         for (i = 0; i < N_SPEEDS; ++i) {
-            (is_angular(a, i) ? turned : shifted)[tables->groups[r]] += row[i] * row[i];
+            const int is_turn = is_angular(a, i);
+            (is_turn ? turned : shifted)[tables->groups[r]] += row[i] * row[i];
+            if (is_turn && is_lever) *lever = COTREE_FMAX(*lever, COTREE_FABS(row[i]));
         }
     }
-}
-
-/* Return the longest lever arm of a translation. */
-static cotree_real longest_lever(const cotree_assembly *a)
-{
-    const cotree_assembly_tables *const tables = a->tables;
-    const int n = tables->n_rows + tables->n_conditions;
-    cotree_real longest = COTREE_F(0.0);
-    int i, r;
-    for (r = 0; r < n; ++r) {
-        const cotree_real *const row = gradient_of(a, tables->n_values + r);
-        for (i = 0; i < N_SPEEDS && is_length(a, tables->n_values + r); ++i) {
-            if (is_angular(a, i)) longest = COTREE_FMAX(longest, COTREE_FABS(row[i]));
-        }
-    }
-    return longest;
 }
 
 /* Return the median ratio of rotational to translational parts, or 0 if there is none. */
@@ -691,8 +677,7 @@ int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real
         status = turn_joints(a, x, k);
         if (status == 0) status = compute_gradients(a, t, a->trial);
         if (status != 0) break;
-        add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups);
-        lever = COTREE_FMAX(lever, longest_lever(a));
+        add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups, &lever);
     }
     found = median_of(n, turned, shifted, sorted);
     if (!(found > MIN_SQUARE_SHARE * far)) {

@@ -3,10 +3,6 @@
  */
 #include "cotree_stiff.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* The planned pivots are accepted if the solution solves a system whose entries differ from the
  * true ones by at most this share. */
 #define PIVOT_TOLERANCE COTREE_PLANNED_PIVOTS

@@ -8,9 +8,6 @@
 
 #include "cotree_limits.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
 #include <string.h>
 
 /* A rounding of t is negligible below this share of the relative tolerance of a step. */

@@ -11,10 +11,6 @@
 
 #include "cotree_limits.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* An iteration with fresh matrices fails if a correction exceeds this share of the one before. */
 #define MAX_RATE 0.9
 

@@ -6,10 +6,6 @@
  * of simultaneous sensitivities, so that they are always staggered there. */
 #include "cotree_sundials_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_SENSITIVITIES
 
 /* A vector, and an array of vectors, of SUNDIALS. */

@@ -2,10 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_sundials_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #if COTREE_IDA
 
 /* The estimated error of the first step, as a share of the tolerance. */

@@ -1,0 +1,196 @@
+/* cotree_start_modes.c: modes of dry friction and of jumps inside expressions at a start.
+ * Part of the runtime of cotree, the same for every model. */
+#include "cotree_start_internal.h"
+
+#if COTREE_HAS_EVENTS
+#if COTREE_HAS_ALGEBRAIC
+/* Speeds below this share of the largest state (or of 1) are zero. */
+#define STILL COTREE_SELECT(1e-6, 2.8e-03f)
+#endif
+
+/* Rates are the same on both sides of a jump if they differ by at most this share. */
+#define SAME_RATE COTREE_SELECT(1e-12, 1e-05f)
+
+/* The largest number of changes of modes for each event. */
+#define MOST_CHANGES 50
+
+#if COTREE_HAS_ALGEBRAIC
+/* Modes of dry friction on which algebraic unknowns depend. */
+
+int cotree_start_is_rubbing(const cotree_start *start)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, n = 0;
+    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == COTREE_FRICTION_SLIP;
+    return n > 0;
+}
+
+/* Set the modes of friction that is disengaged, or moves in contradiction to its mode. */
+int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    const cotree_real *const values = start->event_values;
+    cotree_real *const x = start->w, size = COTREE_F(1.0);
+    int i, status;
+    for (i = 0; i < N_STATES; ++i) {
+        x[i] = z[i];
+        size = COTREE_FMAX(size, COTREE_FABS(z[i]));
+    }
+    for (i = 0; i < h->n_events; ++i) {
+        /* The event function is the speed times the mode. */
+        if (h->events[i].kind == COTREE_FRICTION_SLIP) x[h->events[i].targets[0]] = COTREE_F(1.0);
+    }
+    status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        if (h->events[i].kind == COTREE_FRICTION_ENGAGED && values[i] <= COTREE_F(0.0))
+            x[h->events[i].targets[0]] = COTREE_FRICTION_FREE;
+    }
+    if (status == 0) status = MODEL->events(t, x, run->u, run->p, run->k, start->event_values);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        const int mode = h->events[i].targets[0];
+        if (h->events[i].kind != COTREE_FRICTION_SLIP || start->is_set[mode]) continue;
+        if (x[mode] == COTREE_FRICTION_FREE) {
+            z[mode] = COTREE_FRICTION_FREE;
+        } else if (COTREE_FABS(values[i]) > STILL * size) {
+            z[mode] = values[i] > COTREE_F(0.0) ? COTREE_F(1.0) : -COTREE_F(1.0);
+        } else if (z[mode] == COTREE_FRICTION_FREE) {
+            z[mode] = COTREE_FRICTION_STICKS;
+        }
+    }
+    return status;
+}
+
+/* Let all friction that sticks slide forwards: sticking friction may be redundant. Return whether
+ * there is any. */
+int cotree_start_release_friction(const cotree_start *start, cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, n = 0;
+    for (i = 0; i < h->n_events; ++i) {
+        cotree_real *const mode = z + h->events[i].targets[0];
+        if (h->events[i].kind != COTREE_FRICTION_SLIP || *mode != COTREE_FRICTION_STICKS) continue;
+        *mode = COTREE_F(1.0);
+        ++n;
+    }
+    return n > 0;
+}
+
+#endif
+/* Modes of jumps. */
+
+static int is_jumping(const cotree_start *start)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    int i, n = 0;
+    for (i = 0; h != NULL && i < h->n_events; ++i) n += h->events[i].kind == COTREE_JUMP;
+    return n;
+}
+
+/* Return a jump whose mode contradicts the sign of its event function, with the new mode; -1 if
+ * there is none. */
+static int find_wrong_mode(cotree_start *start, cotree_real t, const cotree_real *x,
+                           cotree_real *mode, int *status)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    int i, first = 0;
+    *status = MODEL->events(t, x, run->u, run->p, run->k, start->event_values);
+    if (*status == 0) *status = MODEL->jumps(t, x, run->u, run->p, run->k, start->new_values);
+    for (i = 0; i < h->n_events && *status == 0; ++i) {
+        const cotree_event *const row = h->events + i;
+        const cotree_real side = (cotree_real)row->direction * start->event_values[i];
+        if (row->kind == COTREE_JUMP && side > COTREE_F(0.0) &&
+            x[row->targets[0]] != start->new_values[first]) {
+            *mode = start->new_values[first];
+            return i;
+        }
+        first += row->n_targets;
+    }
+    return -1;
+}
+
+int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    const int most = MOST_CHANGES * is_jumping(start);
+    int n, status = 0;
+    if (start->event_values == NULL) return 0;
+    for (n = 0; n < most; ++n) {
+        cotree_real mode = COTREE_F(0.0);
+        const int event = find_wrong_mode(start, t, z, &mode, &status);
+        if (status != 0 || event < 0) return status;
+        z[MODEL->hybrid->events[event].targets[0]] = mode;
+        start->culprit = event;
+#if COTREE_HAS_ALGEBRAIC
+        if (MODEL->n_algebraic > 0) status = cotree_start_solve_all(start, t, z);
+#endif
+        if (status != 0) return status;
+    }
+    return most > 0 ? COTREE_START_TURNED_BACK : 0;
+}
+
+/* Compute the rates at z with another value of a mode. */
+static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *z, int mode,
+                         cotree_real value, cotree_real *rates)
+{
+    const cotree_run *const run = start->run;
+    cotree_real *const x = start->sides;
+    int i, status = 0;
+    for (i = 0; i < N_STATES; ++i) x[i] = z[i];
+    x[mode] = value;
+#if COTREE_HAS_ALGEBRAIC
+    if (MODEL->n_algebraic > 0) status = cotree_start_complete_states(start, t, x);
+#endif
+    return status == 0 ? MODEL->rhs(t, x, run->u, run->p, run->k, rates) : status;
+}
+
+/* Return COTREE_START_ON_JUMP if the rates differ between the events of a mode: its sides. */
+static int compare_sides(cotree_start *start, cotree_real t, const cotree_real *z, int mode)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    cotree_real *const one = start->sides + N_STATES, *const other = one + N_STATES;
+    int first = 0, i, j, n_sides = 0, status = 0;
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        const cotree_event *const row = h->events + i;
+        if (row->n_targets == 1 && row->targets[0] == mode) {
+            status = rates_on_side(start, t, z, mode, start->new_values[first],
+                                   n_sides == 0 ? one : other);
+            for (j = 0; j < N_STATES && n_sides > 0 && status == 0; ++j) {
+                const cotree_real size = COTREE_FMAX(COTREE_FABS(one[j]), COTREE_FABS(other[j]));
+                if (COTREE_FABS(one[j] - other[j]) > SAME_RATE * size)
+                    status = COTREE_START_ON_JUMP;
+            }
+            ++n_sides;
+        }
+        first += row->n_targets;
+    }
+    return status;
+}
+
+/* Return COTREE_START_ON_JUMP if the rates jump at z, and a parameter moves the jump: then there
+ * are no sensitivities. */
+int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_real *z)
+{
+    const cotree_hybrid *const h = MODEL->hybrid;
+    const cotree_run *const run = start->run;
+    const cotree_real *const values = start->event_values, *const slopes = start->event_slopes;
+    int i, j, status;
+    if (N_SENSITIVITIES == 0 || is_jumping(start) == 0 || values == NULL) return 0;
+    status = MODEL->events(t, z, run->u, run->p, run->k, start->event_values);
+    if (status == 0) status = MODEL->jumps(t, z, run->u, run->p, run->k, start->new_values);
+    if (status == 0)
+        status = MODEL->event_sensitivity(t, z, z + N_STATES, run->u, run->p, run->k,
+                                          start->event_slopes);
+    for (i = 0; i < h->n_events && status == 0; ++i) {
+        int is_moved = 0;
+        if (h->events[i].kind != COTREE_JUMP || values[i] != COTREE_F(0.0)) continue;
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            /* A nan counts as a dependence. */
+            if (!(slopes[j * (h->n_events + h->n_jumps) + i] == COTREE_F(0.0))) is_moved = 1;
+        }
+        start->culprit = i;
+        if (is_moved) status = compare_sides(start, t, z, h->events[i].targets[0]);
+    }
+    return status;
+}
+#endif

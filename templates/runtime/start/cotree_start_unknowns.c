@@ -1,0 +1,251 @@
+/* cotree_start_unknowns.c: algebraic unknowns and contents of storages at a start.
+ * Part of the runtime of cotree, the same for every model. */
+#include "cotree_start_internal.h"
+
+#if COTREE_HAS_ALGEBRAIC
+#include "cotree_dense.h"
+
+/* Contents are found to this share of the terms of their equations, unknowns if they change by less
+ * than this share of themselves. */
+#define SETTLED COTREE_SELECT(1e-12, 1e-05f)
+
+/* The least rounding of pivots, in units in the last place of the largest entry. */
+#define PIVOT_ROUNDING 10
+
+/* Limit of the iterations over contents and unknowns. */
+#define MOST_ROUNDS 50
+
+/* Solve for the algebraic unknowns of z, in place, until nothing changes: a step from a guess far
+ * away may look like the last one. */
+int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    int i, n, is_changed = 1;
+    for (n = 0; n < MOST_ROUNDS && is_changed; ++n) {
+        cotree_run_narrow(run, t, z, start->w);
+        if (cotree_run_find_states(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+        is_changed = 0;
+        for (i = N_RATES; i < N_STATES; ++i) {
+            const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
+            if (!(COTREE_FABS(run->full[i] - z[i]) <= SETTLED * size)) is_changed = 1;
+            z[i] = run->full[i];
+        }
+    }
+    return is_changed ? COTREE_START_UNSOLVED : 0;
+}
+
+/* Solve for the algebraic unknowns of z and their sensitivities, in place; what z holds of the
+ * former is the guess. */
+static int solve(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    int i, status = cotree_start_complete_states(start, t, z);
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
+    cotree_run_narrow(run, t, z, start->w);
+    if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+    for (i = N_STATES; i < run->n_full; ++i) z[i] = run->full[i];
+    return 0;
+}
+
+/* Contents of storages. */
+
+static int content_of(const cotree_start *start, int i) { return start->tables->contents[i]; }
+
+static int unknown_of(const cotree_start *start, int i)
+{
+    return start->tables->contents[start->tables->n_contents + i];
+}
+
+/* Mark the contents that are found from a variable that follows from each: those that are not
+ * given, and those in place of which the variable is set. Return how many there are. */
+static int mark_found(cotree_start *start)
+{
+    int i, n = 0;
+    for (i = 0; i < start->tables->n_contents; ++i) {
+        const int content = content_of(start, i), unknown = unknown_of(start, i);
+        start->is_found[i] =
+            !start->is_set[content] && (start->is_set[unknown] || !start->tables->given[content]);
+        n += start->is_found[i];
+    }
+    return n;
+}
+
+/* Return whether a content is found for sensitivity j; one to an initial value keeps that value. */
+static int is_found_along(const cotree_start *start, int i, int j)
+{
+    const int seed = start->tables->seeds[j];
+    if (seed == -1 - unknown_of(start, i)) return 1;
+    return start->is_found[i] && seed != -1 - content_of(start, i);
+}
+
+/* Sum the absolute terms of an equation at x, whose row of the Jacobian this is. */
+static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree_real *x)
+{
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    cotree_real sum = COTREE_F(0.0);
+    int i, j;
+    for (j = 0; j < N_STATES; ++j) {
+        for (i = starts[j]; i < starts[j + 1]; ++i) {
+            if (rows[i] == row) sum += COTREE_FABS(start->run->nonzeros[i] * x[j]);
+        }
+    }
+    return sum;
+}
+
+/* Solve the equations c(v) - q = 0 for the contents q, with v as in z. Return a status of kernels;
+ * is_left is 1 if a content has changed. */
+static int correct_contents(cotree_start *start, cotree_real t, cotree_real *z, int *is_left)
+{
+    const cotree_run *const run = start->run;
+    int i, status = MODEL->rhs(t, z, run->u, run->p, run->k, start->rates);
+    if (status == 0) status = MODEL->jacobian(t, z, run->u, run->p, run->k, run->nonzeros);
+    *is_left = 0;
+    for (i = 0; i < start->tables->n_contents && status == 0; ++i) {
+        const int row = unknown_of(start, i);
+        const cotree_real left = start->rates[row];
+        if (!start->is_found[i]) continue;
+        z[content_of(start, i)] += left;
+        if (!(COTREE_FABS(left) <= SETTLED * sum_of_terms(start, row, z))) *is_left = 1;
+    }
+    return status;
+}
+
+/* Solve for the algebraic unknowns of z and for the contents that given ones determine, in place.
+ * Rounds are repeated if a content depends on other unknowns, too. */
+static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    int i, n, is_left = 1, status;
+    for (i = 0; i < N_STATES; ++i) start->given[i] = z[i];
+    status = correct_contents(start, t, z, &is_left);
+    is_left = 1;
+    for (n = 0; n < MOST_ROUNDS && is_left && status == 0; ++n) {
+        status = cotree_start_complete_states(start, t, z);
+        if (status != 0) return status;
+        for (i = 0; i < start->tables->n_contents; ++i) {
+            if (start->is_found[i]) z[unknown_of(start, i)] = start->given[unknown_of(start, i)];
+        }
+        status = correct_contents(start, t, z, &is_left);
+    }
+    return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
+}
+
+/* Solve for the sensitivities of the same. */
+static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    cotree_run *const run = start->run;
+    const int n_contents = start->tables->n_contents;
+    cotree_real *const given = start->given_slopes; /* those of the unknowns, column by column */
+    int i, j, n, is_left = 1, status = 0;
+    for (j = 0; j < N_SENSITIVITIES; ++j) {
+        cotree_real *const s = z + (1 + j) * N_STATES;
+        for (i = 0; i < n_contents; ++i) {
+            given[j * n_contents + i] = s[unknown_of(start, i)];
+            if (is_found_along(start, i, j)) s[content_of(start, i)] = COTREE_F(0.0);
+        }
+    }
+    for (n = 0; n < MOST_ROUNDS && is_left && status == 0; ++n) {
+        is_left = 0;
+        cotree_run_narrow(run, t, z, start->w);
+        if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            cotree_real *const s = z + (1 + j) * N_STATES;
+            for (i = N_RATES; i < N_STATES; ++i) s[i] = run->full[(1 + j) * N_STATES + i];
+            for (i = 0; i < n_contents; ++i) {
+                if (is_found_along(start, i, j))
+                    s[unknown_of(start, i)] = given[j * n_contents + i];
+            }
+        }
+        cotree_run_pack(run, z, start->w);
+        status =
+            MODEL->augmented_rhs(t, z, start->w + N_STATES, run->u, run->p, run->k, start->rates);
+        if (status != 0) break;
+        cotree_run_unpack(run, start->rates, run->full);
+        for (j = 0; j < N_SENSITIVITIES; ++j) {
+            cotree_real *const s = z + (1 + j) * N_STATES;
+            for (i = 0; i < n_contents; ++i) {
+                const cotree_real left = run->full[(1 + j) * N_STATES + unknown_of(start, i)];
+                if (!is_found_along(start, i, j)) continue;
+                s[content_of(start, i)] += left;
+                if (!(COTREE_FABS(left) <=
+                      SETTLED * COTREE_FABS(s[content_of(start, i)]) + COTREE_MIN))
+                    is_left = 1;
+            }
+        }
+    }
+    return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
+}
+
+/* Solve for algebraic unknowns, contents and their sensitivities. */
+int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    int status;
+    if (start->tables->n_contents == 0) return solve(start, t, z);
+    if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
+    status = solve_contents(start, t, z);
+    if (status != 0 || N_SENSITIVITIES == 0) return status;
+    return solve_content_sensitivities(start, t, z);
+}
+
+/* Return whether the matrix g_z at x, with rows and columns scaled, has full rank. */
+static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
+{
+    const cotree_run *const run = start->run;
+    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
+    const int n = MODEL->n_algebraic, n_rounding = n > PIVOT_ROUNDING ? n : PIVOT_ROUNDING;
+    cotree_real *const a = start->matrix;
+    int i, j, k;
+    if (MODEL->jacobian(t, x, run->u, run->p, run->k, run->nonzeros) != 0) return 0;
+    for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
+    for (j = 0; j < n; ++j) {
+        for (i = starts[N_RATES + j]; i < starts[N_RATES + j + 1]; ++i) {
+            if (!(COTREE_FABS(run->nonzeros[i]) <= COTREE_MAX)) return 1; /* the rank is unknown */
+            if (rows[i] >= N_RATES) a[(rows[i] - N_RATES) * n + j] = run->nonzeros[i];
+        }
+    }
+    for (k = 0; k < 6; ++k) { /* rows and columns, three times */
+        const int along = k % 2 == 0 ? 1 : n, across = k % 2 == 0 ? n : 1;
+        for (i = 0; i < n; ++i) {
+            cotree_real size = COTREE_F(0.0);
+            for (j = 0; j < n; ++j)
+                size = COTREE_FMAX(size, COTREE_FABS(a[i * across + j * along]));
+            for (j = 0; j < n && size > COTREE_F(0.0); ++j) a[i * across + j * along] /= size;
+        }
+    }
+    return cotree_factorise(n, COTREE_F(0.0), (cotree_real)n_rounding * COTREE_EPSILON, a,
+                            start->pivots, start->pivots + n) == n;
+}
+
+/* Return whether the equations determine the unknowns: at z, or near it. Junctions that hardly
+ * conduct may leave a singular matrix at z alone. */
+static int is_determined(cotree_start *start, cotree_real t, const cotree_real *z)
+{
+    cotree_real *const x = start->w;
+    int i, k;
+    for (k = 0; k < 3; ++k) {
+        const cotree_real away = k == 0 ? COTREE_F(0.0) : k == 1 ? COTREE_F(1.0) : -COTREE_F(1.0);
+        for (i = 0; i < N_STATES; ++i) x[i] = z[i];
+        for (i = N_RATES; i < N_STATES; ++i)
+            x[i] += away * COTREE_FABS(cotree_pseudo_random(i)) *
+                    COTREE_FMAX(COTREE_F(1.0), COTREE_FABS(z[i]));
+        if (is_regular(start, t, x)) return 1;
+    }
+    return 0;
+}
+
+/* Solve for unknowns with the modes of friction. */
+int cotree_start_solve_unknowns(cotree_start *start, cotree_real t, cotree_real *z)
+{
+    int status = 0;
+#if COTREE_HAS_EVENTS
+    const int is_rubbing = cotree_start_is_rubbing(start);
+    if (is_rubbing) status = cotree_start_choose_friction_modes(start, t, z);
+#endif
+    if (status == 0) status = cotree_start_solve_all(start, t, z);
+    if (status == 0 && !is_determined(start, t, z)) status = COTREE_START_UNDETERMINED;
+#if COTREE_HAS_EVENTS
+    if (status != 0 && is_rubbing && cotree_start_release_friction(start, z))
+        status = cotree_start_solve_all(start, t, z);
+#endif
+    return status;
+}
+#endif
