@@ -31,6 +31,7 @@ from cotree.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
+    from threading import Event
 
     from cotree.solvers.base import FloatArray
 
@@ -286,7 +287,7 @@ def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
     Functions of Python are told by their names.
     """
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
-    told = {name: _plain(getattr(plan.settings, name)) for name in names}
+    told = {name: plain(getattr(plan.settings, name)) for name in names}
     told["inputs"] = {**told["inputs"], **expressions}
     # Where members may leave the method that was chosen for all, only this says so.
     told["method"] = "auto" if plan.is_chosen else told["method"]
@@ -296,17 +297,17 @@ def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
     return {**told, "sensitivities": plan.has_sensitivities, "outputs": list(plan.outputs)}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Turn mappings, arrays and numbers into those that JSON has."""
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if isinstance(value, float) or hasattr(type(value), "__float__"):
         return float(value)
     if hasattr(value, "items"):
-        return {str(name): _plain(item) for name, item in value.items()}
+        return {str(name): plain(item) for name, item in value.items()}
     if callable(value):
         return f"the function {getattr(value, '__name__', 'of Python')}"
-    return [_plain(item) for item in _items(value)]
+    return [plain(item) for item in _items(value)]
 
 
 def _items(value: Iterable[Any] | FloatArray) -> Iterable[Any]:
@@ -475,8 +476,12 @@ class Collected(Results):
         self.done += int(np.count_nonzero(block.status != NOT_RUN))
         self.reasons.add(first, block.status, block.messages)
 
+    def wait(self, stop: Event) -> bool:
+        """Return whether members are still missing; a store waits for those of others."""
+        return False
+
     def close(self) -> None:
-        """Hold nothing open, as a store does."""
+        """Close nothing; a store has files open."""
 
     def dataset(self) -> Any:
         """Put them into an ``xarray.Dataset``."""

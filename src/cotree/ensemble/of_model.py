@@ -92,9 +92,9 @@ class EnsembleMethods:
             ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
             then those of each worker, one where absent. Blocks of a worker that dies are run again.
         store : path, optional
-            A folder in which results are kept as they are done, in the format Zarr: whatever ends
-            the call, the same call again computes only what is missing. The Dataset is then read
-            from there when values are asked for.
+            A folder in which results are kept as they are done: whatever ends the call, the same
+            call again computes only what is missing, and several processes may make it at once.
+            The Dataset is then read from there when values are asked for.
         progress : bool
             Whether a bar shows members done at a terminal, from the second second on.
         on_error : {"keep", "raise"}

@@ -12,10 +12,11 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +26,8 @@ from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.dataset import Collected, Frame, check_xarray, member_bytes
 from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Plan
-from cotree.ensemble.store import Store
+from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
-from cotree.ensemble.zarr_folder import read_path
 from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
 from cotree.solvers.progress import CountingBar
@@ -197,27 +197,25 @@ def run_ensemble(
         contextlib.ExitStack() as opened,
     ):
         done: Collected | Store
+        ranges: Callable[[], Iterable[tuple[int, int]]]
         if execution.store is None:
-            done, ranges = Collected(frame), pace.ranges(n)
+            done, ranges = Collected(frame), partial(pace.ranges, n)
         else:
-            done = Store(execution.store, frame, lambda: pace.size(plan, members.rows))
-            ranges = done.ranges()
+            done = Store(execution.store, frame, partial(pace.size, plan, members.rows))
+            ranges = done.ranges
             pace.spread(done.members_of_a_block, opened)
         opened.callback(done.close)
-        blocks = run_blocks(
-            plan,
-            members.rows,
-            ranges,
-            threads=pace.threads,
-            executor=pace.executor,
-            stop=stop,
-        )
-        opened.callback(blocks.close)
+        run = partial(run_blocks, threads=pace.threads, executor=pace.executor, stop=stop)
         try:
             _check(execution, members, done.reasons)
-            for first, block in blocks:
-                done.take(first, block)
-                bar.reached(done.done, done.reasons.failed)
+            while True:
+                with contextlib.closing(run(plan, members.rows, ranges())) as blocks:
+                    for first, block in blocks:
+                        done.take(first, block)
+                        bar.reached(done.done, done.reasons.failed)
+                        _check(execution, members, done.reasons)
+                if not done.wait(stop):
+                    break
                 _check(execution, members, done.reasons)
         except KeyboardInterrupt:
             # Of a program with a handler of its own it comes as an exception; a second one leaves.

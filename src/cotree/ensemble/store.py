@@ -1,74 +1,55 @@
-"""Results of an ensemble in a folder, which survives what happens to the process that fills it.
+"""Results of an ensemble in a folder, which survive the process that computes them.
 
-In: a plan. Out: an ``Identity`` of texts and numbers that JSON has, and the first difference
-between two of them as a sentence.
-
-Members lie in the order of their rows, and in a grid the last axis goes fastest. A chunk is one
-place of the first axes, some places of one axis, and all of the others: its members are a range.
-
-In: blocks as they are done. Out: a Zarr store that ``xarray.open_zarr`` reads as the Dataset that a
-call without a store gives. Each block is a chunk of each array; that of ``status`` is written last,
-and says that its members are there. Members without it were not run, whatever else a kill left.
+``manifest.json`` says whose results they are and how many members a block has; ``coordinates.npz``
+holds the coordinates of the Dataset. A block of members is one file of the folder ``blocks``, an
+archive of numpy with an array for each variable and a checksum behind it. Files are written under
+another name and renamed. Several processes may write blocks of one store: each locks those that it
+runs, and a system frees the locks of a process that dies.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
-import math
+import os
+import zipfile
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
-from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.codegen.render import template_folder
-from cotree.ensemble.dataset import OCCURRENCE, Frame
-from cotree.ensemble.plan import NOT_RUN, NOT_RUN_SENTENCE, Block, Plan, Results
+from cotree.ensemble.dataset import Frame, plain
+from cotree.ensemble.plan import NOT_RUN, Block, Plan, Results
 from cotree.ensemble.reasons import Reasons
-from cotree.ensemble.zarr_folder import (
-    attribute_text,
-    check_zarr,
-    checked,
-    consolidate,
-    in_memory,
-    locked,
-    make_array,
-    new_folder,
-    read_attribute,
-    read_path,
-    remove_partial,
-    repair,
-    told,
-    unlock,
-    whole_bytes,
-)
 from cotree.errors import SolveError, StoreError, brief
 from cotree.model.signals import read_signals
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Iterator, Mapping
+    from threading import Event
 
-    import numpy.typing as npt
+    from filelock import BaseFileLock
 
-
-# Longer values, as of tables, are told apart by their hash.
+# Longer values of an identity, as of tables, are compared by their hash.
 _LONGEST = 200
 
 
 def identity_of(plan: Plan) -> dict[str, Any]:
-    """Tell what all members of a plan share, by name.
+    """Return what all members of a plan share, by name, as values of JSON.
 
     What members set, and the times, are coordinates of the results, and are compared there.
 
     Raises
     ------
     SolveError
-        If inputs are functions of Python, of which nobody can tell whether they are the same.
+        If inputs are functions of Python, which cannot be compared.
     """
     model, settings = plan.model, plan.settings
     signals = read_signals(settings.inputs, model.inputs)
@@ -79,19 +60,17 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         )
     p = model.parameter_array(settings.parameters).tolist()
     values = dict(zip(model.parameters, p, strict=True))
-    tables = {model.inputs[i]: [t, y] for i, (t, y) in signals.tables.items()}
+    tables = {model.inputs[i]: plain([t, y]) for i, (t, y) in signals.tables.items()}
     return {
         "cotree": VERSION,
         "scene": model.layout.name,
         "columns": list(plan.columns),
-        **{name: _plain(getattr(settings, name)) for name in (*SHARED, "initial")},
+        **{name: plain(getattr(settings, name)) for name in (*SHARED, "initial")},
         # Members that an automatically chosen method finds stiff are run with another one.
         "method_is_chosen": plan.is_chosen,
-        "t_span": _plain(settings.t_span),
-        "inputs": {name: _short(_plain(table)) for name, table in tables.items()},
-        # A column goes before these.
+        "t_span": plain(settings.t_span),
+        "inputs": {name: _short(table) for name, table in tables.items()},
         "parameters": {name: v for name, v in values.items() if name not in plan.columns},
-        "leaves_explicit": plan.is_chosen,
         "outputs": list(plan.outputs),
         "sensitivities": list(model.sensitivities) if plan.has_sensitivities else [],
         "kernels": model.backend,
@@ -101,7 +80,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
 
 
 def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
-    """Say what differs first, as a sentence without a capital and an end; empty if nothing does."""
+    """Return what differs first, as a sentence without a capital and an end, or an empty string."""
     for name, value in here.items():
         # What was written came through JSON.
         old, new = there.get(name), json.loads(json.dumps(value))
@@ -113,107 +92,154 @@ def first_difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
             return "it was written by another build of cotree, whose methods may differ"
         if isinstance(old, dict) and isinstance(new, dict):
             key = next(key for key in {**new, **old} if old.get(key) != new.get(key))
-            return (
-                f"of {name} '{key}' is {_told(old.get(key))} there and {_told(new.get(key))} here"
-            )
-        return f"{name} is {_told(old)} there and {_told(new)} here"
+            name, old, new = f"of {name} '{key}'", old.get(key), new.get(key)
+        return f"{name} is {_shown(old)} there and {_shown(new)} here"
     return ""
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     return "not given" if value is None else brief(json.dumps(value))
-
-
-def _plain(value: Any) -> Any:
-    """Turn mappings, arrays and numbers into those that JSON has."""
-    if value is None or isinstance(value, (str, bool, int)):
-        return value
-    if hasattr(value, "items"):
-        return {str(name): _plain(item) for name, item in sorted(value.items())}
-    if isinstance(value, float) or np.ndim(value) == 0:
-        return float(value)
-    return [_plain(item) for item in value]
 
 
 def _short(value: Any) -> Any:
     text = json.dumps(value)
-    if len(text) <= _LONGEST:
-        return value
-    return f"the table with hash {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    return value if len(text) <= _LONGEST else f"the table with hash {_digest(text)[:16]}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
 def _engine() -> str:
     """Hash the C text of the methods, from which the same version may have been built twice."""
     found = hashlib.sha256()
-    for path in sorted(template_folder().rglob("*.jinja")):
+    for path in sorted(path for path in template_folder().rglob("*") if path.is_file()):
         found.update(path.name.encode() + b"\0" + path.read_bytes())
     return found.hexdigest()
 
 
-def chunk_lengths(shape: Sequence[int], wanted: int) -> tuple[int, ...]:
-    """Give the lengths of chunks of at most so many members, and at least one.
+_ONE_FILE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".zip")
 
-    Examples
-    --------
-    >>> chunk_lengths((4, 10, 3), 7)
-    (1, 2, 3)
+
+def read_path(store: Any) -> Path:
+    """Accept the folder of a store.
+
+    Raises
+    ------
+    StoreError
+        If it is no path, or of a single file, which a kill in the middle of a write would damage.
     """
-    lengths, left = [1] * len(shape), max(1, wanted)
-    for axis in reversed(range(len(shape))):
-        n_chunks = math.ceil(shape[axis] / left)
-        lengths[axis] = math.ceil(shape[axis] / n_chunks)
-        if n_chunks > 1:
-            break
-        left = max(1, left // shape[axis])
-    return tuple(lengths)
+    if not isinstance(store, (str, os.PathLike)) or not str(store):
+        raise StoreError(f"store is {brief(repr(store))}: give a folder, such as 'runs'")
+    path = Path(store)
+    if "://" in str(store):
+        raise StoreError(
+            f"the store '{brief(str(store))}' is not on this machine: give a folder here, such as "
+            "'runs', and copy it when it is done"
+        )
+    if path.suffix.lower() in _ONE_FILE:
+        raise StoreError(
+            f"the store '{path}' would be one file, which a kill in the middle of a write can make "
+            f"unreadable: give a folder, such as 'runs', and convert the Dataset when it is done: "
+            f"runs.to_netcdf('{path.name}')"
+        )
+    path = path.expanduser().absolute()
+    if path.exists() and not path.is_dir():
+        raise StoreError(f"the store '{path}' is a file: give a folder, such as 'runs'")
+    return path
 
 
-def chunk_places(shape: Sequence[int], lengths: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Give the places of all chunks, in the order of their members."""
-    counts = [math.ceil(n / length) for n, length in zip(shape, lengths, strict=True)]
-    return product(*map(range, counts))
+@contextlib.contextmanager
+def store_errors(path: Path) -> Iterator[None]:
+    """Raise a StoreError where the system refuses a read or a write."""
+    try:
+        yield
+    except OSError as error:
+        raise StoreError(
+            f"the store '{path}' cannot be used ({error.strerror or error}): what it holds is "
+            "kept. Make room there, or correct its permissions, and run the same call again: it "
+            "computes what is missing"
+        ) from error
 
 
-def chunk_region(
-    shape: Sequence[int], lengths: Sequence[int], place: Sequence[int]
-) -> tuple[slice, ...]:
-    """Give the part of the dimensions that a chunk holds."""
-    rows = zip(place, lengths, shape, strict=True)
-    return tuple(slice(i * length, min((i + 1) * length, n)) for i, length, n in rows)
+MANIFEST, COORDINATES, BLOCKS = "manifest.json", "coordinates.npz", "blocks"
+
+_DRAFT = ".partial"
+
+# Bytes of a checksum.
+_CHECK = 32
 
 
-def member_range(shape: Sequence[int], region: Sequence[slice]) -> tuple[int, int]:
-    """Give the first member of a chunk, and the one behind its last."""
-    first = 0
-    for n, part in zip(shape, region, strict=True):
-        first = first * n + part.start
-    return first, first + math.prod(part.stop - part.start for part in region)
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays, or lists of texts, as an archive of numpy with its checksum behind it."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, given in arrays.items():
+            values = np.ascontiguousarray(given)
+            if values.dtype.kind == "O":  # texts of any length
+                text = json.dumps(values.ravel().tolist())
+                values = np.frombuffer(text.encode(), dtype="S1")
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, values, allow_pickle=False)
+    data = buffer.getvalue()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(path.name + _DRAFT)
+    draft.write_bytes(data + hashlib.sha256(data).digest())
+    draft.replace(path)
 
 
-# The attribute that tells whose results a store holds.
-_IDENTITY = "cotree_store"
-
-# What it holds besides: the lengths of a block, and hashes of the coordinates.
-_LENGTHS, _COORDINATES = "block", "coordinates"
-
-# Events of a chunk along their dimension, which grows as members turn up that have more.
-_OCCURRENCES = 8
-
-# Coordinates are cut as results are, which programs that read them expect, up to so many files.
-_MOST_CUTS = 256
-
-# What stands for members that were not run; all other values are nan.
-_BLANKS: Mapping[str, Any] = {"status": NOT_RUN, "message": NOT_RUN_SENTENCE, "seconds": 0.0}
+def read_array(archive: Any, name: str) -> Any:
+    """Return an array of an open archive; texts as objects."""
+    values = archive[name]
+    if values.dtype.kind != "S":
+        return values
+    return np.array(json.loads(values.tobytes()), dtype=object)
 
 
-def _digest(values: npt.NDArray[Any]) -> str:
-    """Hash the values of a coordinate."""
-    return hashlib.sha256(json.dumps([str(values.dtype), values.tolist()]).encode()).hexdigest()
+def read_whole(path: Path) -> Any:
+    """Open an archive that is there and has the bytes that were written; None for any other."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    if data[-_CHECK:] != hashlib.sha256(data[:-_CHECK]).digest():
+        return None
+    return np.load(io.BytesIO(data))
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Read the manifest of a store.
+
+    Raises
+    ------
+    StoreError
+        If it is missing or damaged.
+    """
+    remedy = "give another folder, or delete this one, whose results nothing tells from others"
+    try:
+        document = json.loads((path / MANIFEST).read_bytes())
+        found: dict[str, Any] = document["store"]
+        if document["sha256"] != _digest(json.dumps(found)):
+            raise ValueError(path)
+    except FileNotFoundError as error:
+        raise StoreError(
+            f"'{path}' exists, and is no store of an ensemble ({MANIFEST} is missing): {remedy}"
+        ) from error
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
+        raise StoreError(
+            f"'{path / MANIFEST}' is damaged, or is of no store of an ensemble: {remedy}"
+        ) from error
+    return found
+
+
+def block_path(path: Path, first: int) -> Path:
+    """Return the file of the block that begins with a member."""
+    return path / BLOCKS / f"{first:010}.npz"
 
 
 class Store:
-    """The folder of an ensemble, open for writing; nobody else has it meanwhile.
+    """The folder of an ensemble, open for writing.
 
     Parameters
     ----------
@@ -222,7 +248,7 @@ class Store:
     frame : Frame
         What the Dataset of the ensemble is made of, but for results.
     size : callable
-        Gives the number of members of a block, for a new store.
+        Returns the number of members of a block, for a new store.
 
     Attributes
     ----------
@@ -230,38 +256,41 @@ class Store:
         Members that are there.
     reasons : Reasons
         Those of them that failed.
+    members_of_a_block : int
+        The number of members of a block, but for the last one.
 
     Raises
     ------
     StoreError
-        If the folder holds something else, another process writes into it, or it cannot be used.
+        If the folder holds something else, or it cannot be used.
     """
 
     def __init__(self, store: Any, frame: Frame, size: Callable[[], int]) -> None:
-        self._zarr, self.path = check_zarr(), read_path(store)
-        self._frame, self._shape = frame, frame.shape
+        self.path, self._frame = read_path(store), frame
+        self._n = len(frame.members.rows)
         self._identity = identity_of(frame.plan)
-        # What blocks consist of: a block of no members has it all.
-        self._rows = frame.variables((0,) * len(frame.dims), Results(frame.plan, 0).block())
+        self._locks: dict[int, BaseFileLock] = {}
         self._writer = ThreadPoolExecutor(1, "cotree-store")
         self._writing: Future[None] | None = None
         self.done, self.reasons = 0, Reasons()
-        with told(self.path):
-            self._lock = locked(self.path)
-            try:
-                self._open(size)
-            except BaseException:
-                unlock(self._lock)
-                raise
+        with store_errors(self.path):
+            self.members_of_a_block = self._open(size)
+            self._missing = dict.fromkeys(range(0, self._n, self.members_of_a_block))
+            self._find_blocks()
 
-    @property
-    def members_of_a_block(self) -> int:
-        """The number of members of a block, but for the last ones."""
-        return math.prod(self._lengths)
+    def ranges(self) -> Iterator[tuple[int, int]]:
+        """Lock and return the ranges of members that are neither there nor being run elsewhere."""
+        for first in list(self._missing):
+            with store_errors(self.path):
+                if first in self._missing and self._lock(first) and not self._take_file(first):
+                    yield first, min(first + self.members_of_a_block, self._n)
 
-    def ranges(self) -> list[tuple[int, int]]:
-        """Give the ranges of members that are not there, each of one block."""
-        return self._missing
+    def wait(self, stop: Event) -> bool:
+        """Wait for blocks of other processes; return whether any block is still missing."""
+        if self._missing and not stop.wait(_PATIENCE):
+            with store_errors(self.path):
+                self._find_blocks()
+        return bool(self._missing) and not stop.is_set()
 
     def take(self, first: int, block: Block) -> None:
         """Write a block while the next one is computed; one that was broken off is left out.
@@ -275,11 +304,10 @@ class Store:
             return
         self._wait()
         self._writing = self._writer.submit(self._write, first, block)
-        self.done += len(block.status)
-        self.reasons.add(first, block.status, block.messages)
+        self._count(first, block.status, block.messages)
 
     def close(self) -> None:
-        """Write what is on its way, and let others have the folder.
+        """Write what is on its way, and unlock all blocks.
 
         Raises
         ------
@@ -290,236 +318,149 @@ class Store:
             self._wait()
         finally:
             self._writer.shutdown()
-            unlock(self._lock)
+            for first in list(self._locks):
+                self._unlock(first)
 
     def dataset(self) -> Any:
         """Open what is there; values are read when they are asked for."""
-        import xarray
+        from cotree.ensemble.store_backend import open_store
 
-        with told(self.path):
-            found = xarray.open_zarr(str(self.path), consolidated=True)
-        del found.attrs[_IDENTITY]
-        # A folder has no order of its own. What members set was in memory for this call, too.
-        found = found[list(self._rows)]
-        return found.assign_coords({name: row.load() for name, row in found.coords.items()})
+        with store_errors(self.path):
+            return open_store(self.path)
 
-    def _wait(self) -> None:
-        """Wait until a block is written; an error of its write is raised once."""
-        writing, self._writing = self._writing, None
-        if writing is not None:
-            with told(self.path):
-                writing.result()
-
-    def _open(self, size: Callable[[], int]) -> None:
-        """Make the folder, or check that it is of the same ensemble, and see what is missing."""
-        if not self.path.exists() or (self.path.is_dir() and not any(self.path.iterdir())):
-            self._make(size())
-        there = read_attribute(self.path, _IDENTITY)
-        difference = first_difference(there, self._identity) or self._other_coordinates(there)
+    def _open(self, size: Callable[[], int]) -> int:
+        """Make the folder, or check that it is of the same ensemble; return the size of a block."""
+        is_new = not self.path.exists() or all(
+            path.name.endswith(_DRAFT) for path in self.path.iterdir()
+        )
+        empty = self._frame.dataset({})
+        coordinates = {name: row.values for name, row in empty.coords.items()}
+        if is_new:
+            self._create(empty, coordinates, size())
+        there = read_manifest(self.path)
+        digests = _digests(coordinates)
+        difference = first_difference(there["identity"], self._identity)
+        if not difference and there["coordinates"] != digests:
+            difference = self._other_coordinate(there["coordinates"], digests, coordinates)
         if difference:
             raise StoreError(
                 f"the store '{self.path}' holds another ensemble: {difference}. Give what it was "
                 "begun with, or another folder"
             )
-        self._lengths = tuple(there[_LENGTHS])
-        remove_partial(self.path)
-        statuses = self._find_missing()
-        # All but results follows from the call: what was lost, cut or changed is written again.
-        repair(self.path, self._documents(self._lengths, self._occurrences))
-        group = self._zarr.open_group(str(self.path), mode="r+", use_consolidated=False)
-        self._arrays = {name: group[name] for name in self._rows}
-        for first, region, status in statuses:
-            self.done += status.size
-            if status.any():
-                messages = self._arrays["message"][region].ravel()
-                self.reasons.add(first, status.ravel(), messages)
+        if read_whole(self.path / COORDINATES) is None:
+            write_arrays(self.path / COORDINATES, coordinates)
+        return int(there["block"])
 
-    def _make(self, size: int) -> None:
-        """Write coordinates, attributes and empty arrays."""
-        documents = self._documents(chunk_lengths(self._shape, size), 0)
-        with new_folder(self.path) as path:
-            repair(path, documents)
-
-    def _documents(self, lengths: tuple[int, ...], n_occurrences: int) -> dict[str, bytes]:
-        """Form all files but those of results, by their places in the folder.
-
-        Parameters
-        ----------
-        lengths : tuple of int
-            Of a block, along each dimension of members.
-        n_occurrences : int
-            Length of the dimension of events.
-        """
+    def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
+        """Write the manifest, unless another process is faster."""
         frame = self._frame
-        empty = frame.dataset({})
-        coordinates = {name: _digest(row.values) for name, row in empty.coords.items()}
-        identity = {**self._identity, _LENGTHS: list(lengths), _COORDINATES: coordinates}
-        empty.attrs[_IDENTITY] = attribute_text(identity)
-        with in_memory() as (memory, found):
-            empty.to_zarr(
-                memory,
-                zarr_format=3,
-                consolidated=False,
-                mode="w",
-                encoding=self._encoding(empty, lengths),
-            )
-            group = self._zarr.open_group(memory, mode="r+")
-            for name, (dims, values, about) in self._rows.items():
-                own, kind = values.shape[len(lengths) :], values.dtype.kind
-                rest = [
-                    _OCCURRENCES if dim == OCCURRENCE else n
-                    for dim, n in zip(dims[len(lengths) :], own, strict=True)
-                ]
-                sizes = [
-                    max(n, n_occurrences) if dim == OCCURRENCE else n
-                    for dim, n in zip(dims[len(lengths) :], own, strict=True)
-                ]
-                make_array(
-                    group,
-                    name,
-                    dims=dims,
-                    shape=(*self._shape, *sizes),
-                    chunks=(*lengths, *rest),
-                    dtype=str if kind == "O" else values.dtype,
-                    blank=_BLANKS.get(name, 0 if kind == "i" else np.nan),
-                    about=about,
-                )
-            consolidate(memory)
-        return found
-
-    def _encoding(self, empty: Any, lengths: tuple[int, ...]) -> dict[str, Any]:
-        """Give coordinates checksums, and cut what members set as their results are."""
-        n_files = len(list(chunk_places(self._shape, lengths)))
-        # Programs that read both expect the same chunks, unless that makes very many files.
-        is_cut = n_files <= _MOST_CUTS and len(lengths) == 1
-        found: dict[str, dict[str, Any]] = {name: checked() for name in empty.coords}
-        for name, row in empty.coords.items():
-            if is_cut and row.dims == self._frame.dims:
-                found[name]["chunks"] = lengths
-        return found
-
-    def _other_coordinates(self, there: Mapping[str, Any]) -> str:
-        """Say which coordinate differs from those of this call, and where; empty if none does."""
-        here = self._frame.dataset({}).coords
-        digests = there[_COORDINATES]
-        for name in {**here, **digests}:
-            row = here.get(name)
-            if row is None or digests.get(name) != _digest(row.values):
-                told = "" if row is None else self._first_other(name, row.values)
-                return told or f"'{name}' has other values there and here"
-        return ""
-
-    def _first_other(self, name: str, here: Any) -> str:
-        """Return where a coordinate differs first; empty if what is there cannot be read."""
+        # A block of no members has all variables.
+        rows = frame.variables((0,) * len(frame.dims), Results(frame.plan, 0).block())
+        about = empty.to_dict(data=False)
+        store = {
+            "identity": self._identity,
+            "block": size,
+            "coordinates": _digests(coordinates),
+            "attributes": about["attrs"],
+            "dims": {name: [row["dims"], row["attrs"]] for name, row in about["coords"].items()},
+            "shape": list(frame.shape),
+            "variables": {
+                name: [list(dims), values.shape[len(frame.dims) :], values.dtype.str, attributes]
+                for name, (dims, values, attributes) in rows.items()
+            },
+        }
+        store = json.loads(json.dumps(store))
+        text = json.dumps({"sha256": _digest(json.dumps(store)), "store": store})
+        self.path.mkdir(parents=True, exist_ok=True)
+        draft = self.path / f"{MANIFEST}.{os.getpid()}{_DRAFT}"
+        draft.write_text(text, encoding="utf-8")
         try:
-            values = np.asarray(self._zarr.open_array(str(self.path / name), mode="r")[...])
-            if values.shape != here.shape:
-                return f"'{name}' has {values.size} values there and {here.size} here"
-            differs = np.flatnonzero(values.astype(here.dtype) != here)
-        except Exception:  # decoders of damaged bytes raise what they like
-            return ""
-        if not differs.size:
-            return ""
-        i = int(differs[0])
-        return f"'{name}' at place {i} is {values[i]} there and {here[i]} here"
+            os.link(draft, self.path / MANIFEST)
+        except FileExistsError:
+            pass
+        except OSError:  # of file systems without links
+            draft.replace(self.path / MANIFEST)
+        for left in self.path.glob(f"{MANIFEST}.*{_DRAFT}"):
+            left.unlink(missing_ok=True)
 
-    def _find_missing(self) -> list[tuple[int, tuple[slice, ...], npt.NDArray[np.int8]]]:
-        """Find the blocks of which something is missing; give the status of the others.
+    def _other_coordinate(
+        self, there: Mapping[str, str], digests: Mapping[str, str], here: Mapping[str, Any]
+    ) -> str:
+        """Return which coordinate differs from those of this call, and where."""
+        name = next(name for name in {**digests, **there} if digests.get(name) != there.get(name))
+        archive, wanted = read_whole(self.path / COORDINATES), here.get(name)
+        if archive is not None and name in there and wanted is not None:
+            values = read_array(archive, name)
+            if values.shape != wanted.shape:
+                return f"'{name}' has {values.size} values there and {wanted.size} here"
+            for i in np.flatnonzero(values != wanted)[:1].tolist():
+                return f"'{name}' at place {i} is {values[i]} there and {wanted[i]} here"
+        return f"'{name}' has other values there and here"
 
-        The most events of a member of these is kept, by which the dimension of events is as long.
-        """
-        self._missing: list[tuple[int, int]] = []
-        self._occurrences, found = 0, []
-        for place in chunk_places(self._shape, self._lengths):
-            region = chunk_region(self._shape, self._lengths, place)
-            first, end = member_range(self._shape, region)
-            status = self._status(place, region)
-            if status is None:
-                self._clear(place)
-                self._missing.append((first, end))
-            else:
-                found.append((first, region, status))
-        return found
+    def _find_blocks(self) -> None:
+        """Take in blocks that are there, and remove damaged ones."""
+        for first in list(self._missing):
+            self._take_file(first)
 
-    def _clear(self, place: tuple[int, ...]) -> None:
-        """Remove what is damaged of a block, since a write to a part of a chunk reads all of it."""
-        for name in self._rows:
-            base = self.path.joinpath(name, "c", *(str(i) for i in place))
-            for file in [path for path in (base, *base.rglob("*")) if path.is_file()]:
-                if whole_bytes(file) is None:
-                    file.unlink()
+    def _take_file(self, first: int) -> bool:
+        """Take in the block that begins with a member, if it is there and whole."""
+        file = block_path(self.path, first)
+        archive = read_whole(file)
+        if archive is None:
+            file.unlink(missing_ok=True)
+            return False
+        self._count(first, archive["status"], read_array(archive, "message"))
+        self._unlock(first)
+        return True
 
-    def _status(
-        self, place: tuple[int, ...], region: tuple[slice, ...]
-    ) -> npt.NDArray[np.int8] | None:
-        """Give the status of a block that was written to the end; None if anything is missing.
-
-        Each of its files is read: one that was lost, cut or changed since is computed again.
-        """
-        # Most blocks that were not run lack this one.
-        status: npt.NDArray[np.int8] | None = self._values("status", place, region)
-        most = 0
-        if status is None:
-            return None
-        for name, (dims, values, _) in self._rows.items():
-            if OCCURRENCE in dims:
-                continue
-            if name.startswith("n(") and values.dtype.kind == "i":
-                counts = self._values(name, place, region)
-                if counts is None:
-                    return None
-                most = max(most, int(counts.max()))
-            elif whole_bytes(self._file(name, place)) is None:
-                return None
-        # Chunks of events were written as far as its members have any.
-        for name, row in self._rows.items():
-            if OCCURRENCE in row[0]:
-                for k in range(math.ceil(most / _OCCURRENCES)):
-                    if whole_bytes(self._file(name, place, k)) is None:
-                        return None
-        self._occurrences = max(self._occurrences, most)
-        return status
-
-    def _values(self, name: str, place: tuple[int, ...], region: tuple[slice, ...]) -> Any:
-        """Give a block's whole numbers of an array that has one for each member; None if lost."""
-        data = whole_bytes(self._file(name, place))
-        if data is None:
-            return None
-        # Chunks at the end of a dimension are as long as others, with blanks behind it.
-        values = np.frombuffer(data, self._rows[name][1].dtype.newbyteorder("<"))
-        extent = tuple(slice(0, part.stop - part.start) for part in region)
-        return values.reshape(self._lengths)[extent]
-
-    def _file(self, name: str, place: tuple[int, ...], occurrences: int = 0) -> Path:
-        """Give the file of a chunk."""
-        dims = self._rows[name][0][len(place) :]
-        rest = [occurrences if dim == OCCURRENCE else 0 for dim in dims]
-        return self.path.joinpath(name, "c", *(str(i) for i in (*place, *rest)))
+    def _count(self, first: int, status: Any, messages: Any) -> None:
+        del self._missing[first]
+        self.done += len(status)
+        self.reasons.add(first, status, messages)
 
     def _write(self, first: int, block: Block) -> None:
-        """Write the chunks of a block, that of its status last."""
-        start = np.unravel_index(first, self._shape)
-        place = [int(i) // n for i, n in zip(start, self._lengths, strict=True)]
-        region = chunk_region(self._shape, self._lengths, place)
-        found = self._frame.variables(tuple(part.stop - part.start for part in region), block)
-        status = found.pop("status")[1]
-        self._grow(found)
-        for name, (_, values, _) in found.items():
-            if values.size:
-                # Beside the places of members, all that there is, and of events as many.
-                rest = tuple(slice(0, n) for n in values.shape[len(region) :])
-                self._arrays[name][(*region, *rest)] = values
-        self._arrays["status"][region] = status
+        found = self._frame.variables((len(block.status),), block)
+        arrays = {name: values for name, (_, values, _) in found.items()}
+        write_arrays(block_path(self.path, first), arrays)
+        self._unlock(first)
 
-    def _grow(self, found: Mapping[str, Any]) -> None:
-        """Let the dimension of events be as long as that of a block."""
-        is_longer = False
-        for name, (dims, values, _) in found.items():
-            if OCCURRENCE in dims:
-                axis, array = dims.index(OCCURRENCE), self._arrays[name]
-                if values.shape[axis] > array.shape[axis]:
-                    shape = list(array.shape)
-                    shape[axis], is_longer = values.shape[axis], True
-                    array.resize(tuple(shape))
-        if is_longer:
-            consolidate(self.path)
+    def _wait(self) -> None:
+        """Wait until a block is written; an error of its write is raised once."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            with store_errors(self.path):
+                writing.result()
+
+    def _lock(self, first: int) -> bool:
+        """Lock a block against other processes, if none of them has locked it."""
+        import filelock
+
+        path = block_path(self.path, first).with_suffix(".lock")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(path, timeout=0, thread_local=False)
+        try:
+            lock.acquire()
+        except filelock.Timeout:
+            return False
+        except NotImplementedError:
+            pass  # network file systems without locks: two processes may write the same block
+        self._locks[first] = lock
+        return True
+
+    def _unlock(self, first: int) -> None:
+        lock = self._locks.pop(first, None)
+        if lock is not None and lock.is_locked:
+            with contextlib.suppress(OSError):
+                Path(lock.lock_file).unlink()
+            lock.release()
+
+
+# How long is waited for blocks of other processes before these are looked for again, [s].
+_PATIENCE = 0.5
+
+
+def _digests(coordinates: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        name: _digest(json.dumps([str(values.dtype), values.tolist()], default=str))
+        for name, values in coordinates.items()
+    }
