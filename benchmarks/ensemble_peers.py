@@ -53,7 +53,7 @@ class Heyoka:
         own_order = start[self.n :].reshape(self.k, self.n).T.ravel()
         self.start = np.concatenate([start[: self.n], own_order])
         # Else it would compile for minutes.
-        self.is_large = len(model._program.kernels["rhs"].order) > 200 or len(start) > 50
+        self.is_large = len(model.kernels.program.kernels["rhs"].order) > 200 or len(start) > 50
         self.made: dict[float, Any] = {}
 
     def run(self, rows: Any, times: Any, tolerance: float) -> tuple[Any, float]:
@@ -112,7 +112,7 @@ class Diffrax:
         self.jax, self.diffrax, self.model = jax, diffrax, model
         self.n, self.k = len(model.states), len(model.sensitivities)
         self.names = [*columns, *(name for name in model.sensitivities if name not in columns)]
-        layout = model._program.layout
+        layout = model.kernels.program.layout
         values = dict(zip(model.parameters, layout.parameter_values, strict=True))
         self.rest = np.array([float(values[name]) for name in self.names[len(columns) :]])
         places = [self.names.index(name) for name in model.sensitivities]

@@ -145,7 +145,7 @@ class Work:
         self.row, scene = row, row.make()
         self.columns = tuple(row.drawn(scene))
         self.model = scene.compile(row.wanted(scene))
-        layout = self.model._program.layout
+        layout = self.model.kernels.program.layout
         values = dict(zip(self.model.parameters, layout.parameter_values, strict=True))
         middle = np.array([float(values[name]) for name in self.columns])
         draw = np.random.default_rng(0).uniform(-1.0, 1.0, (n_members or row.members, len(middle)))

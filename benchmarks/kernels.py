@@ -155,7 +155,10 @@ def _check(row: Row, model: Any, one: Contender, x: Any, s: Any) -> None:
     """Compare compiled code with its program evaluated in Python, peers or not."""
     assert one.call is not None
     one.call(1)
-    kernels, native = PythonKernels(model._program), model._compiled.kernels.native()
+    kernels, native = (
+        PythonKernels(model.kernels.program),
+        model.kernels.native(model.default_parameters),
+    )
     kernels.prepare(np.array(native.p))
     step = np.zeros_like(x)
     step[0] = 1e-9  # which a call begins with
@@ -170,7 +173,7 @@ def flags(model: Any, native: bool) -> tuple[str, ...]:
     toolchain = find_toolchain()
     if toolchain is None:
         raise SystemExit("no C compiler was found: install one")
-    context = model._compiled.formed.context
+    context = model.spec.formed.context
     sizes = context.n_written, context.n_written_in_all
     return compiler_flags(toolchain, BuildOptions(native=native), *sizes)
 

@@ -73,7 +73,9 @@ def main() -> None:
         opened = timed(lambda: run(store=f"{folder}/runs")) / n
         files = [path for path in Path(folder, "runs").rglob("*") if path.is_file()]
         on_disk = sum(path.stat().st_size for path in files) / n
-    plan = Plan(model, Settings((0.0, 10.0), _TIMES, "dop853", 1e-6), ("L", "k"), model.outputs)
+    plan = Plan(
+        model.kernels, Settings((0.0, 10.0), _TIMES, "dop853", 1e-6), ("L", "k"), model.outputs
+    )
     parcel, rows = parcel_of(plan), np.column_stack(list(members.values()))
     assert parcel.data is not None
     loaded = min(timed(lambda: pickle.loads(parcel.data)) for _ in range(5))

@@ -48,7 +48,7 @@ class Equations:
     def __init__(
         self, model: Any, room: Any, states: Any, parameters: Any, time: Any, free: Any = None
     ) -> None:
-        program = model._program
+        program = model.kernels.program
         free = list(model.sensitivities if free is None else free)
         values = dict(zip(model.parameters, program.layout.parameter_values, strict=True))
         self.room = room

@@ -119,7 +119,7 @@ class Heyoka:
 
         self.hy, self.n = hy, len(model.states)
         self.start = model.start(initial=initial)
-        m, free = model._program.layout.n_algebraic, model.sensitivities
+        m, free = model.kernels.program.layout.n_algebraic, model.sensitivities
         states = [hy.make_vars(f"x{i}") for i in range(self.n)]
         clock = hy.make_vars("clock") if m else hy.time
         made = Equations(model, hy, states, [hy.par[i] for i in range(len(free))], clock)
@@ -138,7 +138,9 @@ class Heyoka:
             parameters = [hy.par[i] for i in range(len(free))]
             self.system = hy.var_ode_sys(self.system, parameters, order=1)
         # Else it would compile for minutes.
-        self.is_large = len(model._program.kernels["rhs"].order) > 200 or len(self.initial) > 50
+        self.is_large = (
+            len(model.kernels.program.kernels["rhs"].order) > 200 or len(self.initial) > 50
+        )
         self.made: dict[float, Any] = {}
 
     def run(self, times: Any, tolerance: float) -> tuple[float, Any, Any]:
@@ -165,7 +167,7 @@ class Casadi:
         import casadi as ca
 
         self.ca, self.start = ca, model.start(initial=initial)
-        n, m = len(model.states), model._program.layout.n_algebraic
+        n, m = len(model.states), model.kernels.program.layout.n_algebraic
         x, clock = ca.SX.sym("x", n), ca.SX.sym("t")
         p = ca.SX.sym("p", len(model.sensitivities))
         states, parameters = ([v[i] for i in range(v.numel())] for v in (x, p))

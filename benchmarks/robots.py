@@ -173,11 +173,11 @@ def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> di
 
 def kernel_text(model: Any, name: str, folder: Path) -> str:
     """Give the C text of one kernel alone, with its headers beside it."""
-    files = model._compiled.text.files
+    files = model.kernels.text.files
     for file, text in files.items():
         if file.endswith(".h"):
             (folder / file).write_text(text)
-    prefix, source = model._compiled.text.prefix, model.source
+    prefix, source = model.kernels.text.prefix, model.source
     starts = [found.start() for found in re.finditer(rf"^int {prefix}_", source, re.MULTILINE)]
     ends = [source.index("\n}\n", start) + 3 for start in starts]
     place = starts.index(source.index(f"int {prefix}_{name}("))
@@ -187,7 +187,7 @@ def kernel_text(model: Any, name: str, folder: Path) -> str:
 
 
 def own_call(model: Any, name: str) -> dict[str, Any]:
-    prefix = model._compiled.text.prefix
+    prefix = model.kernels.text.prefix
     n, m = len(model.states), len(model.inputs)
     size = n if name == "rhs" else len(model.layout.row_indices)
     return {
@@ -201,7 +201,7 @@ def sections(model: Any) -> dict[str, dict[str, int]]:
     """Count the operations of each kernel by the step of the formulation that made them."""
     from cotree.dag.nodes import reachable
 
-    program = model._compiled.formed.reports[0].earlier  # passes make most values anew
+    program = model.spec.formed.reports[0].earlier  # passes make most values anew
     return {
         name: dict(
             Counter(

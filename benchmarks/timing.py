@@ -24,7 +24,7 @@ import cffi
 import numpy as np
 
 import cotree
-from cotree import compilation
+from cotree import spec
 from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
 # What forms and prints programs is measured here: none is taken from the cache.
-compilation.KEEPS = False
+spec.KEEPS = False
 
 DECLARATIONS = """
 double time_state(void *, long, double *, double *, double *, double *, double *);
@@ -183,15 +183,15 @@ def loop(kind: str, address: int, first: Any, others: Sequence[Any]) -> Callable
 
 def own(model: Any, kernel: str, x: Any, s: Any) -> Contender:
     """Take a kernel of a compiled model."""
-    native = model._compiled.kernels.native()
+    native = model.kernels.native(model.default_parameters)
     ffi = native.library.ffi
     struct = ffi.cast("const cotree_model *", native.address)
     address = int(ffi.cast("uintptr_t", getattr(struct, kernel)))
-    out = np.zeros(len(model._program.kernels[kernel].results) + 1)
-    kind = "sensitivity" if "s" in model._program.kernels[kernel].spec.arguments else "state"
+    out = np.zeros(len(model.kernels.program.kernels[kernel].results) + 1)
+    kind = "sensitivity" if "s" in model.kernels.program.kernels[kernel].spec.arguments else "state"
     before = [s.copy()] if kind == "sensitivity" else []
     rest = [np.zeros(struct.n_inputs + 1), native.p, native.k, out]
-    files = model._compiled.text.files
+    files = model.kernels.text.files
     return Contender(
         model.operations[kernel].kernel,
         sum(len(text) for name, text in files.items() if name != "cotree_abi.h"),

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cotree.build import BuildOptions
-from cotree.compiled import Model
+from cotree.compiled import Model, compile_spec
 from cotree.errors import ParameterError, SingularSystemError, TopologyError
 from cotree.model.start import check_start
 from cotree.readers import load_source
-from cotree.recipe import Recipe
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
@@ -20,6 +19,7 @@ from cotree.scene.part_adding import locating_errors
 from cotree.scene.part_methods import PartMethods
 from cotree.scene.table_methods import TableMethods
 from cotree.scene.variants import keep_tunable, listed_names, with_inputs
+from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -137,20 +137,19 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         prepared = time.perf_counter() - begun
         # The model keeps the scene as it is now, whatever is added to it later.
         described = described.copied()
-        recipe = Recipe(described, tuple(names), tree, options, rate, bool(locate_corners))
+        spec = BuildSpec(described, tuple(names), tree, options, rate, bool(locate_corners))
         try:
             with locating_errors(self):
-                compiled = recipe.compiled()
-                model = Model(compiled, recipe)
+                model = compile_spec(spec)
                 model.times["formulate"] += prepared
                 # Faults that only numbers show, as a motion without inertia, are refused here.
-                check_start(model)
+                check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:
             # A node that is misspelt leaves another one without what it should carry.
             from cotree.lint import dangling_hint
 
             raise type(error)(f"{error}{dangling_hint(self)}") from None
-        for name in model.unreached:
+        for name in model.kernels.unreached:
             warnings.warn(
                 f"no state or output depends on parameter '{name}': its sensitivities are all zero",
                 RuntimeWarning,

@@ -2,90 +2,117 @@
 
 from __future__ import annotations
 
+import pickle
+import threading
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cotree.carried import carry, digest
-from cotree.ensemble.of_model import EnsembleMethods
-from cotree.errors import Error, SolveError
+from cotree.ensemble.of_model import run_members
+from cotree.errors import Error, ModelError, SolveError
 from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import Moment
-from cotree.model.points import PointMethods
 from cotree.model.start import find_start, scene_start
 from cotree.naming import c_identifier
-from cotree.operating import OperatingPoint, program_at_rest
 from cotree.quiet import level_of_user
-from cotree.runner import RunnableModel
-from cotree.scene.settings import OPERATING_POINT
-from cotree.scene.variants import expressions_among
-from cotree.sharing import forming, locked_cached_property
+from cotree.records import changed, filled
+from cotree.results import Result
+from cotree.scene.expressions import check_number, parse
+from cotree.scene.settings import Simulation, documented, settings_from
+from cotree.scene.variants import expressions_among, new_names, with_inputs
+from cotree.sharing import Kept, forming, locked_cached_property
 from cotree.solvers.methods import METHODS
-from cotree.variants import Variants
+from cotree.solvers.prepare import Preparation, kept_for
+from cotree.solvers.simulate import run_values
+from cotree.spec import BuildSpec, pickled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Unpack
+
+    from scipy.sparse import csc_matrix
 
     from cotree.choice import Operations
-    from cotree.compilation import Compiled
     from cotree.export.c_project import CProject
     from cotree.export.fmi.fmu import Fmu, FmuChoice
-    from cotree.formulation.first_graph import FirstGraph
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
+    from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
-    from cotree.program import Program
-    from cotree.recipe import CarriedRecipe, Recipe
-    from cotree.scene.description import SceneDescription
-    from cotree.scene.settings import Settings
+    from cotree.model.model import CompiledModel
+    from cotree.model.structure import Structure
+    from cotree.model.trim import TrimPoint
+    from cotree.program import Layout
+    from cotree.scene.settings import OtherSettings, Settings
+
+# Texts that hold numbers, such as those of an optimiser, would be kept without end. What is dropped
+# here is still in the cache on disk.
+_MOST_VARIANTS = 32
+
+# Settings of runs that a model keeps what it has prepared for.
+_MOST_KEPT = 8
 
 
-class Model(RunnableModel, EnsembleMethods, PointMethods):
+class Model:
     """A compiled scene.
+
+    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
+    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
+    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
+    Several threads may call the same model at the same time, with other parameters each.
 
     Attributes
     ----------
+    states, parameters, inputs, outputs : tuple of str
+        Names of the states, the tunable parameters, the inputs and the outputs.
+    sensitivities : tuple of str
+        Parameters and states with respect to which sensitivities are taken.
+    layout : Layout
+        Names, units and patterns.
+    kernels : CompiledModel
+        The kernels in C.
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
 
-    _recipe: Recipe | CarriedRecipe
-
     def __init__(
-        self, compiled: Compiled, recipe: Recipe | CarriedRecipe, at_rest: Program | None = None
+        self,
+        kernels: CompiledModel,
+        spec: BuildSpec | bytes,
+        times: Mapping[str, float],
+        defaults: Simulation | None = None,
     ) -> None:
-        begins_at_rest = recipe.defaults.start == OPERATING_POINT
-        # Only bound here: the network at rest is formed when a start is first asked for.
-        rest = OperatingPoint(self, lambda: at_rest or program_at_rest(self, recipe.scene))
-        super().__init__(compiled.text.program, compiled.kernels, rest if begins_at_rest else None)
-        self._compiled, self._recipe = compiled, recipe
-        self.times: dict[str, float] = dict(compiled.times)
+        self.kernels, self._spec, self.times = kernels, spec, dict(times)
+        own = spec.scene.defaults if isinstance(spec, BuildSpec) else defaults
+        self._defaults = own or Simulation()
+        self.layout: Layout = kernels.layout
+        self.states, self.parameters = kernels.states, kernels.parameters
+        self.inputs, self.outputs = kernels.inputs, kernels.outputs
+        self.sensitivities = kernels.sensitivities
+        self._kept: Kept[tuple[Model, Preparation]] = Kept(_MOST_KEPT)
+        self._variants: dict[object, Model] = {}
+        self._lock = threading.RLock()
+
+    @property
+    def spec(self) -> BuildSpec:
+        """All that the model was compiled from.
+
+        Raises
+        ------
+        ModelError
+            If the model came from another process, and its scene cannot be read here.
+        """
+        # Components that a user registered there need not be known here before that.
+        if isinstance(self._spec, bytes):
+            self._spec = _opened(self._spec)
+        return self._spec
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Libraries belong to a process; another one compiles the text, or finds it in its cache.
-        return carry(self._compiled.text, self._recipe, self._program_at_rest)
-
-    @property
-    def _scene(self) -> SceneDescription:
-        # Of a model from another process, its bytes are opened here.
-        return self._recipe.scene
-
-    @property
-    def _program_at_rest(self) -> Program | None:
-        return self._rest.program if isinstance(self._rest, OperatingPoint) else None
-
-    @property
-    def digest(self) -> str:
-        """Hash of its C text, names and default values: equal for models that compute the same."""
-        return digest(self._compiled.text, self._program_at_rest)
-
-    @locked_cached_property
-    def _variants(self) -> Variants[Model]:
-        recipe = self._recipe
-        return Variants(recipe.scene, lambda other: recipe.of(other, self.first_graph).made())
+        spec = self._spec if isinstance(self._spec, bytes) else pickled(self._spec) or b""
+        return type(self), (self.kernels, spec, {}, self._defaults)
 
     def __repr__(self) -> str:
         from cotree.model.display import model_text
@@ -98,43 +125,38 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
 
         return model_html(self, ("auto", *METHODS))
 
-    def slow_causes(self) -> str:
-        """Return sentences on bodies that are so light that rounding errors move them."""
-        from cotree.scene.checks import tiny_masses
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
+        return self.kernels.constraints
 
-        try:
-            found = [sentence for _, sentence in tiny_masses(self._scene)]
-        except Error:  # of values that a run replaced
-            return ""
-        return " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in found[:2])
+    @property
+    def structure(self) -> Structure:
+        """Patterns of the derivatives: entries of the Jacobian, and reach of parameters."""
+        return self.kernels.structure
+
+    @property
+    def digest(self) -> str:
+        """Hash of its C text, names and default values: equal for models that compute the same."""
+        return self.kernels.digest
 
     @property
     def source(self) -> str:
         """The C text of the model."""
-        text = self._compiled.text
-        return text.files[f"{text.prefix}.c"]
-
-    @property
-    def first_graph(self) -> FirstGraph:
-        """The first graph, from which its equations were formed."""
-        return self._compiled.formed.first
-
-    @property
-    def cached(self) -> bool:
-        """Whether the library was compiled before."""
-        return self._compiled.cached
+        text = self.kernels.text
+        return text.files[f"{text.prefix}.c"] if text else ""
 
     @property
     def operations(self) -> Operations:
         """Operation counts by kernel; ``alternatives`` are the formulations that were tried."""
         from cotree.choice import Operations
 
-        return Operations(super().operations, self._compiled.formed.alternatives)
+        return Operations(self.kernels.program.operations, self.spec.formed.alternatives)
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
-        lines = [self._program.summary(), *self.operations.tried()]
-        for report in self._compiled.formed.reports:
+        lines = [self.kernels.program.summary(), *self.operations.tried()]
+        for report in self.spec.formed.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             counts = [(name, n, report.after[name]) for name, n in report.before.items()]
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
@@ -143,7 +165,7 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         return "\n".join(lines)
 
     def derived(self, p: Any = None) -> dict[str, float]:
-        """Give the values of the parameters that are derived from others, by name.
+        """Return the values of the parameters that are derived from others, by name.
 
         Parameters
         ----------
@@ -155,12 +177,17 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         ParameterError
             If a value is not accepted.
         """
-        return derived_values(self.layout.derived, self.parameter_array(p))
+        return derived_values(self.layout.derived, self.kernels.parameter_array(p))
+
+    @property
+    def default_parameters(self) -> Array:
+        """The scene's parameter values, shape (n_parameters,)."""
+        return self.kernels.default_parameters
 
     @property
     def initial_state(self) -> Array:
         """The consistent initial states at the scene's parameter values, shape (n_states,)."""
-        return scene_start(self).y
+        return scene_start(self.kernels).y
 
     def start(
         self,
@@ -198,27 +225,387 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         SingularSystemError
             If the algebraic equations do not determine them.
         """
-        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
         # Guards look at the parameters as soon as a kernel is called.
-        return find_start(Moment(self, t, self.parameter_array(p), u), initial or {})
+        return find_start(self._moment(t, p, u), initial or {})
+
+    def _moment(self, t: Any, p: Any, u: Any) -> Moment:
+        u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
+        return Moment(self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u)
+
+    def rhs(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the rates of the states.
+
+        Parameters
+        ----------
+        t : float, or array_like of shape (m,)
+            Time, [s].
+        y : array_like, shape (n_states,) or (n_states, m)
+            States; with two axes, those of m points, which are evaluated in one call into C.
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
+            Parameters; of m points (n_parameters, m), too.
+        u : array_like, shape (n_inputs,), optional
+            Inputs; of m points (n_inputs, m), too. Where the scene's own input depends on a
+            parameter, so do sensitivities.
+
+        Returns
+        -------
+        ndarray, shape (n_states,) or (n_states, m)
+            Rates, in the states' units per second; residuals in the places of algebraic unknowns.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape, or the parameters are refused by the model.
+        SingularSystemError
+            If the mass matrix is singular here. Of m points, the message names the column.
+        """
+        return self.kernels.rhs(t, y, p, u)
+
+    def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
+
+        Parameters and errors as for :meth:`rhs`; of m points the shape is (n_states, n_states, m).
+        """
+        return self.kernels.jacobian(t, y, p, u)
+
+    def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
+        """Evaluate the Jacobian as a SciPy CSC matrix, shape (n_states, n_states).
+
+        Parameters and errors as for :meth:`rhs`, at one point.
+        """
+        return self.kernels.jacobian_sparse(t, y, p, u)
+
+    def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the rates of the sensitivities.
+
+        Parameters
+        ----------
+        t, y, p, u
+            As for :meth:`rhs`.
+        s : array_like, shape (n_states, n_parameters) or (n_states, n_parameters, m)
+            Sensitivities of the states, in the order of :attr:`sensitivities`.
+
+        Returns
+        -------
+        ndarray, of the shape of ``s``
+            Their rates.
+        """
+        return self.kernels.sensitivity_rhs(t, y, s, p, u)
+
+    def output_values(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the outputs, shape (n_outputs,) or (n_outputs, m).
+
+        Parameters and errors as for :meth:`rhs`.
+        """
+        return self.kernels.output_values(t, y, p, u)
+
+    def output_sensitivity(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
+        """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters).
+
+        Parameters and errors as for :meth:`sensitivity_rhs`; of m points the shape ends with m.
+        """
+        return self.kernels.output_sensitivity(t, y, s, p, u)
+
+    @documented
+    def simulate(
+        self,
+        t_span: tuple[float, float] | None = None,
+        t_eval: Any = None,
+        method: str | None = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        *,
+        parameters: Any = None,
+        initial: Mapping[str, float] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        sensitivities: bool = True,
+        throw: bool = False,
+        **settings: Unpack[OtherSettings],
+    ) -> Result:
+        """Integrate states and sensitivities together.
+
+        What depends on settings alone is prepared at the first of several runs with the same ones.
+        Arrays, lists and numbers are compared by their values, functions of Python by identity;
+        settings with more than 10,000 times are prepared at each run. Several threads may call it
+        at the same time; a result depends on the values of its own call alone.
+
+        Parameters
+        ----------
+        t_span, t_eval, method, rtol, atol, parameters, initial, inputs, throw, **settings
+            See :class:`cotree.Settings`.
+
+        Returns
+        -------
+        Result
+            ``t``, ``y`` (n_states, n_t), ``s`` (n_states, n_parameters, n_t), and all by name.
+
+        Raises
+        ------
+        ModelError
+            If a parameter, initial value or input is not accepted.
+        SolveError
+            If the method is unknown or its settings make no sense.
+        TypeError
+            If there is no such setting.
+
+        Examples
+        --------
+        >>> from cotree import load
+        >>> result = load("slider-pendulum").compile(["L"]).simulate((0, 10), rtol=1e-10)
+        >>> round(float(result["j1.s"][-1]), 6)
+        0.526045
+        """
+        given: dict[str, Any] = {
+            "t_span": t_span,
+            "t_eval": t_eval,
+            "method": method,
+            "rtol": rtol,
+            "atol": atol,
+            "inputs": inputs,
+            "sensitivities": sensitivities,
+            "throw": throw,
+            **settings,
+        }
+        # Names in expressions of inputs are parameters if the call gives them values.
+        names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
+        model, preparation = kept_for(
+            self._kept,
+            {**given, "gains": names} if inputs else given,
+            lambda: self._prepared({**given, "parameters": parameters, "initial": initial}),
+        )
+        values = run_values(preparation, parameters, initial or {})
+        # The library was compiled before; the first run of a method compiles its engine.
+        own = values["times"]
+        own["compile"] += model.times.get("compile", 0.0)
+        return filled(
+            Result,
+            {
+                **values,
+                "times": {**model.times, **own},
+                "model": model,
+                "settings": changed(
+                    preparation.settings, parameters=parameters, initial=initial or {}
+                ),
+            },
+        )
+
+    def _prepared(self, given: Mapping[str, Any]) -> tuple[Model, Preparation]:
+        """Prepare runs with some settings; the scene gives those that are left open."""
+        model, settings = self._variant(settings_from(self._defaults, given))
+        return model, Preparation(model.kernels, settings)
+
+    ensemble = run_members
+
+    def linearize(
+        self,
+        t: float = 0.0,
+        y: Any = None,
+        p: Any = None,
+        u: Any = None,
+        *,
+        reduced: bool = False,
+        sensitivities: Sequence[str] | str = (),
+        total: bool = False,
+    ) -> Linearization:
+        """Linearise about the motion through a state: z' = A z + B u, y = C z + D u.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : array_like, shape (n_states,), optional
+            States, with guesses for algebraic unknowns; by default the initial states.
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters, which may be a mapping of names to values, and inputs; by default those of
+            the scene.
+        reduced : bool
+            Whether to linearise in independent deviations, whose number is that of the degrees of
+            freedom of position plus velocity. A scene with constraints or quaternions needs this
+            for its eigenvalues. Otherwise all states are used, which constraints make dependent.
+        sensitivities : sequence of str
+            Parameters, inputs or states to differentiate A, B, C and D by; see
+            :meth:`~cotree.model.linearization.Linearization.sensitivity`. The model need not be
+            compiled with these.
+        total : bool
+            Whether derivatives include the dependence of the initial states on the parameters, for
+            which the model must be compiled with these sensitivities; otherwise states are held
+            fixed. The dependence of algebraic unknowns and of the scene's inputs is always
+            included. ``model.trim().linearize`` differentiates along equilibria.
+
+        Returns
+        -------
+        Linearization
+            ``A``, ``B``, ``C``, ``D`` with names, ``basis`` and ``is_steady``. Deviations that
+            satisfy the constraints to first order continue to do so along the motion:
+            G A N + G' N = 0 with the Jacobian G of the constraints, the basis N of its null space,
+            and the time derivative G' along the motion. The reduced A includes this term.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape, or a name is unknown.
+        SingularSystemError
+            If the mass matrix is singular there.
+        SolveError
+            If dry friction is not in its mode there: a start at rest has the mode 0 until a run
+            begins, whether forces stay within their limits or not.
+        """
+        from cotree.model.linearize import linearize
+
+        return linearize(
+            self._linearizer,
+            self._moment(t, p, u),
+            y,
+            reduced=reduced,
+            sensitivities=sensitivities,
+            total=total,
+        )
+
+    def trim(
+        self,
+        solve: Sequence[str] | str = (),
+        *,
+        fixed: Mapping[str, float] | None = None,
+        rates: Mapping[str, float | None] | None = None,
+        outputs: Mapping[str, float] | None = None,
+        guess: Mapping[str, float] | None = None,
+        t: float = 0.0,
+        p: Any = None,
+        u: Any = None,
+    ) -> TrimPoint:
+        """Find an equilibrium or a steady motion by Newton's method with the exact Jacobian.
+
+        All states are unknown, except those in ``fixed``. All rates are zero, except those in
+        ``rates``. Constraints and algebraic equations are satisfied.
+
+        Parameters
+        ----------
+        solve : sequence of str
+            Inputs and parameters that are unknown in addition to the states, one for each
+            prescribed state or output.
+        fixed : mapping of str to float, optional
+            Prescribed values of states, inputs and parameters, in SI. The rate of a coordinate
+            whose speed is prescribed is that speed.
+        rates : mapping of str to float or None, optional
+            Nonzero rates of states, in SI; None leaves a rate free.
+        outputs : mapping of str to float, optional
+            Prescribed values of outputs, in SI.
+        guess : mapping of str to float, optional
+            Initial guesses; by default the model's initial states and the scene's values. If there
+            are several equilibria, one near the guess is found.
+        t : float
+            Time, [s].
+        p, u : array_like, shapes (n_parameters,) and (n_inputs,), optional
+            Parameters, which may be a mapping of names to values, and inputs; by default those of
+            the scene.
+
+        Returns
+        -------
+        TrimPoint
+            ``y``, ``p``, ``u`` and values by name, ``is_unique`` and ``undetermined``,
+            ``linearize()``, and ``settings`` for :meth:`cotree.Model.simulate`.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or arguments contradict each other.
+        SolveError
+            If no such point is found; the message names the equations that are not satisfied.
+
+        Examples
+        --------
+        >>> import cotree
+        >>> scene = cotree.Scene("pendulum", gravity=[0, -9.81, 0])
+        >>> scene.input("M", 0.0, unit="N m")
+        >>> scene.edge("j", "revolute", "ground", "A", axis=[0, 0, 1], torque="M")
+        >>> scene.edge("rod", "arm", "A", "B", vector=[0, -2.0, 0])
+        >>> scene.edge("bob", "rigid_body", "ground", "B", mass=1.0)
+        >>> held = scene.compile().trim(["M"], fixed={"j.theta": 0.5})
+        >>> round(held["M"], 6)
+        9.406329
+        """
+        from cotree.model.trim import find_trim
+
+        at = self._moment(t, p, u)
+        return find_trim(self._linearizer, at, solve, fixed, rates, outputs, guess)
 
     @locked_cached_property
     def _linearizer(self) -> Linearizer:
         from cotree.model.linearize import Linearizer
         from cotree.pipeline import equations_of_deviations
 
-        return Linearizer(*equations_of_deviations(self.first_graph))
+        return Linearizer(*equations_of_deviations(self.spec.formed.first))
+
+    def as_casadi(self, t: float | None = None) -> Any:
+        """Give the rates as an external function of CasADi, with their exact Jacobian.
+
+        Parameters
+        ----------
+        t : float, optional
+            Time at which rates are taken, [s]; needed where they depend on it.
+
+        Returns
+        -------
+        casadi.Callback
+            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
+            compiled with sensitivities to. Keep it as long as what was made of it.
+
+        Raises
+        ------
+        ParameterError
+            If the model has algebraic unknowns or constraints, or needs a time; or if the package
+            is missing.
+        """
+        from cotree.model.bridges import casadi_function, rates_of
+
+        return casadi_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_casadi"))
+
+    def as_jax(self, t: float | None = None) -> Any:
+        """Give the rates as a function of JAX, with their exact first derivatives.
+
+        Parameters
+        ----------
+        t : float, optional
+            Time at which rates are taken, [s]; needed where they depend on it.
+
+        Returns
+        -------
+        callable
+            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
+            compiled with sensitivities to; the scene's where p is absent.
+
+        Raises
+        ------
+        ParameterError
+            If the model has algebraic unknowns or constraints, or needs a time; if the package is
+            missing; or if JAX computes in single precision.
+        """
+        from cotree.model.bridges import jax_function, rates_of
+
+        return jax_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_jax"))
 
     def _variant(self, settings: Settings) -> tuple[Model, Settings]:
-        """Give the model with expressions among the inputs compiled in, and what is left to set."""
+        """Return the model with expressions among the inputs compiled in, and the rest to set."""
         given = settings.inputs
-        if not given:
-            return self, settings
-        expressions = expressions_among(given) if isinstance(given, Mapping) else {}
+        expressions = expressions_among(given) if given and isinstance(given, Mapping) else {}
         if not expressions:
             return self, settings
+        scene, parameters = self.spec.scene, settings.parameters
+        known = parameters if isinstance(parameters, Mapping) else {}
+        # Names that the scene does not have become parameters of the model.
+        gains = new_names(scene, expressions, known)
+        texts = {name: parse(text, "input").text.strip() for name, text in expressions.items()}
+        key = frozenset(texts.items()), tuple(gains)
+        with self._lock:
+            model = self._variants.pop(key, None)
+            if model is None:
+                values = {name: known[name] for name in gains}
+                other = with_inputs(scene, expressions, values, "input")
+                model = compile_spec(self.spec.of(other))
+            self._variants[key] = model  # the one used last is last
+            if len(self._variants) > _MOST_VARIANTS:
+                del self._variants[next(iter(self._variants))]
         rest = {name: value for name, value in given.items() if name not in expressions}
-        model = self._variants.of(expressions, settings.parameters)
         return model, replace(settings, inputs=rest)
 
     def write(
@@ -267,14 +654,14 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         """
         from cotree.export.c_project import Kit, write_c_project
 
-        d, to = self._recipe.defaults, Path(directory)
+        d, to = self._defaults, Path(directory)
         kit = Kit(integrator, real, prefix, cpp, single_file)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
         # A C project has no search for operating points: it begins with the numbers found here.
-        start = self.start() if self.begins_at_rest else None
+        start = self.start() if self.kernels.begins_at_rest else None
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
-            return write_c_project(self._program, to, kit, **numbers, step=step, start=start)
+            return write_c_project(self.kernels.program, to, kit, **numbers, step=step, start=start)
 
     def export_fmu(
         self,
@@ -328,27 +715,27 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
         from cotree.export.fmi.fmu import choose, write_fmu
 
         choice = choose(version, kinds, integrator, inputs, platforms)
-        d = self._recipe.defaults
-        rest = self.start() if self.begins_at_rest else None
+        d = self._defaults
+        rest = self.start() if self.kernels.begins_at_rest else None
         to, extra = target_path(path, "the FMU"), self._fmu_extras(choice)
         # Further kernels are new nodes of the program's arena, which threads share.
         with forming:
-            own = Evaluated(self._program)
+            own = Evaluated(self.kernels.program)
             numbers = d.t_end, d.rtol, d.atol
-            return write_fmu(self._program, to, choice, own, numbers, rest=rest, extra=extra)
+            return write_fmu(self.kernels.program, to, choice, own, numbers, rest=rest, extra=extra)
 
     def _fmu_extras(self, choice: FmuChoice) -> dict[str, bytes]:
-        """Give the expected results and the icon of an FMU."""
+        """Return the expected results and the icon of an FMU."""
         from cotree.export.fmi.fmu import icon_files, interval_of, reference_files, reference_times
         from cotree.pipeline import draw_graphs
         from cotree.plot import draw_graphs as picture
 
-        t_end = self._recipe.defaults.t_end
-        graphs, trees = draw_graphs(self._scene, None)
+        t_end = self._defaults.t_end
+        graphs, trees = draw_graphs(self.spec.scene, None)
         drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
         files = icon_files(drawn, choice.version)
         # Inputs from outside stay where they begin.
-        begin = self.input_values(0.0)
+        begin = self.kernels.input_values(0.0)
         wanted = choice.inputs or ()
         held = {name: u for name, u in zip(self.inputs, begin, strict=True) if name in wanted}
         try:
@@ -364,3 +751,27 @@ class Model(RunnableModel, EnsembleMethods, PointMethods):
             return files
         columns = {name: result[name] for name in self.outputs}
         return files | reference_files(c_identifier(self.layout.name), result.t, columns)
+
+
+def compile_spec(spec: BuildSpec) -> Model:
+    """Form the equations, generate C, compile and load it; see :meth:`cotree.Scene.compile`."""
+    kernels, times = spec.compile()
+    return Model(kernels, spec, times)
+
+
+def _opened(data: bytes) -> BuildSpec:
+    """Read the specification of a model from another process."""
+    reason = "it could not be pickled"
+    if data:
+        try:
+            spec = pickle.loads(data)
+            assert isinstance(spec, BuildSpec)
+            return spec
+        except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
+            # Without the names that are known here.
+            reason = str(error).split(";")[0].rstrip(".")
+    raise ModelError(
+        "this model came from another process as C text, and what is asked for needs its "
+        f"scene, which cannot be had here ({reason}): register its components and import its "
+        "modules here before, or ask where the model was compiled"
+    )

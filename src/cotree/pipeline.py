@@ -4,14 +4,14 @@
 
     scene -> linear graphs -> trees -> first graph -> equations -> program -> C text
 
-:mod:`cotree.compilation` goes on from there to a library.
+:mod:`cotree.spec` goes on from there to kernels.
 """
 
 from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.choice import choose_first_graph
@@ -25,7 +25,7 @@ from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
 from cotree.program.surfaces import hold_pieces
 from cotree.quiet import without_collection
-from cotree.scene.checks import check_scene_units
+from cotree.scene.checks import check_scene_units, tiny_masses
 from cotree.scene.graphs import (
     Trees,
     candidate_trees,
@@ -34,7 +34,8 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
-from cotree.scene.jumps import with_jumps
+from cotree.scene.jumps import jump_values, with_jumps
+from cotree.scene.variants import standing_scene
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
-    from cotree.program import Program
+    from cotree.program import Layout, Program
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
 
@@ -247,6 +248,26 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     return run_passes(lower(equations))
 
 
+def program_at_rest(layout: Layout, scene: SceneDescription) -> Program:
+    """Form the network of a model at rest, whose scene asks for its operating point.
+
+    Raises
+    ------
+    ModelError, FormulationError
+        If it cannot be formed.
+    """
+    # Sensitivities to initial values are the model's own: a scene at rest has none of these.
+    given = [name for name in layout.sensitivities if name in scene.parameters]
+    wanted = [row.name for row in layout.states]
+    for total, _ in layout.followers:  # which a start finds from what follows from it
+        wanted[total] = "0"
+    try:
+        standing = standing_scene(scene, wanted, jump_values(scene))
+        return generate(formulate(standing, given, None)[1])[0]
+    except Error as error:
+        raise type(error)(f"the operating point: {error}") from None
+
+
 def form_text(
     scene: SceneDescription,
     sensitivities: Sequence[str],
@@ -254,7 +275,7 @@ def form_text(
     baumgarte: float,
     locates_corners: bool = True,
 ) -> Formed:
-    """Take a scene to its C text; parameters as of :func:`cotree.compilation.compile_scene`.
+    """Take a scene to its C text; parameters as of :class:`cotree.spec.BuildSpec`.
 
     Raises
     ------
@@ -283,7 +304,9 @@ def _form_text(
     # Steps of a run keep to the pieces of what has corners. Equations for people have none.
     program, reports = generate(hold_pieces(equations) if locates_corners else equations)
     context = model_context(program)
-    text = text_of(program, context)
+    causes = [sentence for _, sentence in tiny_masses(scene)][:2]
+    slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)
+    text = replace(text_of(program, context), slow_causes=slow)
     marks.append(time.perf_counter())
     times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
     return Formed(first, alternatives, reports, context, text, times)

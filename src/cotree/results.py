@@ -50,12 +50,12 @@ class Result(RunRecord):
         have functions of Python as inputs, and of results without their model, this is the result
         itself.
         """
-        from cotree.model.model import CompiledModel
         from cotree.solvers.dense import at_more_times
 
-        if not isinstance(self.model, CompiledModel) or self.settings is None:
+        kernels = getattr(self.model, "kernels", None)
+        if kernels is None or self.settings is None:
             return self
-        return at_more_times(self, self.model, self.settings)
+        return at_more_times(self, kernels, self.settings)
 
     def plot(
         self,

@@ -182,7 +182,7 @@ def test_runs_touch_no_foreign_memory(name: str, checker: str, real: str, tmp_pa
         assert done.returncode == 0, done.stderr
         program = f"./{command[command.index('-o') + 1]}"
         # A tenth of the run, in which all that there is happens once at least.
-        defaults = model._recipe.defaults
+        defaults = model.spec.scene.defaults
         done = execute([*calls, program, "--t-end", repr(0.1 * defaults.t_end)], project.directory)
         assert done.returncode in (0, 1), done.stderr
         assert "runtime error" not in done.stderr, done.stderr

@@ -69,7 +69,9 @@ def test_ends_as_in_python(
     model = bridge().model(sensitivities)
     # That of sensitivities is this by the size of a parameter, here 500: less is below rounding.
     atol = 5e-11 if sensitivities else 1e-13
-    project = write_c_project(model._program, tmp_path, method, t_end=0.017, rtol=1e-11, atol=atol)
+    project = write_c_project(
+        model.kernels.program, tmp_path, method, t_end=0.017, rtol=1e-11, atol=atol
+    )
     values = printed(run([build(project, compiler)], tmp_path))
     result = model.simulate((0.0, 0.017), [0.017], "Radau", 1e-10, atol, throw=True)
     # Two methods with errors of 1e-10 in each of some thousand steps, which the capacitor mends.
@@ -90,7 +92,9 @@ def test_with_constraints(
     compiler: str, tmp_path: Path, sensitivities: tuple[str, ...], method: str
 ) -> None:
     model = model_of(with_a_network(formulate(four_bar(), sensitivities, None)[1]))
-    project = write_c_project(model._program, tmp_path, method, t_end=1.0, rtol=1e-11, atol=1e-12)
+    project = write_c_project(
+        model.kernels.program, tmp_path, method, t_end=1.0, rtol=1e-11, atol=1e-12
+    )
     values = printed(run([build(project, compiler)], tmp_path))
     result = model.simulate((0.0, 1.0), [1.0], "DOP853", 1e-12, 1e-13, throw=True)
     # As for constraints alone: some hundred steps at 1e-11, enlarged by the motion.
@@ -109,7 +113,7 @@ def test_shipped_rectifier_runs_to_its_end(
 ) -> None:
     """Steps that reach far into another diode's turn leave guesses that lead nowhere."""
     model = load("bridge-rectifier").compile(list(sensitivities))
-    project = write_c_project(model._program, tmp_path, t_end=0.1, rtol=1e-8, atol=1e-10)
+    project = write_c_project(model.kernels.program, tmp_path, t_end=0.1, rtol=1e-8, atol=1e-10)
     values = printed(run([build(project, compiler)], tmp_path))
     result = model.simulate((0.0, 0.1), [0.1], "DOP853", 1e-11, 1e-13, throw=True)
     # Some hundred steps with errors of 1e-8, which the load mends.

@@ -79,7 +79,7 @@ def spherical_pendulum() -> Scene:
 
 
 def write(model: Model, folder: Path, tolerance: float = 1e-12) -> CProject:
-    return write_c_project(model._program, folder, t_end=2.0, rtol=tolerance, atol=tolerance)
+    return write_c_project(model.kernels.program, folder, t_end=2.0, rtol=tolerance, atol=tolerance)
 
 
 def simulated(model: Model, t: float) -> dict[str, float]:
@@ -98,7 +98,7 @@ def residuals_of_sensitivities(model: Model, t: float, values: dict[str, float])
     """Evaluate the differentiated constraints where the executable ended."""
     y = np.array([values[name] for name in model.states])
     s = [values[f"d({name})/d({seed})"] for seed in model.sensitivities for name in model.states]
-    kernel = model.bound("constraint_sensitivity", model.default_parameters)
+    kernel = model.kernels.bound("constraint_sensitivity", model.default_parameters)
     return kernel(t, y, np.array(s), None).copy()
 
 
@@ -126,7 +126,7 @@ def test_a_constrained_motion_ends_as_in_python(
     for name, value in expected.items():
         assert values[name] == pytest.approx(value, abs=1e-8 * max(1.0, abs(value))), name
     y = [values[name] for name in model.states]
-    assert np.max(np.abs(model.constraint_values(2.0, y))) < PRINTED
+    assert np.max(np.abs(model.kernels.constraint_values(2.0, y))) < PRINTED
     if sensitivities:
         # They reach some hundreds, with the same number of digits.
         assert np.max(np.abs(residuals_of_sensitivities(model, 2.0, values))) < 100 * PRINTED
@@ -162,7 +162,7 @@ def test_a_loose_tolerance_leaves_no_residual(compiler: str, tmp_path: Path) -> 
         main.write_text(text)
         values = printed(run([build(project, compiler)], tmp_path))
         y = [values[name] for name in model.states]
-        residuals.append(float(np.max(np.abs(model.constraint_values(2.0, y)))))
+        residuals.append(float(np.max(np.abs(model.kernels.constraint_values(2.0, y)))))
     assert residuals[0] < PRINTED
     assert residuals[1] > 1e-7
 

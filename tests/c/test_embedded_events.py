@@ -91,7 +91,7 @@ CASES = {
 
 def write(model: Model, folder: Path, integrator: str = "dopri5", t_end: float = 2.0) -> CProject:
     tight = {"rtol": 1e-11, "atol": 1e-12}
-    return write_c_project(model._program, folder, integrator, t_end=t_end, **tight)
+    return write_c_project(model.kernels.program, folder, integrator, t_end=t_end, **tight)
 
 
 def simulated(model: Model, t: float) -> dict[str, float]:

@@ -36,7 +36,7 @@ def test_same_columns_as_with_zeros(make, names, options, tmp_path, monkeypatch)
     for folder in ("packed", "whole"):
         if folder == "whole":
             monkeypatch.setattr(lowering, "reached_states", whole_pattern)
-        program = make().compile(names)._program
+        program = make().compile(names).kernels.program
         given = {"rtol": 1e-9, "atol": 1e-11, "t_end": 0.5} | options
         project = write_c_project(program, tmp_path / folder, **given)
         lines.append(_values(run([build(project, "gcc")], tmp_path / folder)))

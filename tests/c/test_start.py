@@ -86,7 +86,7 @@ def test_start_and_end_are_those_of_python(name, tmp_path: Path):
     run(project.command.split(), tmp_path)
     sets = [text for own, value in values.items() for text in ("--set", f"{own}={value!r}")]
     main = f"./{name.replace('-', '_')}"
-    start = model.start(p=model.parameter_array(values))
+    start = model.start(p=model.kernels.parameter_array(values))
     found = printed(run([main, *sets, "--t-end", "0"], tmp_path))
     names = [*model.states, *(f"d({x})/d({p})" for p in wanted for x in model.states)]
     for own, value in zip(names, start.z, strict=True):

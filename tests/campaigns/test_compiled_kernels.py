@@ -117,7 +117,7 @@ def test_lanes_are_the_same_as_members_by_themselves(
 def _texts(name: str, sensitivities: Iterable[str], folder: Path) -> dict[str, dict[str, str]]:
     """All C that is written of a shipped scene: projects, FMUs, lanes."""
     model = cotree.load(name).compile(list(sensitivities), optimize="-O0")
-    program: Program = model._program
+    program: Program = model.kernels.program
     found: dict[str, dict[str, str]] = {}
     for method, real in (("dopri5,rodas5", "double"), ("dop853", "float"), ("rk4", "double")):
         try:

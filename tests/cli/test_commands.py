@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import cotree
-import cotree.compilation
+import cotree.model.loading
 from cotree.cli import main
 from cotree.cli.arguments import read_tree
 
@@ -131,7 +131,7 @@ def test_run_warns_of_a_parameter_that_reaches_nothing(
 def test_run_warns_where_there_is_no_compiler(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(cotree.compilation, "find_toolchain", lambda: None)
+    monkeypatch.setattr(cotree.model.loading, "find_toolchain", lambda: None)
     assert main(["run", "spring-mass-damper", "--t-end", "0.1", "-s", "k"]) == 0
     printed = capsys.readouterr()
     assert "kernels in Python" in printed.out

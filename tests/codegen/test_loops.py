@@ -79,7 +79,7 @@ def test_a_guard_in_a_loop_names_its_parameter():
     assert "return -(" in prepare
     for name in ("m0", "m17", "m29"):
         with pytest.raises(ParameterError, match=f"b{name[1:]}'"):
-            model.rhs(0.0, np.zeros(60), model.parameter_array({name: -1.0}))
+            model.rhs(0.0, np.zeros(60), model.kernels.parameter_array({name: -1.0}))
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def _values(model):
 
 
 def _ops(model, kernel):
-    return [node.op for node in model._program.kernels[kernel].order]
+    return [node.op for node in model.kernels.program.kernels[kernel].order]
 
 
 @pytest.mark.slow
@@ -63,7 +63,7 @@ def test_blocks_of_a_map_give_the_same_bits(monkeypatch):
         monkeypatch.setattr(maps, "_LONGEST_IN_TURN", longest)
         model = _model()
         found[longest] = _values(model)
-        rows = model._compiled.formed.context.maps
+        rows = model.spec.formed.context.maps
         n_blocks[longest] = [len(row.body.blocks) for row in rows]
         # Each rod waits for the one before, so that two vectors of the Jacobian go in turn.
         assert max(row.n_together for row in rows) == (2 if longest == 50 else 1)
@@ -78,7 +78,7 @@ def test_loops_of_a_map_give_the_same_bits(monkeypatch):
     """Of fifty rods and more the statements of a map are loops."""
     scene, wanted = rod_chain(50)
     model = scene.compile(wanted[:8])
-    rows = model._compiled.formed.context.maps
+    rows = model.spec.formed.context.maps
     lines = [line for row in rows for line in row.body.text]
     assert any(line.strip().startswith("for (") for line in lines)
     assert any(line.strip().startswith("VECTOR v[") for line in lines)
@@ -150,7 +150,7 @@ def test_the_jacobian_of_a_map_keeps_its_zeros():
     assert not matrix[np.ix_(first, second)].any()
     assert not matrix[np.ix_(second, first)].any()
     # Accelerations of each chain by its own angles and speeds, and angles by speeds.
-    assert len(model._program.layout.row_indices) == 2 * (6 * 12 + 6)
+    assert len(model.kernels.program.layout.row_indices) == 2 * (6 * 12 + 6)
 
 
 @pytest.fixture

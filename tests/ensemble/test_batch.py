@@ -38,7 +38,7 @@ def settings_of(**others):
 def test_a_member_is_the_run_that_simulate_makes(slider, method):
     names = ("L", "m1", "j1.s", "h2.theta_dot")
     rows = rows_of(slider, 3, names)
-    plan = Plan(slider, settings_of(method=method), names, ("rod_x",))
+    plan = Plan(slider.kernels, settings_of(method=method), names, ("rod_x",))
     block = run_block(plan, rows)
     for i, row in enumerate(rows):
         own = dict(zip(names, row, strict=True))
@@ -62,7 +62,7 @@ def test_a_member_is_the_run_that_simulate_makes(slider, method):
 def test_threads_order_and_blocks_change_no_bit(slider):
     names = ("L", "k")
     rows = rows_of(slider, 12, names)
-    plan = Plan(slider, settings_of(), names, slider.outputs)
+    plan = Plan(slider.kernels, settings_of(), names, slider.outputs)
     block = run_block(plan, rows)
     assert_same(run_block(plan, rows, threads=2), block)
     turned = run_block(plan, rows[::-1], threads=2)
@@ -75,9 +75,9 @@ def test_without_sensitivities_a_member_is_a_run_of_the_model_without_them(slide
     names = ("L", "k")
     rows = rows_of(slider, 3, names)
     plain = cotree.load("slider-pendulum").compile()
-    block = run_block(Plan(slider, settings_of(sensitivities=False), names), rows)
+    block = run_block(Plan(slider.kernels, settings_of(sensitivities=False), names), rows)
     assert block.z.shape == (3, 9, 4)
-    assert_same(block, run_block(Plan(plain, settings_of(), names), rows))
+    assert_same(block, run_block(Plan(plain.kernels, settings_of(), names), rows))
     run = slider.simulate(
         (0, 2),
         TIMES,
@@ -91,7 +91,7 @@ def test_without_sensitivities_a_member_is_a_run_of_the_model_without_them(slide
 
 def test_a_member_without_sensitivities_that_fails_says_what_its_run_says(ball):
     settings = Settings((0.0, 8.0), TIMES, "dop853", 1e-6)
-    plan = Plan(ball, replace(settings, sensitivities=False), ("v",), ball.outputs)
+    plan = Plan(ball.kernels, replace(settings, sensitivities=False), ("v",), ball.outputs)
     rows = np.array([[0.5], [0.0]])
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1]
@@ -104,7 +104,7 @@ def test_tolerances_of_sensitivities_follow_each_members_own_parameter(slider, s
     rows = np.array([[1.0], [100.0]])
     for tests in (True, False):
         settings = settings_of(scales=scales, error_test_sensitivities=tests)
-        plan = Plan(slider, settings, ("L",))
+        plan = Plan(slider.kernels, settings, ("L",))
         assert_same(run_block(plan, rows), run_one_by_one(plan, rows))
 
 
@@ -112,7 +112,7 @@ def test_tolerances_of_sensitivities_follow_each_members_own_parameter(slider, s
 def test_events_and_the_sensitivities_of_their_times(ball, method):
     names = ("e", "h", "j.s_dot")
     rows = rows_of(ball, 6, names)
-    plan = Plan(ball, settings_of(method=method), names, ball.outputs)
+    plan = Plan(ball.kernels, settings_of(method=method), names, ball.outputs)
     block = run_block(plan, rows, threads=2)
     assert_same(block, run_one_by_one(plan, rows))
     # It falls from h with v: h + v t - g t^2 / 2 = 0, so dt/dh = 1 / (g t - v).
@@ -126,7 +126,7 @@ def test_events_and_the_sensitivities_of_their_times(ball, method):
 
 def test_many_events_of_one_member_find_room(ball):
     # A ball that loses little speed bounces often; records begin with room for a few hundred.
-    plan = Plan(ball, Settings((0.0, 30.0), TIMES, "dop853", 1e-3), ("h", "e", "v"))
+    plan = Plan(ball.kernels, Settings((0.0, 30.0), TIMES, "dop853", 1e-3), ("h", "e", "v"))
     rows = np.array([[1.0, 0.8, 0.5], [0.1, 0.99, 1e-3], [1.0, 0.8, 0.5]])
     block = run_block(plan, rows)
     assert np.bincount(block.happened.member)[1] > 300
@@ -135,7 +135,7 @@ def test_many_events_of_one_member_find_room(ball):
 
 def test_a_member_that_fails_says_what_its_run_says(slider):
     rows = np.array([[1.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [1.0, np.inf], [1.1, 1.0]])
-    plan = Plan(slider, settings_of(), ("m1", "j1.s"), ("rod_x",))
+    plan = Plan(slider.kernels, settings_of(), ("m1", "j1.s"), ("rod_x",))
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1, -1, -1, 0]
     assert_same(block, run_one_by_one(plan, rows))
@@ -147,7 +147,7 @@ def test_a_member_that_fails_says_what_its_run_says(slider):
 def test_a_member_that_fails_on_its_way_says_what_its_run_says(ball):
     # Without a speed below which it rests, a ball bounces ever faster.
     rows = np.array([[0.5], [0.0], [0.4]])
-    plan = Plan(ball, Settings((0.0, 8.0), TIMES, "dop853", 1e-6), ("v",), ball.outputs)
+    plan = Plan(ball.kernels, Settings((0.0, 8.0), TIMES, "dop853", 1e-6), ("v",), ball.outputs)
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1, 0]
     assert "accumulates" in block.messages[1]
@@ -156,14 +156,14 @@ def test_a_member_that_fails_on_its_way_says_what_its_run_says(ball):
 
 
 def test_budgets_hold_for_each_member(slider, ball):
-    plan = Plan(slider, settings_of(max_steps=40), ("L", "k"))
+    plan = Plan(slider.kernels, settings_of(max_steps=40), ("L", "k"))
     # A negative spring drives the block away.
     rows = np.array([[1.0, 50.0], [1.1, -5000.0]])
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -2]
     assert "the limit of 40 steps is reached. 'j1.s_dot' grows" in block.messages[1]
     assert_same(block, run_one_by_one(plan, rows))
-    plan = Plan(ball, Settings((0.0, 8.0), TIMES, "dop853", 1e-6, max_events=2), ("v",))
+    plan = Plan(ball.kernels, Settings((0.0, 8.0), TIMES, "dop853", 1e-6, max_events=2), ("v",))
     block = run_block(plan, np.array([[0.5], [100.0]]))
     assert block.status.tolist() == [-2, 0]
     assert "the limit of 2 events is reached" in block.messages[0]
@@ -171,7 +171,7 @@ def test_budgets_hold_for_each_member(slider, ball):
 
 
 def test_a_member_may_take_so_much_time(slider):
-    plan = Plan(slider, settings_of(time_limit=1e-9), ("L",))
+    plan = Plan(slider.kernels, settings_of(time_limit=1e-9), ("L",))
     block = run_block(plan, np.array([[1.0]]))
     assert block.status.tolist() == [-2]
     assert "the time limit of 1e-09 s is spent" in block.messages[0]
@@ -182,7 +182,9 @@ def test_what_is_stopped_is_not_run(slider):
     stop.set()
     rows = np.ones((2000, 1))
     for threads in (1, 2):
-        block = run_block(Plan(slider, settings_of(), ("L",)), rows, threads=threads, stop=stop)
+        block = run_block(
+            Plan(slider.kernels, settings_of(), ("L",)), rows, threads=threads, stop=stop
+        )
         is_run = block.status == 0
         assert is_run.sum() < 2000
         assert set(block.status[~is_run].tolist()) == {-3}
@@ -199,7 +201,9 @@ def cart():
 def test_tables_in_place_of_inputs_reach_the_outputs(cart):
     model, name = cart, cart.inputs[0]
     table = ([0.0, 0.7, 2.0], [0.0, 3.0, -1.0])
-    plan = Plan(model, settings_of(inputs={name: table}), model.parameters[:2], model.outputs)
+    plan = Plan(
+        model.kernels, settings_of(inputs={name: table}), model.parameters[:2], model.outputs
+    )
     rows = rows_of(model, 2, model.parameters[:2])
     assert_same(run_block(plan, rows), run_one_by_one(plan, rows))
 
@@ -208,7 +212,7 @@ def test_late_times_are_refused_as_in_a_run(cart):
     model = cart
     times = 1e9 + TIMES
     settings = Settings((1e9, 1e9 + 2.0), times, "dop853", 1e-11)
-    plan = Plan(model, settings, model.parameters[:1])
+    plan = Plan(model.kernels, settings, model.parameters[:1])
     rows = rows_of(model, 1, model.parameters[:1])
     assert_same(run_block(plan, rows), run_one_by_one(plan, rows))
 

@@ -24,7 +24,7 @@ def test_events_are_not_read_from_room_that_was_given_up(monkeypatch):
 
     monkeypatch.setattr(Worker, "_make_room", make_room)
     ball = cotree.load("bouncing-ball").compile(["e"])
-    plan = Plan(ball, Settings((0.0, 3.0), np.linspace(0.0, 3.0, 3), "dopri5"), ("e",))
+    plan = Plan(ball.kernels, Settings((0.0, 3.0), np.linspace(0.0, 3.0, 3), "dopri5"), ("e",))
     rows = np.linspace(0.3, 0.9, 150)[:, np.newaxis]
     block, wanted = run_block(plan, rows, threads=1), run_one_by_one(plan, rows)
     assert len(given_up) >= 1

@@ -20,7 +20,7 @@ TIMES = np.linspace(0.0, 1.0, 9)
 
 def plan_of(model, columns, method, **settings):
     settings = {"t_span": (0.0, TIMES[-1]), "t_eval": TIMES, "rtol": 1e-6, **settings}
-    return Plan(model, Settings(method=method, **settings), tuple(columns), model.outputs)
+    return Plan(model.kernels, Settings(method=method, **settings), tuple(columns), model.outputs)
 
 
 def check(model, columns, method, *, is_searched=False, **settings):
@@ -82,7 +82,9 @@ def test_members_of_a_closed_loop_never_ask_python(monkeypatch, wanted):
     block = run_block(plan, rows, threads=2)
     assert (block.status == 0).all(), block.messages
     assert_same(block, expected)
-    starts = [model.start(p=model.parameter_array({"L": length})).z for length in rows[:, 0]]
+    starts = [
+        model.start(p=model.kernels.parameter_array({"L": length})).z for length in rows[:, 0]
+    ]
     # The first point is projected: a few roundings of angles and of their derivatives.
     np.testing.assert_allclose(block.z[:, 0], starts, rtol=1e-14, atol=1e-14)
 

@@ -34,7 +34,7 @@ needs_fork = pytest.mark.skipif(sys.platform != "linux", reason="pools are forke
 @pytest.fixture(scope="module")
 def plan():
     model = cotree.load("slider-pendulum").compile(["L"])
-    return Plan(model, Settings((0.0, 2.0), TIMES, "dop853"), ("L", "k"), ("rod_x",))
+    return Plan(model.kernels, Settings((0.0, 2.0), TIMES, "dop853"), ("L", "k"), ("rod_x",))
 
 
 @pytest.fixture(scope="module")

@@ -108,7 +108,7 @@ def test_columns_of_maps_are_written_out():
     """Ten parameters of a chain: kernels take columns together, lanes do not."""
     scene, wanted = rod_chain(5)
     model = scene.compile(wanted)
-    assert any(n.op == "map" for n in model._program.kernels["augmented_rhs"].order)
+    assert any(n.op == "map" for n in model.kernels.program.kernels["augmented_rhs"].order)
     names, times = ("L0", "m1"), np.linspace(0.0, 0.5, 6)
     rows = rows_of(model, names, 5)
     plans = [plan_of(model, names, n, times=times) for n in (None, 1)]
@@ -182,7 +182,7 @@ def test_models_and_runs_without_lanes_say_why(slider):
     }
     for word, plan in why.items():
         assert word in find_lanes(find_pattern(plan))
-    assert "no method" in lanes_refusal(slider._program, "cvode", has_sensitivities=True)
+    assert "no method" in lanes_refusal(slider.kernels.program, "cvode", has_sensitivities=True)
     pattern = find_pattern(plan_of(linkage, linkage.parameters[:1]))
     assert isinstance(pattern, str) or "constraints" in find_lanes(pattern)
     with pytest.raises(SolveError, match="lanes is 3"):

@@ -17,7 +17,7 @@ def model():
 
 
 def test_each_member_is_a_run(model):
-    plan = Plan(model, Settings((0.0, 2.0), TIMES), ("L", "j1.s"), ("rod_x",))
+    plan = Plan(model.kernels, Settings((0.0, 2.0), TIMES), ("L", "j1.s"), ("rod_x",))
     block = run_one_by_one(plan, np.array([[1.0, 0.5], [1.1, 0.4]]))
     run = model.simulate((0, 2), TIMES, parameters={"L": 1.1}, initial={"j1.s": 0.4})
     assert block.status.tolist() == [0, 0]
@@ -30,7 +30,7 @@ def test_each_member_is_a_run(model):
 
 
 def test_a_member_that_fails_is_nan_with_its_sentence(model):
-    plan = Plan(model, Settings((0.0, 2.0), TIMES), ("m1",))
+    plan = Plan(model.kernels, Settings((0.0, 2.0), TIMES), ("m1",))
     block = run_one_by_one(plan, np.array([[1.0], [-1.0]]))
     assert block.status.tolist() == [0, -1]
     assert "m1" in block.messages[1]
@@ -40,7 +40,7 @@ def test_a_member_that_fails_is_nan_with_its_sentence(model):
 
 def test_events_are_listed_by_member():
     model = cotree.load("bouncing-ball").compile()
-    plan = Plan(model, Settings((0.0, 2.0), TIMES), (model.parameters[0],))
+    plan = Plan(model.kernels, Settings((0.0, 2.0), TIMES), (model.parameters[0],))
     value = model.default_parameters[0]
     block = run_one_by_one(plan, np.array([[value], [1.1 * value]]))
     runs = [

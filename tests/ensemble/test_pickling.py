@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree import BuildError, ModelError, carried, pipeline
+from cotree import BuildError, ModelError, pipeline
 from cotree.components import COMPONENTS
+from cotree.model import loading
 
 pytestmark = pytest.mark.compiler
 
@@ -109,7 +110,7 @@ def test_what_needs_the_scene_forms_it_again(formed):
     assert not formed
     own = scene.compile(["L"])
     assert np.array_equal(model.linearize().A, own.linearize().A)
-    assert model.first_graph.system.trees == own.first_graph.system.trees
+    assert model.spec.formed.first.system.trees == own.spec.formed.first.system.trees
     cart = pickle.loads(pickle.dumps(cotree.load("cart-pole").compile()))
     name = cart.inputs[0]
     run = cart.simulate((0, 0.1), inputs={name: f"-c*{cart.states[0]}"}, parameters={"c": 3.0})
@@ -132,7 +133,7 @@ def test_equal_models_have_equal_digests_and_others_do_not():
 
 def test_another_version_is_refused(monkeypatch):
     data = pickle.dumps(cotree.load("slider-pendulum").compile())
-    monkeypatch.setattr(carried, "VERSION", "9.9.9")
+    monkeypatch.setattr(loading, "VERSION", "9.9.9")
     with pytest.raises(BuildError, match=r"pickled by cotree .* here is cotree 9\.9\.9 .*install"):
         pickle.loads(data)
 

@@ -221,7 +221,7 @@ def test_a_method_that_is_chosen_runs_in_lanes():
 
 def test_long_eliminations_walk_through_tables():
     model = rc_grid(10).compile(["R"])
-    assert model._program.elimination.n_operations > 3000
+    assert model.kernels.program.elimination.n_operations > 3000
     names, times = model.parameters[:2], np.linspace(0.0, 50.0, 11)
     rows = rows_of(model, names, 9)
     blocks = {n: run_block(stiff_plan(model, names, n, times=times), rows) for n in (1, 2, 8)}

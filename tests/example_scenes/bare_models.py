@@ -9,7 +9,7 @@ from cotree.codegen.context import model_context
 from cotree.codegen.model_files import cdef, render_model
 from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
-from cotree.model.kernels import CKernels, PythonKernels
+from cotree.model.kernels import CKernels, Kernels, PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.pipeline import generate, trees_to_try
 from cotree.program.lower import lower
@@ -20,15 +20,16 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree import Scene
+    from cotree.program import Program
 
 EVERY_CLUSTER = tuple(range(1, 40))
 
 
-class BareModel(CompiledModel):
+class BareModel(Model):
     """A model without its scene; it starts as one with it does."""
 
-    start = Model.start
-    initial_state = Model.initial_state
+    def __init__(self, program: Program, kernels: Kernels) -> None:
+        super().__init__(CompiledModel(program, kernels), b"", {})
 
 
 def evaluated(

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from cotree import Model, Scene
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
-from cotree.compilation import Compiled, load_kernels
 from cotree.dag.derivative import tangents
 from cotree.dag.multi_output import Table, table
 from cotree.dag.nodes import STATE_RATE, Dag
 from cotree.equations import ConstraintSet, Derivative, Equations, Quantity, State
 from cotree.model.linearize import Linearizer
+from cotree.model.loading import load_model
 from cotree.pipeline import Formed, generate, text_of
-from cotree.recipe import Recipe
+from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -55,12 +55,11 @@ def model_of(
     program, reports = generate(equations)
     context = model_context(program)
     text = text_of(program, context)
-    kernels, cached = load_kernels(text, BuildOptions())
-    formed = Formed(None, (), reports, context, text, {})
-    compiled = Compiled(text, kernels, cached, {}, lambda: formed)
     scene = Scene(equations.name)
     scene.simulation(t_end=t_end)
-    model = Model(compiled, Recipe(scene, (), None, BuildOptions(), 0.0))
+    spec = BuildSpec(scene)
+    spec.__dict__["formed"] = Formed(None, (), reports, context, text, {})
+    model = Model(load_model(text, BuildOptions()), spec, {})
     model.__dict__["_linearizer"] = Linearizer(equations, input_columns)
     return model
 

@@ -335,7 +335,7 @@ def test_parameters_that_are_not_held_leave_the_start_alone(name: str) -> None:
     import cotree
 
     model = cotree.load(name).compile([])
-    program = model._program
+    program = model.kernels.program
     is_sought = bool(program.layout.constraints or program.layout.n_algebraic)
     held = held_parameters(program, has_start=is_sought)
     start = model.start().y

@@ -45,7 +45,7 @@ def test_fmpy_finds_no_problems(exported, name, version):
 @pytest.mark.parametrize(("name", "version"), share(UNITS, UNITS[::2], QUICK))
 def test_fmpy_simulates_what_the_model_does(exported, name, version, kind):
     model, path = exported(name, version)
-    t_end = model._recipe.defaults.t_end
+    t_end = model.spec.scene.defaults.t_end
     names = [*model.states, *model.outputs]
     # CVode errs by thousands of its tolerance over many steps, and where that is below 1e-10 it
     # takes more than its 500 steps to the next point in scenes with fast decays.
@@ -225,7 +225,7 @@ def test_sensitivities_of_other_scenes(tmp_path, name):
     model = scene.compile(wanted)
     path = tmp_path / "unit.fmu"
     model.export_fmu(path, kinds=["CoSimulation"])
-    t_end = 0.3 * model._recipe.defaults.t_end
+    t_end = 0.3 * model.spec.scene.defaults.t_end
     with Unit(path, "CoSimulation") as unit:
         unit.initialize(1e-10)
         for k in range(30):
@@ -313,7 +313,7 @@ def test_doStep_returns_early_at_an_event(exported):
 )
 def test_a_state_goes_on_bit_by_bit(exported, name, version, kind):
     model, path = exported(name, version)
-    t_end = 0.4 * model._recipe.defaults.t_end
+    t_end = 0.4 * model.spec.scene.defaults.t_end
     names = [*model.states, *model.outputs]
 
     def go_on(unit, t):

@@ -38,7 +38,7 @@ def test_derivatives_in_event_continuous_time_and_step_modes(exported, name, ver
         y = model.start().y
         compare(unit, model, 0.0, y)  # Event Mode
         # Times behind the next event belong to the Event Mode in between.
-        t = min(0.37 * model._recipe.defaults.t_end, 0.9 * unit.update())
+        t = min(0.37 * model.spec.scene.defaults.t_end, 0.9 * unit.update())
         unit.fmu.enterContinuousTimeMode()
         y = model.simulate((0.0, t), rtol=1e-9).y[:, -1]
         unit.go(t, y[:n_rates])

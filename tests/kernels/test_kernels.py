@@ -57,7 +57,7 @@ def along(model, y, s, p, j, name):
 
 
 def test_kernels_are_compiled(model_of, scene_name):
-    assert model_of(scene_name).backend == "C"
+    assert model_of(scene_name).kernels.backend == "C"
     assert isinstance(model_of(scene_name)._kernels, CKernels)
 
 
@@ -108,11 +108,11 @@ def test_jacobian_by_complex_step_and_its_pattern(model_of, program_of, scene_na
             stepped[:, j] = evaluated(program, "rhs", t, moved, s, p).imag / STEP
         dense = model.jacobian(t, y, p)
         close(dense, stepped)
-        assert not np.any(stepped[~model.jacobian_pattern])
+        assert not np.any(stepped[~model.structure.jacobian_pattern])
         sparse = model.jacobian_sparse(t, y, p)
         assert sparse.has_sorted_indices
         assert np.array_equal(sparse.toarray(), dense)
-        assert sparse.nnz == model.jacobian_pattern.sum()
+        assert sparse.nnz == model.structure.jacobian_pattern.sum()
 
 
 def test_sensitivity_rhs_by_complex_step(model_of, program_of, scene_name):
@@ -138,7 +138,7 @@ def test_output_sensitivity_by_complex_step(model_of, program_of, scene_name):
 def test_initial_sensitivity_by_complex_step(model_of, program_of, scene_name):
     model, program = model_of(scene_name), program_of(scene_name)
     for t, y, s, p in points(model):
-        found = model.initial_sensitivity(p)
+        found = model.kernels.initial_sensitivity(p)
         for j, name in enumerate(model.sensitivities):
             _, moved = along(model, y, s, p, j, name)
             stepped = evaluated(program, "initial", t, y, s, moved).imag / STEP
@@ -149,7 +149,7 @@ def test_augmented_rhs_is_both(model_of, scene_name):
     model = model_of(scene_name)
     for t, y, s, p in points(model):
         flat = np.ascontiguousarray(s.T).ravel()
-        both = model.bound("augmented_rhs", p)(t, y, flat, None)
+        both = model.kernels.bound("augmented_rhs", p)(t, y, flat, None)
         n = len(model.states)
         close(both[:n], model.rhs(t, y, p))
         close(both[n:].reshape(-1, n).T, model.sensitivity_rhs(t, y, s, p))

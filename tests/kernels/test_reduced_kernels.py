@@ -39,10 +39,10 @@ def model_of(name):
 
 def evaluated(model, name, t, x, s=(), p=None):
     """Evaluate a kernel from its program, at complex numbers if need be."""
-    roots = model._program.kernels[name].results
+    roots = model.kernels.program.kernels[name].results
     p = model.default_parameters if p is None else p
     arrays = {"t": [t], "x": x, "s": np.ravel(s), "p": p}
-    inputs = model._program.kernels["inputs"].results
+    inputs = model.kernels.program.kernels["inputs"].results
     arrays["u"] = evaluate(
         inputs,
         {n: arrays[ARGUMENT_OF[n.data[0]]][n.data[1]] for n in symbols_in(inputs)},
@@ -63,7 +63,7 @@ def points(model, n_points=6):
 
 
 def matrix(model, t, x):
-    return model.bound_jacobian(model.default_parameters)(t, x, None)
+    return model.kernels.bound_jacobian(model.default_parameters)(t, x, None)
 
 
 def close(found, expected, solved=None):
@@ -113,7 +113,7 @@ def test_a_step_is_newtons_and_one_order_better(name):
     n, m = len(model.states), model.layout.n_algebraic
     cut = n - m
     t, x, _ = next(points(model))
-    of_model(Moment(model, t, p)).solve(t, x)
+    of_model(Moment(model.kernels, t, p)).solve(t, x)
     exact = evaluated(model, "rhs", t, x).real[:cut]
     direction = np.cos(np.arange(m))
     left, rates = [], []

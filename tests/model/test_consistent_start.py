@@ -74,7 +74,7 @@ def test_sensitivities_of_the_least_move(make):
 
 def test_what_only_the_constraints_depend_on_is_no_idle_parameter():
     model, _ = wheels()
-    assert model.unreached == ()
+    assert model.kernels.unreached == ()
 
 
 def slider_crank(*order: str, l_of_slider: bool = False) -> Scene:

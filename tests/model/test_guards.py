@@ -90,6 +90,6 @@ def test_c_and_python_refuse_the_same(name, monkeypatch):
     for compiler in ("", "none"):
         monkeypatch.setenv("COTREE_COMPILER", compiler)
         model = scene.compile()
-        p = model.parameter_array({"tried": -1.0})
+        p = model.kernels.parameter_array({"tried": -1.0})
         with pytest.raises(ParameterError, match=message):
             model.rhs(0.0, model.initial_state, p)

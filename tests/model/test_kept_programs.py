@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree import compilation, pipeline
+from cotree import pipeline, spec
 from cotree.build import cache_directory
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import render_model
@@ -21,7 +21,7 @@ from cotree.scene.toml_file import shipped_scenes
 
 @pytest.fixture(autouse=True)
 def _kept(monkeypatch, tmp_path):
-    monkeypatch.setattr(compilation, "KEEPS", True)
+    monkeypatch.setattr(spec, "KEEPS", True)
     monkeypatch.setenv("COTREE_CACHE_DIR", str(tmp_path / "cache"))
 
 
@@ -76,7 +76,7 @@ def test_the_second_time_nothing_is_formed(formed):
     first = pendulum().compile(["L"])
     again = pendulum().compile(["L"])
     assert len(formed) == 1
-    assert again.cached
+    assert again.kernels.cached
     assert again.source == first.source
     one, other = (m.simulate((0, 2), method="dopri5") for m in (first, again))
     assert np.array_equal(one.y, other.y)
@@ -90,7 +90,7 @@ def test_stages_before_the_program_are_gone_through_when_asked_for(formed):
     assert np.array_equal(first.linearize().A, again.linearize().A)
     assert len(formed) == 2
     assert again.summary() == first.summary()
-    assert again.first_graph.system.trees == first.first_graph.system.trees
+    assert again.spec.formed.first.system.trees == first.spec.formed.first.system.trees
     result = again.simulate((0, 1), inputs={"torque": "-c*h.theta_dot"}, parameters={"c": 0.3})
     assert abs(result["h.theta"][-1]) < 0.4
     assert len(formed) == 3  # the closed loop; what the model itself is formed of is there
@@ -105,7 +105,7 @@ def test_another_question_has_another_answer(formed, monkeypatch):
     pendulum().compile(["L"], baumgarte=1.0)
     pendulum().compile(["L"], ["rod", "h"])
     assert len(formed) == 6
-    monkeypatch.setattr(compilation, "_sources", lambda: b"edited")
+    monkeypatch.setattr(spec, "_sources", lambda: b"edited")
     pendulum().compile(["L"])
     assert len(formed) == 7
 
@@ -147,10 +147,10 @@ def test_without_a_compiler_a_kept_program_is_evaluated(formed, monkeypatch):
 
 _KEYS = """
 import cotree
-from cotree.compilation import _key
+from cotree.spec import BuildSpec
 from cotree.scene.toml_file import shipped_scenes
 for name in shipped_scenes():
-    print(_key(cotree.load(name), ("k",), {"translation": ["a"], "rotation": ["b"]}, 0.0))
+    print(BuildSpec(cotree.load(name), ("k",), {"translation": ["a"], "rotation": ["b"]}).key)
 """
 
 

@@ -159,7 +159,7 @@ def test_without_a_compiler_one_warning_and_the_same_numbers(monkeypatch, model_
     y = rng.normal(size=len(model.states))
     s = rng.normal(size=(len(model.states), len(model.sensitivities)))
     found = model.rhs(0.3, y), model.jacobian(0.3, y), model.sensitivity_rhs(0.3, y, s)
-    assert model.backend == "Python"
+    assert model.kernels.backend == "Python"
     expected = compiled.rhs(0.3, y), compiled.jacobian(0.3, y), compiled.sensitivity_rhs(0.3, y, s)
     for one, other in zip(found, expected, strict=True):
         # The same operations in the same order, but for libm against Python's own calls to it.
@@ -207,7 +207,7 @@ def test_inputs_are_read_from_the_call_or_from_the_scene():
     assert model.rhs(2.0, [0.0, 0.0]).tolist() == [0.0, 3.0]
     assert model.rhs(2.0, [0.0, 0.0], [5.0]).tolist() == [0.0, 5.0]
     assert model.rhs(2.0, [0.0, 0.0], None, [8.0]).tolist() == [0.0, 4.0]
-    assert model.input_values(2.0).tolist() == [6.0]
+    assert model.kernels.input_values(2.0).tolist() == [6.0]
 
 
 def test_parameters_that_are_not_tunable_are_numbers_in_the_code():

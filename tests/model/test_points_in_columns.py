@@ -29,7 +29,10 @@ def way(request, monkeypatch):
 def points(model):
     rng, n, m = np.random.default_rng(3), len(model.states), 5
     y = model.initial_state[:, None] + 0.01 * rng.normal(size=(n, m))
-    s = rng.normal(size=(n, len(model.sensitivities), m)) * model.sensitivity_pattern[..., None]
+    s = (
+        rng.normal(size=(n, len(model.sensitivities), m))
+        * model.structure.sensitivity_pattern[..., None]
+    )
     p = model.default_parameters[:, None] * (1.0 + 0.01 * rng.random((len(model.parameters), m)))
     u = rng.normal(size=(len(model.inputs), m))
     return 0.1 * np.arange(m), y, s, p, u
@@ -40,7 +43,7 @@ def test_points_have_the_bits_of_single_calls(model, points):
     t, y, s, p, u = points
     names = ["rhs", "jacobian", "output_values", "constraint_values"]
     for name in names:
-        call, own = getattr(model, name), {} if name == "constraint_values" else {"u": u}
+        call, own = getattr(model.kernels, name), {} if name == "constraint_values" else {"u": u}
         together = call(t, y, p=p, **own)
         for j in range(len(t)):
             at = {key: value[:, j] for key, value in own.items()}

@@ -57,7 +57,7 @@ def test_what_is_given_holds_with_its_sensitivities(given, tree):
     model, start = start_of(linkage(**given), tree)
     h = 1e-6
     for j, parameter in enumerate(("L", "q")):
-        value = model.parameter_array()[model.parameters.index(parameter)]
+        value = model.kernels.parameter_array()[model.parameters.index(parameter)]
         ends = [model.start(p={parameter: value + k * h}).y for k in (1, -1)]
         # Rounding over h, enlarged by the levers; third derivatives times its square.
         expected = (ends[0] - ends[1]) / (2 * h)
@@ -118,7 +118,7 @@ def test_what_folds_to_zero_keeps_a_plane(nothing):
 
 def test_parameters_are_an_array_or_a_mapping():
     model = cotree.load("slider-pendulum").compile(["L"])
-    array = model.parameter_array({"L": 1.3})
+    array = model.kernels.parameter_array({"L": 1.3})
     start = model.start(p=array)
     for other in (array, {"L": 1.3}, array.tolist()):
         assert np.array_equal(model.start(p=other).s, start.s)

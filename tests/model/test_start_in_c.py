@@ -108,7 +108,7 @@ SCENES = {
 def test_both_find_the_same(name, monkeypatch):
     make, wanted = SCENES[name]
     model = make().compile(wanted)
-    at = Moment(model, 0.0, 1.01 * model.default_parameters)
+    at = Moment(model.kernels, 0.0, 1.01 * model.default_parameters)
     found = find_in_c(at, {})
     assert found is not None
     monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
@@ -126,4 +126,4 @@ def test_what_has_to_be_mended_is_left_to_python():
     scene.edge("d", "distance", "ground", "C", length=1.4)
     with pytest.warns(RuntimeWarning, match="changed"):
         model = scene.compile()
-    assert find_in_c(Moment(model, 0.0, model.default_parameters), {}) is None
+    assert find_in_c(Moment(model.kernels, 0.0, model.default_parameters), {}) is None

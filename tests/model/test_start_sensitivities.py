@@ -99,10 +99,12 @@ def model_of(name: str):
 
 def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     """Differentiate the states of the start by a parameter."""
-    h, value = 1e-5, model.parameter_array()[model.parameters.index(name)]
+    h, value = 1e-5, model.kernels.parameter_array()[model.parameters.index(name)]
     ends = [
         constrained_start(
-            Moment(model, 0.0, model.parameter_array({name: value + k * h})), given, is_probe=True
+            Moment(model.kernels, 0.0, model.kernels.parameter_array({name: value + k * h})),
+            given,
+            is_probe=True,
         ).y
         for k in (2, 1, -1, -2)
     ]

@@ -37,7 +37,7 @@ def scenes():
 def test_one_product_for_each_colour_gives_all_entries(name):
     scene, expected = scenes()[name]
     model = scene.compile()
-    colours = model.jacobian_colouring
+    colours = model.structure.jacobian_colouring
     n = len(model.states)
     assert sorted(set(colours.tolist())) == list(range(colours.max() + 1))
     if expected is not None:
@@ -46,7 +46,7 @@ def test_one_product_for_each_colour_gives_all_entries(name):
     exact = model.jacobian_sparse(0.1, y)
     seeds = np.equal.outer(colours, np.arange(colours.max() + 1)).astype(float)
     products = exact @ seeds
-    pattern = model.jacobian_sparsity.tocoo()
+    pattern = model.structure.jacobian_sparsity.tocoo()
     found = np.zeros((n, n))
     found[pattern.row, pattern.col] = products[pattern.row, colours[pattern.col]]
     # Each product has one entry in a row, and zeros.
@@ -55,10 +55,13 @@ def test_one_product_for_each_colour_gives_all_entries(name):
 
 def test_the_pattern_is_that_of_the_sparse_jacobian():
     model = rc_ladder(20).compile()
-    sparse, pattern = model.jacobian_sparse(0.0, model.initial_state), model.jacobian_sparsity
+    sparse, pattern = (
+        model.jacobian_sparse(0.0, model.initial_state),
+        model.structure.jacobian_sparsity,
+    )
     assert np.array_equal(pattern.indptr, sparse.indptr)
     assert np.array_equal(pattern.indices, sparse.indices)
-    assert np.array_equal(pattern.toarray(), model.jacobian_pattern)
+    assert np.array_equal(pattern.toarray(), model.structure.jacobian_pattern)
     assert pattern.nnz == 3 * 20 - 2
 
 
@@ -66,4 +69,4 @@ def test_colours_of_a_model_without_states():
     scene = Scene("bare")
     scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
     scene.edge("R", "resistor", "a", "ground", resistance=1.0)
-    assert scene.compile().jacobian_colouring.shape == (0,)
+    assert scene.compile().structure.jacobian_colouring.shape == (0,)

@@ -149,7 +149,7 @@ def test_many_calls_of_four_threads(name):
 
 
 def test_what_python_evaluates():
-    program = compiled("slider-pendulum")._program
+    program = compiled("slider-pendulum").kernels.program
     model, sets = CompiledModel(program, PythonKernels(program)), parameters("slider-pendulum")
     y = compiled("slider-pendulum").initial_state
     expected = [model.rhs(0.0, y, p) for p in sets]
@@ -173,12 +173,12 @@ def test_what_is_formed_or_built_at_the_first_use():
     formed = in_threads(
         lambda i: (
             model.simulate((0.0, 2e-4), method="rodas5") if i % 2 else model.linearize(0.0, y),
-            model.junctions,
+            model.kernels.junctions,
             model._linearizer,
         )
     )
     for i, (found, junctions, linearizer) in enumerate(formed):
-        assert junctions is model.junctions
+        assert junctions is model.kernels.junctions
         assert linearizer is model._linearizer
         if i % 2:
             assert np.array_equal(found.y, expected[1].y)
@@ -186,7 +186,7 @@ def test_what_is_formed_or_built_at_the_first_use():
         else:
             assert np.array_equal(found.A, expected[0].A)
             assert np.array_equal(found.B, expected[0].B)
-    nodes = model._program.dag.nodes
+    nodes = model.kernels.program.dag.nodes
     assert [node.index for node in nodes] == list(range(len(nodes)))
 
 
@@ -255,7 +255,7 @@ def test_an_input_may_call_the_model_itself():
     model = scene.compile()
 
     def calls(t):
-        model.rhs(t, [0.3], model.parameter_array({"R": 5.0 + t}))
+        model.rhs(t, [0.3], model.kernels.parameter_array({"R": 5.0 + t}))
         return 1.0 + t
 
     for method in ("DOP853", "Radau", "LSODA"):

@@ -80,7 +80,7 @@ def test_a_run_from_an_equilibrium_of_a_loop_stays_there():
     model = scene.compile()
     point = model.trim()
     assert point.residual < 1e-10
-    assert np.max(np.abs(model.constraint_values(0.0, point.y))) < 1e-12
+    assert np.max(np.abs(model.kernels.constraint_values(0.0, point.y))) < 1e-12
     run = model.simulate((0, 0.2), initial=point.settings["initial"])
     # If the equilibrium is unstable, rounding errors grow by less than a factor of 1000 in 0.2 s.
     np.testing.assert_allclose(run.y[:, -1], point.y, atol=1e-10)

@@ -36,7 +36,7 @@ def network(q, resistance="sqrt(2.5 - C1.v*q)"):
 def test_linear_equations_that_hold_nan(monkeypatch, compiler):
     monkeypatch.setenv("COTREE_COMPILER", compiler)
     model = network(1.5).compile()
-    assert any(node.op == "solve" for node in model._program.kernels["rhs"].order)
+    assert any(node.op == "solve" for node in model.kernels.program.kernels["rhs"].order)
     assert np.all(np.isfinite(model.rhs(0.3, [1.0])))
     expected = (
         "at t = 0.3, since they hold what is not finite (resistance of edge 'R1': sqrt(-0.5) is "

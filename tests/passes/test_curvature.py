@@ -16,7 +16,7 @@ from cotree.program.implicit import form_curvature
 )
 def test_agrees_with_differences(scene: str, names: list[str]) -> None:
     model = load(scene).compile(names)
-    program, p = model._program, model.default_parameters
+    program, p = model.kernels.program, model.default_parameters
     curvature = form_curvature(program)
     assert curvature is not None
     rng = np.random.default_rng(1)
@@ -24,7 +24,7 @@ def test_agrees_with_differences(scene: str, names: list[str]) -> None:
     x, s, v = 0.1 * rng.normal(size=n), rng.normal(size=(n, m)), rng.normal(size=n)
     t = 0.3
 
-    given = {"t": [t], "x": x, "s": s.T.ravel(), "p": p, "u": model.input_values(t), "v": v}
+    given = {"t": [t], "x": x, "s": s.T.ravel(), "p": p, "u": model.kernels.input_values(t), "v": v}
     symbols = symbols_in([*curvature.at.results, *curvature.along.results])
     values = {node: float(given[ARGUMENT_OF[node.data[0]]][node.data[1]]) for node in symbols}
     found = np.zeros(n * m)
@@ -40,4 +40,4 @@ def test_agrees_with_differences(scene: str, names: list[str]) -> None:
 
 def test_rates_that_do_not_depend_on_states_have_none() -> None:
     # An initial value: the rates of its sensitivities are J s, and J is constant.
-    assert form_curvature(load("spring-mass-damper").compile(["x0"])._program) is None
+    assert form_curvature(load("spring-mass-damper").compile(["x0"]).kernels.program) is None

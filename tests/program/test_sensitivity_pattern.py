@@ -44,7 +44,7 @@ def scene_named(name):
 def test_a_cascade_goes_one_way():
     model = heater().compile(HEATER)
     assert model.states == ("L1.i", "W.T")
-    assert model.sensitivity_pattern.tolist() == HEATER_PATTERN
+    assert model.structure.sensitivity_pattern.tolist() == HEATER_PATTERN
     assert "sensitivities: 6 of 10 are integrated" in model.summary()
 
 
@@ -52,12 +52,12 @@ def test_parts_that_do_not_act_on_each_other():
     model = pendulums().compile(["L1", "L2", "h2.theta"])
     assert model.states == ("h1.theta", "h2.theta", "h1.theta_dot", "h2.theta_dot")
     first, second = [True, False, True, False], [False, True, False, True]
-    assert model.sensitivity_pattern.T.tolist() == [first, second, second]
+    assert model.structure.sensitivity_pattern.T.tolist() == [first, second, second]
 
 
 def test_constraints_move_what_is_mechanical():
     model = loop_beside_circuit().compile(["a", "R"])
-    *mechanical, last = model.sensitivity_pattern.tolist()
+    *mechanical, last = model.structure.sensitivity_pattern.tolist()
     assert all(row == [True, False] for row in mechanical)
     assert last == [False, True]
 
@@ -65,14 +65,14 @@ def test_constraints_move_what_is_mechanical():
 def test_events_move_what_they_set_and_what_follows():
     model = ball_beside_pendulum().compile(["L1", "e"])
     assert model.states == ("h1.theta", "j.s", "h1.theta_dot", "j.s_dot")
-    assert model.sensitivity_pattern.tolist() == [[True, False], [False, True]] * 2
+    assert model.structure.sensitivity_pattern.tolist() == [[True, False], [False, True]] * 2
 
 
 def test_an_event_that_depends_on_a_parameter_fills_what_it_sets():
     scene = pendulums()
     # The kick of the second pendulum waits for the first one, whose length decides when.
     scene.event("kick", "h1.theta", set={"h2.theta_dot": "h2.theta_dot + 1"})
-    assert scene.compile(["L1", "L2"]).sensitivity_pattern.tolist() == [
+    assert scene.compile(["L1", "L2"]).structure.sensitivity_pattern.tolist() == [
         [True, False],
         [True, True],
         [True, False],
@@ -86,7 +86,9 @@ def test_an_event_made_by_another_happens_at_its_time():
     scene.event("first", "h1.theta", set={"on": 1})
     # It looks at nothing that depends on L1, but what it sets happens at a time that does.
     scene.event("second", "on - 0.5", set={"h2.theta_dot": "0"})
-    assert scene.compile(["L1"]).sensitivity_pattern.T.tolist() == [[True, True, True, True, False]]
+    assert scene.compile(["L1"]).structure.sensitivity_pattern.T.tolist() == [
+        [True, True, True, True, False]
+    ]
 
 
 # Long enough for all parts to act: pulses of the battery begin after a minute.
@@ -103,10 +105,10 @@ BY_CHANCE = {("motor-linkage", "T0")}
 def test_pattern_is_that_of_numbers(name, monkeypatch):
     scene = scene_named(name)
     names = wanted(scene)
-    pattern = scene.compile(names).sensitivity_pattern
+    pattern = scene.compile(names).structure.sensitivity_pattern
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = scene_named(name).compile(names)
-    assert whole.sensitivity_pattern.all()
+    assert whole.structure.sensitivity_pattern.all()
     end = ENDS.get(name, 1.0)
     found = whole.simulate((0.0, end), np.linspace(0.0, end, 21), rtol=1e-6, atol=1e-8, throw=True)
     is_nonzero = (found.s != 0.0).any(axis=2)
@@ -118,9 +120,9 @@ def test_pattern_is_that_of_numbers(name, monkeypatch):
 @pytest.mark.parametrize("make", [heater, pendulums])
 def test_nothing_is_computed_that_vanishes(make, monkeypatch):
     names = HEATER if make is heater else ("L1", "L2")
-    kernels = make().compile(names)._program.kernels
+    kernels = make().compile(names).kernels.program.kernels
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
-    before = make().compile(names)._program.kernels
+    before = make().compile(names).kernels.program.kernels
     lengths = {heater: (8, 12), pendulums: (8, 12)}[make]
     assert tuple(len(k["augmented_rhs"].results) for k in (kernels, before)) == lengths
     less = {heater: 23, pendulums: 6}[make]
@@ -147,7 +149,7 @@ def test_a_map_of_many_columns_leaves_them_out(monkeypatch):
     model = scene.compile(names)
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = chains()[0].compile(names)
-    pattern = model.sensitivity_pattern
+    pattern = model.structure.sensitivity_pattern
     assert pattern.sum() == pattern.size // 2
     rng = np.random.default_rng(1)
     y = rng.normal(size=len(model.states))

@@ -266,7 +266,7 @@ def test_polynomials_have_the_order_of_spice():
         model = scene.compile([f"p{i}" for i in range(10)])
         start = model.start()
         for i, (m, n) in enumerate(powers):
-            p = model.parameter_array({f"p{i}": 7.0})
+            p = model.kernels.parameter_array({f"p{i}": 7.0})
             expected = (2 * unit) ** m * (3 * unit) ** n
             found = model.output_values(0.0, model.start(0.0, p).y, p)
             assert found == pytest.approx([7.0 * expected], rel=1e-12), (row, i)

@@ -75,7 +75,7 @@ def test_damping_and_smooth_friction(read):
         y[at["shoulder_joint.theta_dot"]] = rate
         # What the joint loses is what an input has to give to leave the acceleration as it is
         # without losses.
-        lossless = model.parameter_array(
+        lossless = model.kernels.parameter_array(
             {"shoulder_joint_damping": 0.0, "shoulder_joint_friction": 0.0}
         )
         loss = 0.7 * rate + 0.2 * rate / np.hypot(rate, 0.01)
@@ -119,7 +119,7 @@ def test_free_base_falls(read):
 
 def test_gravity_is_a_parameter(read):
     model = read().compile(["g"])
-    assert model.parameter_array()[model.parameters.index("g")] == 9.81
+    assert model.kernels.parameter_array()[model.parameters.index("g")] == 9.81
 
 
 def test_notes_and_names(read):

@@ -93,7 +93,7 @@ def test_tunable_inertia_gives_what_a_changed_file_gives(tmp_path):
     changed.write_text(text.replace('<mass value="2.275"/>', '<mass value="1.1375"/>'))
     model, other = read(stored_file("ur5")).compile(), read(changed).compile(tunable=[])
     y = np.linspace(0.3, 1.4, len(model.states))
-    p = model.parameter_array({"forearm_link_mass": 1.1375})
+    p = model.kernels.parameter_array({"forearm_link_mass": 1.1375})
     assert apart(model.rhs(0.0, y, p), other.rhs(0.0, y)) < CLOSE
     assert apart(model.rhs(0.0, y), other.rhs(0.0, y)) > 1e-2
     assert not other.parameters

@@ -65,7 +65,7 @@ def test_it_costs_what_the_expression_in_the_field_costs(model):
 
 def test_it_is_computed_once_when_parameters_are_prepared(model):
     # The rate reads its reciprocal: of the expression nothing is left in the kernel.
-    assert model._program.kernels["rhs"].operations.total <= 3
+    assert model.kernels.program.kernels["rhs"].operations.total <= 3
     assert "parameter m" in model.source
     assert "parameter A" in model.source
 

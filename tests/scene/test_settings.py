@@ -9,10 +9,10 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
+from cotree.runner import RunnableModel
 
 import cotree
 from cotree.ensemble.of_model import EnsembleMethods
-from cotree.runner import RunnableModel
 from cotree.scene.settings import OF_SCENES, ROWS, SHARED, OtherSettings, SettingsDict
 
 

@@ -39,7 +39,7 @@ BODIES = ["base", *BARS, *(f"m_{bar}" for bar in BARS)]
 
 
 def _values(model, p):
-    projection = Projection(model, p, lambda t: None)
+    projection = Projection(model.kernels, p, lambda t: None)
     start = model.start(p=p)
     return projection, np.concatenate([start.y, start.s.T.ravel()])
 
@@ -55,7 +55,7 @@ def test_rank_is_free_of_units(shape, n, tree):
     found = []
     for unit in (1e-3, 1.0, 1e3):
         for name in UNITS:
-            projection, z = _values(model, model.parameter_array({name: unit}))
+            projection, z = _values(model, model.kernels.parameter_array({name: unit}))
             found.append((projection.singular(0.0, z), projection.redundant(0.0, z)))
     assert set(found) == {found[0]}
     # In one line a parallelogram can go on in two ways: one constraint less holds it.

@@ -152,7 +152,7 @@ def test_methods_that_fail_or_are_too_slow_are_rows_with_their_reason() -> None:
     scene.edge("C", "capacitor", "a", "ground", capacitance=1e-6, initial={"v": 1.0})
     scene.edge("R", "resistor", "a", "ground", resistance=1.0)
     compiled = scene.compile()
-    model = Refusing(compiled._compiled, compiled._recipe)
+    model = Refusing(compiled.kernels, compiled.spec, compiled.times)
     report = cotree.bench(
         model, methods=["RK23", "RK45", "LSODA"], tolerances=[1e-4, 1e-5], repeats=1, time_limit=0.2
     )

@@ -128,7 +128,7 @@ class Replaced(Model):
 @pytest.fixture(scope="module")
 def model() -> Model:
     compiled = load("spring-mass-damper").compile()
-    return Replaced(compiled._compiled, compiled._recipe)
+    return Replaced(compiled.kernels, compiled.spec, compiled.times)
 
 
 @pytest.fixture(scope="module")

@@ -78,7 +78,7 @@ def test_linear_dependence_has_no_truncation(oscillator: Model) -> None:
 def test_wrong_sensitivities_fail(factor: float) -> None:
     # A model of its own: two that share kernels would change each other's parameters.
     exact = load("spring-mass-damper").compile(["k"])
-    wrong = Distorted(exact._compiled, exact._recipe)
+    wrong = Distorted(exact.kernels, exact.spec, exact.times)
     wrong.factor = factor
     report = check_sensitivities(wrong, t_end=2.0)
     assert not report.passed
@@ -106,7 +106,9 @@ def pendulum() -> Scene:
 def test_outputs_are_compared_too() -> None:
     model = pendulum().compile(["L"])
     assert check_sensitivities(model, t_end=1.0).passed
-    (row,) = check_sensitivities(WrongOutput(model._compiled, model._recipe), t_end=1.0).rows
+    (row,) = check_sensitivities(
+        WrongOutput(model.kernels, model.spec, model.times), t_end=1.0
+    ).rows
     assert not row.passed
     assert row.closest == "height"
 

@@ -79,7 +79,7 @@ def test_start_and_its_sensitivities():
 
 def test_start_follows_parameters_and_guesses():
     model = LINEAR.model()
-    p = model.parameter_array({"b": 4.0, "x0": 2.0})
+    p = model.kernels.parameter_array({"b": 4.0, "x0": 2.0})
     assert model.start(0.0, p).y.tolist() == pytest.approx([2.0, 8.0], rel=1e-15)
     assert model.start(0.0, initial={"x": 3.0, "z": -1e6}).y.tolist() == pytest.approx([3.0, 3.0])
     result = model.simulate((0.0, 1.0), [1.0], parameters={"b": 2.0}, rtol=1e-10, atol=1e-12)

@@ -222,7 +222,9 @@ def test_a_constrained_pendulum_against_a_stop(method, event):
     check_pendulum(result)
     for row in (result.events["stop"].y_before, result.events["stop"].y_after):
         for j, t in enumerate(result.events["stop"].t):
-            np.testing.assert_allclose(model.constraint_values(t, row[:, j]), 0.0, atol=1e-13)
+            np.testing.assert_allclose(
+                model.kernels.constraint_values(t, row[:, j]), 0.0, atol=1e-13
+            )
 
 
 def test_a_relaxation_oscillator_with_an_algebraic_unknown(method):

@@ -79,13 +79,11 @@ def test_sensitivities_to_gains():
 
 
 def test_a_text_is_compiled_once(cart, monkeypatch):
-    from cotree import compilation
+    from cotree.spec import BuildSpec
 
     made = []
-    whole = compilation.compile_scene
-    monkeypatch.setattr(
-        compilation, "compile_scene", lambda *args: made.append(args) or whole(*args)
-    )
+    whole = BuildSpec.compile
+    monkeypatch.setattr(BuildSpec, "compile", lambda spec: made.append(spec) or whole(spec))
     for gain in (1.0, 2.0, 3.0):
         result = cart.simulate(
             (0, 1), inputs={"push": "-once*rail.s"}, parameters={"once": gain}, **TIGHT

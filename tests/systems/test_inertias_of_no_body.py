@@ -88,7 +88,7 @@ def test_rounding_is_no_negative_minor(base):
 def test_parameters_that_take_the_minor_away_are_refused_at_a_run():
     model = arm(last=np.diag([0.1, 0.1, 0.1])).compile()
     with pytest.raises(ParameterError, match="minor of rows 1 and 2 of inertia of edge 'last'"):
-        model.rhs(0.0, model.initial_state, model.parameter_array({"last_01": 0.15}))
+        model.rhs(0.0, model.initial_state, model.kernels.parameter_array({"last_01": 0.15}))
 
 
 @pytest.mark.parametrize("last", ["point", "spinner"])

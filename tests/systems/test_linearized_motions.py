@@ -157,7 +157,7 @@ def test_the_benchmark_bicycle_has_its_published_eigenvalues():
     arms = ["to_steer", "fork", "to_frame", "to_bar"]
     model = bicycle().compile(tree=[*joints, *arms], optimize="-O0")
     for v in (1.0, 5.0, 10.0):
-        linear = model.linearize(p=model.parameter_array({"v": v}), reduced=True)
+        linear = model.linearize(p=model.kernels.parameter_array({"v": v}), reduced=True)
         assert linear.is_steady
         found = np.linalg.eigvals(linear.A)
         found = found[np.argsort(-np.abs(found))]

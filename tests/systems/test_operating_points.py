@@ -181,8 +181,8 @@ def test_junctions_evaluate_what_the_equations_are():
     """Exponentials equal those of their exponents, and slopes equal differences."""
     model = circuits.darlington().scene().compile()
     y, p, u = model.start().y, model.default_parameters, np.zeros(0)
-    point = model.junctions.at(0.0, y, p, u)
-    n, m = len(y), len(model.junctions.exponentials)
+    point = model.kernels.junctions.at(0.0, y, p, u)
+    n, m = len(y), len(model.kernels.junctions.exponentials)
     assert m > 0
     exponents = point._evaluate(y, np.ones(m))[0][n:]
     values, entries = point._evaluate(y, np.exp(exponents))

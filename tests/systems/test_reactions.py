@@ -228,14 +228,14 @@ def test_what_is_given_stays_and_the_rest_of_a_loop_follows():
     one, two, three = np.cumsum(turns)
     closed = a * np.exp(1j * one) + b * np.exp(1j * two) + c * np.exp(1j * three)
     assert abs(closed - d) < 1e-13  # Newton's steps end at the rounding of sums of order one
-    assert np.abs(model.constraint_values(0.0, y)).max() < 1e-13
+    assert np.abs(model.kernels.constraint_values(0.0, y)).max() < 1e-13
 
 
 def test_sensitivities_of_a_start_keep_the_loop_closed():
     wanted = ["a", "c", "d", "A.theta"]
     model = evaluated(four_bar(A=CRANK), wanted=wanted)
     start, p = model.start(), model.default_parameters
-    kernel = model.bound("constraint_sensitivity", p)
+    kernel = model.kernels.bound("constraint_sensitivity", p)
     rows = kernel(0.0, start.y, np.ascontiguousarray(start.s.T).ravel(), None)
     assert rows.size
     assert np.abs(rows).max() < 1e-12
@@ -247,7 +247,7 @@ def test_sensitivities_of_a_start_keep_the_loop_closed():
                 found.append(model.start(initial={name: 1.1 + k * step}).y)
             else:
                 value = p[model.parameters.index(name)] + k * step
-                found.append(model.start(p=model.parameter_array({name: value})).y)
+                found.append(model.start(p=model.kernels.parameter_array({name: value})).y)
         slope = np.dot([1, -8, 8, -1], found) / (12 * step)
         # Starts are found to 1e-14, divided by the step; fourth order errs by some 1e-12.
         assert np.allclose(start.s[:, j], slope, rtol=0, atol=1e-8), name
@@ -275,7 +275,7 @@ def test_values_that_cannot_fit_are_refused_by_residual():
 def test_values_of_six_digits_are_mended():
     model, known = given_start(6)
     y = model.start().y
-    assert np.abs(model.constraint_values(0.0, y)).max() < 1e-13
+    assert np.abs(model.kernels.constraint_values(0.0, y)).max() < 1e-13
     # The smallest move is of the size of the roundings, 5e-6 of values up to ten.
     moved = np.abs(y - [known[name] for name in model.states])
     assert 0.0 < moved.max() < 1e-4
@@ -296,7 +296,9 @@ def test_baumgarte_bounds_the_drift_that_grows_without():
         model = scene.compile(tree=["bob", "rod"], optimize="-O0", baumgarte=rate)
         settings = {"method": "DOP853", "rtol": 1e-7, "atol": 1e-7, "throw": True}
         result = model.simulate((0.0, 20.0), times, project=False, **settings)
-        values = [model.constraint_values(t, y) for t, y in zip(times, result.y.T, strict=True)]
+        values = [
+            model.kernels.constraint_values(t, y) for t, y in zip(times, result.y.T, strict=True)
+        ]
         drift[rate] = np.abs(values).max(axis=1)
         held = model.simulate((0.0, 20.0), times, **settings)
         assert held.drift is not None

@@ -73,7 +73,7 @@ def test_other_parameters_against_the_closed_form(model_of):
 def test_initial_expressions_carry_sensitivities(model_of):
     model = model_of("spring-mass-damper")
     j = [model.sensitivities.index(name) for name in ("x0", "v0")]
-    assert np.array_equal(model.initial_sensitivity()[:, j], np.eye(2))
+    assert np.array_equal(model.kernels.initial_sensitivity()[:, j], np.eye(2))
 
 
 def test_sensitivity_to_an_initial_value_by_the_states_name(model_of):

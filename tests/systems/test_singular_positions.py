@@ -63,7 +63,10 @@ def test_sensitivities_pass_singular_positions(method: str) -> None:
 
 def test_links_in_one_line_are_said_to_lose_rank() -> None:
     model = windows(2).compile(optimize="-O0")
-    projection, y = Projection(model, model.default_parameters, lambda t: None), model.start().y
+    projection, y = (
+        Projection(model.kernels, model.default_parameters, lambda t: None),
+        model.start().y,
+    )
     assert projection.singular(0.0, y) == ()
     for name, value in (("A", 0.01), ("Bl", -0.01)):  # cranks 0.6 degrees above the line
         for i, state in enumerate(model.states):
@@ -164,5 +167,8 @@ def test_many_loops_side_by_side_are_no_singular_position() -> None:
     """Ten windows upright have a direction in which gradients are a tenth of their length."""
     scene = windows(10)
     model = scene.compile(tree=absolute_tree(scene), optimize="-O0")
-    projection, y = Projection(model, model.default_parameters, lambda t: None), model.start().y
+    projection, y = (
+        Projection(model.kernels, model.default_parameters, lambda t: None),
+        model.start().y,
+    )
     assert projection.singular(0.0, y) == ()

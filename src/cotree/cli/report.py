@@ -35,8 +35,8 @@ def run_report(
     work = result.statistics
     times = ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in result.times.items())
     lines = [
-        f"{scene.headline}; {len(model.states)} states, kernels in {model.backend}",
-        f"times: {times}{' (library from the cache)' if model.cached else ''}",
+        f"{scene.headline}; {len(model.states)} states, kernels in {model.kernels.backend}",
+        f"times: {times}{' (library from the cache)' if model.kernels.cached else ''}",
         f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
     ]
     # A failure has been told already, as a warning on standard error.

@@ -6,12 +6,10 @@ found by all that it follows from, so that nothing that was kept is ever out of 
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
-from cotree.build.cache import PROGRAM, find_bytes, keep_bytes
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.quiet import without_collection
@@ -95,6 +93,8 @@ class ModelText:
         Prefix of the names in it.
     n_written, n_written_in_all : int
         Operations of the longest C function, and of all.
+    slow_causes : str
+        Sentences on values of the scene that make steps short.
     """
 
     program: Program
@@ -102,30 +102,4 @@ class ModelText:
     prefix: str
     n_written: int
     n_written_in_all: int
-
-
-def find_text(key: str) -> ModelText | None:
-    """Give what was kept by a key, or None; a cache that cannot be used counts as empty."""
-    found = find_bytes(key, PROGRAM)
-    if found is None:
-        return None
-    # The folder belongs to the user alone, and its libraries are run as they are.
-    text = pickle.loads(found)
-    assert isinstance(text, ModelText)
-    return text
-
-
-def keep_text(key: str, text: ModelText) -> None:
-    """Keep a text by a key, if it can be kept."""
-    data = pickled(text)
-    if data is not None:
-        keep_bytes(data, key, PROGRAM)
-
-
-def pickled(value: object) -> bytes | None:
-    """Pickle a value; None where something in it cannot be."""
-    try:
-        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        # Results of external functions are found by a function of Python, which may be anyone's.
-        return None
+    slow_causes: str = ""

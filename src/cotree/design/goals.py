@@ -13,10 +13,11 @@ therefore follow from the sensitivity graphs, like those of any other state.
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.api import Model, Scene
+from cotree.compiled import compile_spec
 from cotree.dag.derivative import adjoints
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
@@ -256,7 +257,7 @@ def check_times(quantities: Sequence[Quantity], span: tuple[float, float]) -> No
 def scene_of(source: Any) -> SceneDescription:
     """Return the scene of a model, or the scene itself."""
     if isinstance(source, Model):
-        return source._scene
+        return source.spec.scene
     if not isinstance(source, Scene):
         raise ParameterError(
             f"optimise takes a scene or a compiled model, not {type(source).__name__}: "
@@ -325,8 +326,7 @@ def variant_of(
 def _compiled(source: Any, changed: SceneDescription, over: Sequence[str]) -> Model:
     """Compile the variant with the options of the given model, if it is one."""
     if isinstance(source, Model):
-        recipe = source._recipe.of(changed, source.first_graph)
-        return replace(recipe, sensitivities=tuple(over)).made()
+        return compile_spec(source.spec.of(changed, over))
     assert isinstance(changed, Scene)
     with without_warnings():  # names on which nothing depends are refused by the caller
         return changed.compile(list(over))

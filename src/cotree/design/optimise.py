@@ -218,9 +218,9 @@ def _known(model: Model, common: Settings) -> dict[str, float]:
     """Return the nominal values of parameters and the initial values of states."""
     known = dict(zip(model.parameters, map(float, model.default_parameters), strict=True))
     try:
-        start = scene_start(model).y
+        start = scene_start(model.kernels).y
     except Error:  # the nominal values need not be a feasible design
-        start = model.initial(model.default_parameters)
+        start = model.kernels.initial(model.default_parameters)
     known |= dict(zip(model.states, map(float, start), strict=True))
     return {**known, **common.parameters, **common.initial}
 
@@ -229,7 +229,7 @@ def _check_reach(evaluation: Evaluation) -> None:
     """Refuse design variables on which no goal can depend."""
     model, goals = evaluation.model, evaluation.goals
     written = goals.objective.names.union(*(row.excess.names for row in goals.conditions))
-    for name in model.unreached:
+    for name in model.kernels.unreached:
         if name in evaluation.over and name not in written:
             raise ParameterError(
                 f"nothing depends on '{name}': remove it from over, or use it in the scene"

@@ -122,7 +122,7 @@ def refusal_of(pattern: Pattern) -> str:
         raise SolveError(f"lanes is {wanted}; give one of {', '.join(map(str, WIDTHS))}, or None")
     if wanted == 1:
         return "one lane is asked for"
-    program = pattern.plan.model._program
+    program = pattern.plan.model.program
     has_sensitivities = problem.n_sensitivities > 0
     why = lanes_refusal(program, pattern.row.name, has_sensitivities=has_sensitivities)
     return why or _refusal(pattern)
@@ -135,7 +135,7 @@ def _find(pattern: Pattern) -> LoadedLanes | str:
     wanted, problem = pattern.plan.lanes, pattern.problem
     has_sensitivities = problem.n_sensitivities > 0
     model = pattern.plan.model
-    program = model._program
+    program = model.program
     lanes = lanes_of(cpu_features().split(), wanted, problem.size)
     key = (pattern.row.name, lanes, has_sensitivities)
     with _building:

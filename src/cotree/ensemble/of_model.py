@@ -1,12 +1,12 @@
-"""Ensembles as a method of models."""
+"""Ensembles as a method of models: :meth:`cotree.Model.ensemble`."""
 
 from __future__ import annotations
 
 import contextlib
-import weakref
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -21,176 +21,170 @@ if TYPE_CHECKING:
 
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
-    from cotree.scene.description import SceneDescription
     from cotree.scene.settings import Settings, SettingsDict
+    from cotree.spec import BuildSpec
 
 
 # Attributes of a file of HDF5 have 64 KiB each, and a large scene takes seconds to be written.
 _MOST_EDGES, _LONGEST_TEXT = 200, 2**15
 
 
-# What results tell of models that have run ensembles.
-_told: weakref.WeakKeyDictionary[Any, dict[str, str]] = weakref.WeakKeyDictionary()
+def run_members(
+    model: _Compiling,
+    t_span: tuple[float, float] | None = None,
+    members: Any = None,
+    *,
+    t_eval: Any = None,
+    method: str | None = None,
+    sensitivities: bool = True,
+    outputs: Sequence[str] | None = None,
+    parameters: Any = None,
+    initial: Mapping[str, float] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    lanes: int | None = None,
+    executor: Any = None,
+    store: Any = None,
+    progress: bool = True,
+    on_error: str = "keep",
+    **settings: Unpack[SettingsDict],
+) -> Any:
+    """Run many members, which differ in parameters and initial values.
 
+    Parameters
+    ----------
+    t_span : (float, float), optional
+        Start and end, [s]; the scene's ``t_end`` where absent.
+    members : DataFrame, mapping, sequence of mappings, Grid or Samples
+        A column for each parameter, or state by its initial value (or the sensitivity of that,
+        as ``d(STATE)/d(PARAMETER)``), that members set: a table of
+        pandas, whose index labels the members; arrays of one length by name, numbers among them
+        counting for all; a list of mappings, one for each member; :func:`cotree.grid`; or
+        :func:`cotree.sample`. Parameters of expressions in ``inputs`` are columns, too.
+    t_eval : int or array_like of shape (n_t,), optional
+        Number of times, evenly over the span, or the times themselves; 101 where absent.
+    method : str, optional
+        As of :meth:`simulate`. ``auto`` is decided once for all members: by the starts of runs
+        with the values that they share, and of the members with the extreme values of each
+        column.
+    sensitivities : bool
+        Whether the sensitivities that the model was compiled with are integrated.
+    outputs : sequence of str, optional
+        Outputs that are evaluated; all where absent. The states are always there.
+    parameters, initial, inputs
+        What all members share, as of :meth:`simulate`.
+    threads : int, optional
+        Threads that run members; as many as processors where absent. Results are the same to
+        the last bit for any number.
+    lanes : int, optional
+        Members side by side in vectors of an explicit method: 1 for none; where absent, as many
+        as the processor has, and 1 for fewer than 100 members, which take less time than
+        compiling the code of lanes.
+    executor : concurrent.futures.Executor, optional
+        Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
+        ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
+        then those of each worker, one where absent. Blocks of a worker that dies are run again.
+    store : path, optional
+        A folder in which results are kept as they are done: whatever ends the call, the same
+        call again computes only what is missing, and several processes may make it at once.
+        The Dataset is then read from there when values are asked for.
+    progress : bool
+        Whether a bar shows members done at a terminal, from the second second on.
+    on_error : {"keep", "raise"}
+        What a member that fails does: it is nan with its message and the others go on, or it
+        ends the call.
+    **settings
+        Tolerances, budgets and others of each member, as of :meth:`simulate`.
 
-class EnsembleMethods:
-    """Runs of a model with many values of its parameters and initial values."""
+    Returns
+    -------
+    xarray.Dataset
+        Every state and output by its name with the dimensions ``member``, or those of the grid,
+        and ``time``; its sensitivities as ``d(NAME)`` with ``parameter`` behind them. For each
+        member ``status`` (0 where it succeeded), ``message``, ``steps`` and ``seconds``; for
+        each event how often it happened, ``n(EVENT)``, and its times, ``t(EVENT)``, with nan
+        behind the last one, and ``d(t(EVENT))``. What members set are coordinates; those of
+        initial values are called ``initial(STATE)``. Ctrl-C returns what is done.
 
-    def ensemble(
-        self,
-        t_span: tuple[float, float] | None = None,
-        members: Any = None,
-        *,
-        t_eval: Any = None,
-        method: str | None = None,
-        sensitivities: bool = True,
-        outputs: Sequence[str] | None = None,
-        parameters: Any = None,
-        initial: Mapping[str, float] | None = None,
-        inputs: Mapping[str, Any] | None = None,
-        threads: int | None = None,
-        lanes: int | None = None,
-        executor: Any = None,
-        store: Any = None,
-        progress: bool = True,
-        on_error: str = "keep",
-        **settings: Unpack[SettingsDict],
-    ) -> Any:
-        """Run many members, which differ in parameters and initial values.
+    Raises
+    ------
+    ModelError
+        If members, or what they share, are not accepted; the message names column and row.
+    SolveError
+        If a setting makes no sense; with ``on_error="raise"``, if a member fails.
+    StoreError
+        If the store cannot be used, or is another ensemble's; the message says what differs.
+    Error
+        If xarray is not installed.
 
-        Parameters
-        ----------
-        t_span : (float, float), optional
-            Start and end, [s]; the scene's ``t_end`` where absent.
-        members : DataFrame, mapping, sequence of mappings, Grid or Samples
-            A column for each parameter, or state by its initial value (or the sensitivity of that,
-            as ``d(STATE)/d(PARAMETER)``), that members set: a table of
-            pandas, whose index labels the members; arrays of one length by name, numbers among them
-            counting for all; a list of mappings, one for each member; :func:`cotree.grid`; or
-            :func:`cotree.sample`. Parameters of expressions in ``inputs`` are columns, too.
-        t_eval : int or array_like of shape (n_t,), optional
-            Number of times, evenly over the span, or the times themselves; 101 where absent.
-        method : str, optional
-            As of :meth:`simulate`. ``auto`` is decided once for all members: by the starts of runs
-            with the values that they share, and of the members with the extreme values of each
-            column.
-        sensitivities : bool
-            Whether the sensitivities that the model was compiled with are integrated.
-        outputs : sequence of str, optional
-            Outputs that are evaluated; all where absent. The states are always there.
-        parameters, initial, inputs
-            What all members share, as of :meth:`simulate`.
-        threads : int, optional
-            Threads that run members; as many as processors where absent. Results are the same to
-            the last bit for any number.
-        lanes : int, optional
-            Members side by side in vectors of an explicit method: 1 for none; where absent, as many
-            as the processor has, and 1 for fewer than 100 members, which take less time than
-            compiling the code of lanes.
-        executor : concurrent.futures.Executor, optional
-            Who runs blocks of members in place of threads: ``ProcessPoolExecutor()``, a client of
-            ``dask.distributed`` or its executor, ``MPIPoolExecutor()`` of mpi4py; ``threads`` are
-            then those of each worker, one where absent. Blocks of a worker that dies are run again.
-        store : path, optional
-            A folder in which results are kept as they are done: whatever ends the call, the same
-            call again computes only what is missing, and several processes may make it at once.
-            The Dataset is then read from there when values are asked for.
-        progress : bool
-            Whether a bar shows members done at a terminal, from the second second on.
-        on_error : {"keep", "raise"}
-            What a member that fails does: it is nan with its message and the others go on, or it
-            ends the call.
-        **settings
-            Tolerances, budgets and others of each member, as of :meth:`simulate`.
+    Examples
+    --------
+    >>> import cotree
+    >>> model = cotree.load("slider-pendulum").compile(["k"])
+    >>> runs = model.ensemble((0, 10), cotree.grid(L=[0.9, 1.0, 1.1], k=[40, 50]))
+    >>> runs["d(j1.s)"].dims
+    ('L', 'k', 'time', 'parameter')
+    >>> round(float(runs["j1.s"].sel(L=1.0, k=50, time=10)), 6)
+    0.526045
+    """
+    # Most programs run no ensembles.
+    from cotree.ensemble.dataset import check_xarray
+    from cotree.ensemble.members import read_members
+    from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
+    from cotree.ensemble.trial import times_of
 
-        Returns
-        -------
-        xarray.Dataset
-            Every state and output by its name with the dimensions ``member``, or those of the grid,
-            and ``time``; its sensitivities as ``d(NAME)`` with ``parameter`` behind them. For each
-            member ``status`` (0 where it succeeded), ``message``, ``steps`` and ``seconds``; for
-            each event how often it happened, ``n(EVENT)``, and its times, ``t(EVENT)``, with nan
-            behind the last one, and ``d(t(EVENT))``. What members set are coordinates; those of
-            initial values are called ``initial(STATE)``. Ctrl-C returns what is done.
-
-        Raises
-        ------
-        ModelError
-            If members, or what they share, are not accepted; the message names column and row.
-        SolveError
-            If a setting makes no sense; with ``on_error="raise"``, if a member fails.
-        StoreError
-            If the store cannot be used, or is another ensemble's; the message says what differs.
-        Error
-            If xarray is not installed.
-
-        Examples
-        --------
-        >>> import cotree
-        >>> model = cotree.load("slider-pendulum").compile(["k"])
-        >>> runs = model.ensemble((0, 10), cotree.grid(L=[0.9, 1.0, 1.1], k=[40, 50]))
-        >>> runs["d(j1.s)"].dims
-        ('L', 'k', 'time', 'parameter')
-        >>> round(float(runs["j1.s"].sel(L=1.0, k=50, time=10)), 6)
-        0.526045
-        """
-        # Most programs run no ensembles.
-        from cotree.ensemble.dataset import check_xarray
-        from cotree.ensemble.members import read_members
-        from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
-        from cotree.ensemble.trial import times_of
-
-        check_xarray()
-        model = cast("_Compiling", self)
-        given = {
-            "t_span": t_span,
-            "method": method,
-            "parameters": parameters,
-            "initial": initial,
-            "inputs": inputs,
-            "sensitivities": sensitivities,
-            **settings,
-        }
-        shared = settings_from(model._recipe.defaults, given)
-        shared = replace(shared, t_eval=times_of(t_eval, shared.t_span))
-        execution = Execution(threads, executor, store, progress, on_error)
-        check_execution(execution)
-        rows = read_members(members)
-        compiled, shared = _compiled_for(model, shared, rows)
-        plan = make_plan(compiled, shared, rows, outputs=outputs, lanes=lanes)
-        expressions = expressions_among(inputs or {})
-        told = {**_described(model), "model": compiled.digest, "inputs": expressions}
-        return run_ensemble(plan, rows, execution, told)
+    check_xarray()
+    given = {
+        "t_span": t_span,
+        "method": method,
+        "parameters": parameters,
+        "initial": initial,
+        "inputs": inputs,
+        "sensitivities": sensitivities,
+        **settings,
+    }
+    shared = settings_from(model._defaults, given)
+    shared = replace(shared, t_eval=times_of(t_eval, shared.t_span))
+    execution = Execution(threads, executor, store, progress, on_error)
+    check_execution(execution)
+    rows = read_members(members)
+    compiled, shared = _compiled_for(model, shared, rows)
+    plan = make_plan(compiled, shared, rows, outputs=outputs, lanes=lanes)
+    expressions = expressions_among(inputs or {})
+    told = {**_described(model), "model": compiled.digest, "inputs": expressions}
+    return run_ensemble(plan, rows, execution, told)
 
 
 class _Compiling(Protocol):
     """A model that compiles expressions of inputs into another one."""
 
-    _recipe: Any
+    _defaults: Any
+    kernels: CompiledModel
     parameters: tuple[str, ...]
     states: tuple[str, ...]
     inputs: tuple[str, ...]
 
     @property
-    def _scene(self) -> SceneDescription: ...
+    def spec(self) -> BuildSpec: ...
 
-    def _variant(self, settings: Settings) -> tuple[CompiledModel, Settings]: ...
+    def _variant(self, settings: Settings) -> tuple[_Compiling, Settings]: ...
 
 
-def _described(model: Any) -> dict[str, str]:
-    """Tell the scene of a model, where it is short."""
+def _described(model: _Compiling) -> dict[str, str]:
+    """Return the text of the model's scene, if it is short."""
+    # A scene with types of a user's own has no text in TOML, and in another process it may not be
+    # had at all.
+    with contextlib.suppress(ModelError):
+        text = _text_of(model.spec)
+        return {"scene_toml": text} if 0 < len(text) <= _LONGEST_TEXT else {}
+    return {}
+
+
+@lru_cache(maxsize=8)
+def _text_of(spec: BuildSpec) -> str:
     from cotree.scene.toml_text import scene_text
 
-    if model not in _told:
-        _told[model] = {}
-        # A scene with types of a user's own cannot be told in TOML, and in another process it may
-        # not be had at all.
-        with contextlib.suppress(ModelError):
-            scene: SceneDescription = model._scene
-            text = scene_text(scene) if len(scene.edges) <= _MOST_EDGES else ""
-            if 0 < len(text) <= _LONGEST_TEXT:
-                _told[model]["scene_toml"] = text
-    return _told[model]
+    return scene_text(spec.scene) if len(spec.scene.edges) <= _MOST_EDGES else ""
 
 
 def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tuple[Any, Settings]:
@@ -207,9 +201,10 @@ def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tu
     gains = {
         name: float(np.median(members.rows[:, j]))
         for j, name in enumerate(members.columns)
-        if name not in taken and name not in model._scene.parameters
+        if name not in taken and name not in model.spec.scene.parameters
     }
-    compiled, rest = model._variant(replace(settings, parameters={**gains, **shared}))
+    variant, rest = model._variant(replace(settings, parameters={**gains, **shared}))
+    compiled = variant.kernels
     # An array has a value of each parameter, columns among them.
     check_columns(members.columns, compiled, () if is_array else shared, settings.initial)
     own = {name: value for name, value in gains.items() if name in compiled.parameters}

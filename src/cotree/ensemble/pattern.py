@@ -146,7 +146,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
     why = band_refusal(job, problem)
     if why:
         return why
-    read = symbols_in(plan.model._program.kernels["rhs"].results)
+    read = symbols_in(plan.model.program.kernels["rhs"].results)
     starts = prepared(plan.model, plan.settings).model.start_in_c
     return Pattern(
         plan,
@@ -178,7 +178,7 @@ def _is_searched(plan: Plan, problem: Problem) -> bool:
 
 def _moving(plan: Plan) -> set[str]:
     """Name the parameters that corners and the longest step depend on."""
-    program = plan.model._program
+    program = plan.model.program
     stops = [stop for own in program.stops.values() for stop in own]
     nodes = [node for stop in stops for node in (stop.first, stop.period) if node is not None]
     nodes += [limit for own in program.longest_steps.values() for limit in own]

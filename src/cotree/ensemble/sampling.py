@@ -12,6 +12,7 @@ import numpy as np
 
 from cotree.errors import Error, ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
+from cotree.model.start import scene_start
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_whole
@@ -196,7 +197,7 @@ class Samples(Mapping[str, "FloatArray"]):
 
 
 def sample(
-    source: CompiledModel | SceneDescription,
+    source: Any,
     distributions: Mapping[str, Any],
     n: int,
     *,
@@ -242,6 +243,7 @@ def sample(
     >>> bool(((drawn["L"] >= 0.9) & (drawn["L"] <= 1.1)).all())
     True
     """
+    source = getattr(source, "kernels", source)
     if not isinstance(source, (CompiledModel, SceneDescription)):
         raise ParameterError(f"sample takes a model or a scene first, not {brief(repr(source))}")
     if not isinstance(distributions, Mapping) or not distributions:
@@ -289,9 +291,7 @@ def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
     if name in source.parameters:
         return float(source.default_parameters[source.parameters.index(name)])
     if name in source.states:
-        start = getattr(source, "initial_state", None)
-        start = source.initial() if start is None else start
-        return float(start[source.states.index(name)])
+        return float(scene_start(source).y[source.states.index(name)])
     known = (*source.parameters, *source.states)
     raise ParameterError(
         f"the model has no tunable parameter or state '{brief(name)}'{nearest(name, known)}"

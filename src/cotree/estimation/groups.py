@@ -199,7 +199,8 @@ class SteadyStates:
                 sensitivities=slopes,
             )
             members = Members(tuple(columns), rows, {MEMBER: np.arange(len(rows))})
-            self._plans[slopes] = make_plan(self._model, settings, members, outputs=(), lanes=1)
+            kernels = self._model.kernels
+            self._plans[slopes] = make_plan(kernels, settings, members, outputs=(), lanes=1)
         return self._plans[slopes]
 
 
@@ -351,7 +352,7 @@ class Group:
             known = next(iter(self._plans.values()), None)
             settings = self._settings if known is None else known.settings
             plan = make_plan(
-                self._model,
+                self._model.kernels,
                 replace(settings, sensitivities=slopes),
                 members,
                 outputs=self._outputs,

@@ -11,14 +11,14 @@ import keyword
 import math
 import re
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cotree.api import Scene
-from cotree.compiled import Model
+from cotree.compiled import Model, compile_spec
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import Estimated
@@ -87,7 +87,7 @@ class Observer:
         # Variants of a compiled model keep its tree and its options.
         self._given = model if isinstance(model, Model) else None
         self._model = self._given
-        self.scene: SceneDescription = model._scene if isinstance(model, Model) else model
+        self.scene: SceneDescription = model.spec.scene if isinstance(model, Model) else model
         self._new: dict[str, str] = {}  # outputs that were added, by name
 
     @property
@@ -279,8 +279,7 @@ class Observer:
         if self._given is None:
             assert isinstance(scene, Scene)
             return scene.compile(names)
-        recipe = self._given._recipe.of(scene, self._given.first_graph)
-        return replace(recipe, sensitivities=tuple(names)).made()
+        return compile_spec(self._given.spec.of(scene, names))
 
 
 def signal(column: str, where: str, t: Array, values: Array) -> tuple[Array, Array]:

@@ -15,8 +15,11 @@ from cotree.dag.nodes import TIME, kinds_in
 from cotree.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cotree.model.arrays import Array
-    from cotree.model.points import PointMethods
+    from cotree.model.linearize import Linearizer
+    from cotree.model.model import CompiledModel
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,10 @@ class Rates:
 
     Attributes
     ----------
-    model : PointMethods
+    model : CompiledModel
         The model.
+    linearizer : callable
+        Returns its linearizer.
     t : float
         The time, [s].
     names : tuple of str
@@ -34,7 +39,8 @@ class Rates:
         to; the others keep the values of the scene.
     """
 
-    model: PointMethods
+    model: CompiledModel
+    linearizer: Callable[[], Linearizer]
     t: float
     names: tuple[str, ...]
 
@@ -62,7 +68,7 @@ class Rates:
         if n_inputs:
             # Of a model without algebraic unknowns nothing has to be eliminated.
             own = model.parameter_array(given), np.asarray(u, dtype=float)
-            by_input = model._linearizer.whole(self.t, x, *own)[1][:n, n:]
+            by_input = self.linearizer().whole(self.t, x, *own)[1][:n, n:]
         by_parameter = np.zeros((n, 0))
         if n_parameters:
             # Rates of sensitivities that are zero are what a parameter adds to rates by itself.
@@ -75,13 +81,17 @@ class Rates:
         return dict(zip(self.names, map(float, p), strict=True))
 
 
-def rates_of(model: PointMethods, t: float | None, bridge: str) -> Rates:
+def rates_of(
+    model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
+) -> Rates:
     """Make the function of a model.
 
     Parameters
     ----------
-    model : PointMethods
+    model : CompiledModel
         The model.
+    linearizer : callable
+        Returns its linearizer.
     t : float or None
         The time, [s]; None where rates do not depend on it.
     bridge : str
@@ -100,12 +110,12 @@ def rates_of(model: PointMethods, t: float | None, bridge: str) -> Rates:
             f"{bridge}() needs a model whose rates follow from its states alone, and "
             f"'{layout.name}' has {what}: export an FMU, or call simulate"
         )
-    if t is None and TIME in kinds_in(model._program.kernels["rhs"].results):
+    if t is None and TIME in kinds_in(model.program.kernels["rhs"].results):
         raise ParameterError(
             f"rates of '{layout.name}' depend on time: say at which, such as {bridge}(t=0.0)"
         )
     names = tuple(name for name in model.sensitivities if name in model.parameters)
-    return Rates(model, 0.0 if t is None else t, names)
+    return Rates(model, linearizer, 0.0 if t is None else t, names)
 
 
 def casadi_function(rates: Rates) -> Any:

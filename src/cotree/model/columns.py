@@ -21,7 +21,7 @@ from cotree.sharing import locked_cache
 if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
-    from cotree.model.model import PreparedKernels
+    from cotree.model.model import CompiledModel
 
 _NONE = np.zeros(0)
 
@@ -41,13 +41,13 @@ def _load() -> LoadedLibrary | None:
 
 
 def in_columns(
-    model: PreparedKernels, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None
+    model: CompiledModel, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None
 ) -> Array:
     """Evaluate a kernel at many points.
 
     Parameters
     ----------
-    model : PreparedKernels
+    model : CompiledModel
         The model.
     name : str
         A kernel of the states, or of these and sensitivities.
@@ -75,7 +75,7 @@ def in_columns(
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
-    results = np.zeros((points.n, len(model._program.kernels[name].results)))
+    results = np.zeros((points.n, len(model.program.kernels[name].results)))
     done = 0 if library is None else _in_c(model, library, name, points, results)
     if KERNELS[name].is_packed:
         whole = np.zeros((points.n, points.s.shape[1]))
@@ -90,7 +90,7 @@ def in_columns(
 class _Points:
     """Points with a row each, as C takes them."""
 
-    def __init__(self, model: PreparedKernels, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
+    def __init__(self, model: CompiledModel, t: Any, y: Any, p: Any, u: Any, s: Any) -> None:
         n, n_s, self.n = len(model.states), len(model.sensitivities), np.shape(y)[1]
         self.places = np.array(model.layout.sensitivity_places, dtype=np.intp)
         self.u: Array | None = None
@@ -128,7 +128,7 @@ def _rows(values: Any, shape: tuple[int, ...], n: int, what: str) -> Array:
 
 
 def _in_c(
-    model: PreparedKernels, library: LoadedLibrary, name: str, points: _Points, results: Array
+    model: CompiledModel, library: LoadedLibrary, name: str, points: _Points, results: Array
 ) -> int:
     """Fill in results in C; tell for how many points."""
     ffi, spec, native = library.ffi, KERNELS[name], model.native(points.p[0])
@@ -164,7 +164,7 @@ def _in_c(
     )
 
 
-def _at(model: PreparedKernels, name: str, points: _Points, j: int) -> Array:
+def _at(model: CompiledModel, name: str, points: _Points, j: int) -> Array:
     """Evaluate one point by itself."""
     try:
         p = points.p[j if points.has_own else 0]

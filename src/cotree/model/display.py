@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cotree.build import find_toolchain
 from cotree.errors import BuildError
@@ -32,12 +32,12 @@ _CALLS = (
 )
 
 
-def model_text(model: CompiledModel, methods: Sequence[str]) -> str:
+def model_text(model: Any, methods: Sequence[str]) -> str:
     """Describe a model in a few lines.
 
     Parameters
     ----------
-    model : CompiledModel
+    model : cotree.Model
         The model.
     methods : sequence of str
         Methods of integration.
@@ -45,7 +45,7 @@ def model_text(model: CompiledModel, methods: Sequence[str]) -> str:
     return labelled(f"{type(model).__name__} {model.layout.name}", _lines(model, methods))
 
 
-def model_html(model: CompiledModel, methods: Sequence[str]) -> str:
+def model_html(model: Any, methods: Sequence[str]) -> str:
     """Describe a model in tables; see :func:`model_text`."""
     layout = model.layout
     lines = _lines(model, methods)
@@ -66,7 +66,7 @@ def model_html(model: CompiledModel, methods: Sequence[str]) -> str:
     )
 
 
-def _lines(model: CompiledModel, methods: Sequence[str]) -> list[tuple[str, str]]:
+def _lines(model: Any, methods: Sequence[str]) -> list[tuple[str, str]]:
     layout = model.layout
     calls = [f"{name}()" for name in _CALLS if hasattr(model, name)]
     return [
@@ -78,7 +78,7 @@ def _lines(model: CompiledModel, methods: Sequence[str]) -> list[tuple[str, str]
         ("constraints", names(model.constraints) if model.constraints else ""),
         ("calls", " ".join(calls)),
         ("methods", " ".join(methods)),
-        ("compiler", _compiler(model)),
+        ("compiler", _compiler(model.kernels)),
     ]
 
 

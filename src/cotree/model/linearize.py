@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,12 +30,16 @@ from cotree.dag.nodes import (
     symbols_in,
 )
 from cotree.equations import Derivative, Equations, spread
-from cotree.errors import Error, SingularSystemError
+from cotree.errors import Error, ParameterError, SingularSystemError, nearest
 from cotree.model.algebraic import eliminated
+from cotree.model.arrays import as_array
 from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
+from cotree.model.friction_modes import check_friction
 from cotree.model.linearization import Linearization, LinearSlopes
+from cotree.model.start import find_start
 from cotree.model.unknowns import solve_states
 from cotree.program.solved import SolvedSystem
+from cotree.scene.given import check_names
 from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
@@ -491,3 +495,65 @@ def _columns(
         for row in solved.along(columns)
         for node in (*spread(row.rates, n, zero), *spread(row.outputs, k, zero))
     ]
+
+
+def linearize(
+    linearizer: Linearizer,
+    at: Moment,
+    y: Any = None,
+    *,
+    reduced: bool = False,
+    sensitivities: Sequence[str] | str = (),
+    total: bool = False,
+) -> Linearization:
+    """Linearise about the motion through a state; see :meth:`cotree.Model.linearize`."""
+    # Linearisations are evaluated from expression graphs, without the parameter checks of the
+    # compiled kernels.
+    model = at.model
+    model.check_parameters(at.p)
+    names = check_names(sensitivities, "sensitivities")
+    moves = _starts_along(at, names) if total and y is None else {}
+    if total and y is not None:
+        raise ParameterError(
+            "total=True differentiates through the model's initial states, but y was given: "
+            "omit it, or use model.trim(...).linearize(...), which follows equilibria"
+        )
+    y = find_start(at, {}).y if y is None else as_array(y, (len(model.states),), "the states")
+    directions = {name: _direction(linearizer, at, name, moves.get(name)) for name in names}
+    # The implicit function theorem requires that the algebraic equations are satisfied.
+    y = solve_states(at, y)
+    check_friction(at, y)
+    return linearizer.about(at, y, reduced=reduced, directions=directions)
+
+
+def _starts_along(at: Moment, names: Sequence[str]) -> dict[str, Array]:
+    """Return the sensitivities of the initial states by name."""
+    known = at.model.sensitivities
+    for name in names:
+        if name not in known:
+            raise ParameterError(
+                f"total=True needs sensitivities of the initial states to '{name}': compile "
+                f"the model with sensitivities to it{nearest(name, known)}"
+            )
+    s = find_start(at, {}).s
+    return {name: s[:, known.index(name)] for name in names}
+
+
+def _direction(linearizer: Linearizer, at: Moment, name: str, dy: Array | None) -> Direction:
+    """Return the direction of a parameter, an input or a state."""
+    model = at.model
+    y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))
+    if name in model.parameters:
+        p[model.parameters.index(name)] = 1.0
+        if at.u is None:  # the scene's own inputs may depend on it
+            u = linearizer.inputs_by_parameters(at, p)
+    elif name in model.inputs:
+        u[model.inputs.index(name)] = 1.0
+    elif name in model.states:
+        y[model.states.index(name)] = 1.0
+    else:
+        known = [*model.parameters, *model.inputs, *model.states]
+        raise ParameterError(
+            f"'{name}' is no tunable parameter, input or state of the model{nearest(name, known)}"
+        )
+    return Direction(y if dy is None else dy, u, p)

@@ -13,11 +13,12 @@ import math
 import threading
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from cotree.codegen.context import model_context
+from cotree.codegen.model_files import render_model
 from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters
@@ -30,14 +31,16 @@ from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
 from cotree.sharing import Kept, locked_cached_property
+from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
+    from cotree.build import BuildOptions
+    from cotree.codegen.model_files import ModelText
     from cotree.dag.time_events import Corners
     from cotree.model.kernels import Kernels, NativeModel
     from cotree.program import Layout, Program
-    from cotree.program.counts import OperationCount
 
 
 def whole_kernel(
@@ -89,8 +92,30 @@ class _Own(threading.local):
     prepared: Array | None = None
 
 
-class PreparedKernels:
-    """Kernels of a scene with their names, prepared for parameters by each thread that calls.
+class Rest(Protocol):
+    """The operating point of a network, where a model begins."""
+
+    @property
+    def program(self) -> Program:
+        """The program of the network at rest."""
+        ...
+
+    def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
+        """Return the states at rest, and their sensitivities in place of those among s."""
+        ...
+
+
+# Settings of runs that a model keeps what it has prepared for.
+_MOST_KEPT = 8
+
+
+class CompiledModel:
+    """Kernels of a scene with their names, called with NumPy arrays.
+
+    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
+    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
+    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
+    Several threads may call the same model at the same time, with other parameters each.
 
     Parameters
     ----------
@@ -98,24 +123,45 @@ class PreparedKernels:
         Names, patterns, and what the kernels compute.
     kernels : Kernels
         The kernels.
+    text : ModelText, optional
+        The C text that the kernels were compiled from.
+    options : BuildOptions, optional
+        The user's choices for the compiler.
 
     Attributes
     ----------
+    program, text, options
+        The same.
+    cached : bool
+        Whether the library was compiled before.
+    rest : callable or None
+        Initial states and sensitivities at the operating point; None for those of the scene.
     layout : Layout
         Names, units and patterns.
     states, parameters, inputs, outputs : tuple of str
-        Their names.
+        Names of the states, the tunable parameters, the inputs and the outputs.
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are taken.
     structure : Structure
         Patterns of its derivatives.
+    kept : Kept
+        What runs with the same settings share, by these; see :mod:`cotree.solvers.prepare`.
     """
 
-    def __init__(self, program: Program, kernels: Kernels) -> None:
-        self._program = program
+    def __init__(
+        self,
+        program: Program,
+        kernels: Kernels,
+        text: ModelText | None = None,
+        options: BuildOptions | None = None,
+    ) -> None:
+        self.program, self.text, self.options = program, text, options
+        self.cached = False
+        self.rest: Rest | None = None
         self._kernels = kernels
         self._own = _Own()
         self._whole: dict[str, Call] = {}
+        self.kept: Kept[Any] = Kept(_MOST_KEPT)
         layout = self.layout = program.layout
         self._defaults = np.array(layout.parameter_values, dtype=float)
         self.structure = Structure(layout)
@@ -253,53 +299,25 @@ class PreparedKernels:
             self._kernels.prepare(p)
         own.prepared = p
 
-
-#: ``rest(t, p, u, s)`` gives initial states and sensitivities in place of the scene's, s.
-Rest = Callable[[float, Array, "Array | None", Array], tuple[Array, Array]]
-
-# Settings of runs that a model keeps what it has prepared for.
-_MOST_KEPT = 8
-
-
-class CompiledModel(PreparedKernels):
-    """Kernels of a scene with their names, called with numpy arrays.
-
-    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
-    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
-    Several threads may call the same model at the same time, with other parameters each.
-
-    Attributes
-    ----------
-    states, parameters, inputs, outputs : tuple of str
-        Names of the states, the tunable parameters, the inputs and the outputs.
-    structure : Structure
-        Patterns of its derivatives.
-    kept : Kept
-        What runs with the same settings share, by these; see :mod:`cotree.solvers.prepare`.
-    """
-
-    def __init__(self, program: Program, kernels: Kernels, rest: Rest | None = None) -> None:
-        super().__init__(program, kernels)
-        self._rest = rest
-        self.kept: Kept[Any] = Kept(_MOST_KEPT)
-
     @property
     def digest(self) -> str:
-        """Hash of names and default values: different for models that compute something else."""
-        return hashlib.sha256(repr(self.layout).encode()).hexdigest()
+        """Hash of its C text, names and default values: equal for models that compute the same."""
+        parts = [VERSION, repr(self.layout), *_listed(self.text.files if self.text else {})]
+        if self.rest is not None:
+            # Its nodes, too, are told apart by the text that would be printed for them.
+            program = self.rest.program
+            parts += [repr(program.layout), *_listed(render_model(model_context(program)))]
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
+    @property
     def slow_causes(self) -> str:
-        """Return sentences on values of the scene that make steps short; empty where none is known.
-
-        The program knows none: a model of a scene does.
-        """
-        return ""
+        """Sentences on values of the scene that make steps short; empty where none is known."""
+        return self.text.slow_causes if self.text else ""
 
     @property
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state or output depends on."""
-        kernels = self._program.kernels
+        kernels = self.program.kernels
         # Kernels whose results all others follow from, derivatives left out.
         names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
         read = symbols_in([node for name in names for node in kernels[name].results])
@@ -309,20 +327,20 @@ class CompiledModel(PreparedKernels):
     @property
     def is_rheonomic(self) -> bool:
         """Whether the equations that the start has to satisfy depend on time."""
-        kernels = self._program.kernels
+        kernels = self.program.kernels
         read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
         return any(node.data[0] == "t" for node in read)
 
     @locked_cached_property
     def constant_inputs(self) -> frozenset[str]:
         """Inputs that the scene gives as functions of parameters alone."""
-        own = zip(self.inputs, self._program.kernels["inputs"].results, strict=True)
+        own = zip(self.inputs, self.program.kernels["inputs"].results, strict=True)
         return frozenset(name for name, node in own if TIME not in kinds_in([node]))
 
     @locked_cached_property
     def begins_alike(self) -> bool:
         """Whether runs begin in the same states at all times and values of parameters."""
-        kernels = self._program.kernels
+        kernels = self.program.kernels
         given = [*kernels["initial"].results, *kernels["initial_sensitivity"].results]
         is_found = self.begins_at_rest or self.layout.has_start_equations
         return not (is_found or symbols_in(given))
@@ -330,32 +348,7 @@ class CompiledModel(PreparedKernels):
     @property
     def begins_at_rest(self) -> bool:
         """Whether runs begin at the operating point."""
-        return self._rest is not None
-
-    @property
-    def jacobian_pattern(self) -> npt.NDArray[np.bool_]:
-        """Mask of the entries of the Jacobian that may be nonzero, shape (n_states, n_states)."""
-        return self.structure.jacobian_pattern
-
-    @property
-    def jacobian_sparsity(self) -> csc_matrix:
-        """Pattern as a SciPy CSC matrix of True, ordered like the one of ``jacobian_sparse``."""
-        return self.structure.jacobian_sparsity
-
-    @property
-    def jacobian_colouring(self) -> npt.NDArray[np.intp]:
-        """Colours of the Jacobian's columns; see :attr:`Structure.jacobian_colouring`."""
-        return self.structure.jacobian_colouring
-
-    @property
-    def sensitivity_pattern(self) -> npt.NDArray[np.bool_]:
-        """Mask of what may be nonzero; see :attr:`Structure.sensitivity_pattern`."""
-        return self.structure.sensitivity_pattern
-
-    @property
-    def operations(self) -> dict[str, OperationCount]:
-        """Operation counts by kernel; ``total`` counts in what it uses of ``prepare``."""
-        return self._program.operations
+        return self.rest is not None
 
     def corners(
         self, p: Array, span: tuple[float, float], given: Container[str], others: Sequence[float]
@@ -373,21 +366,21 @@ class CompiledModel(PreparedKernels):
         others : sequence of float
             Further times, those of tables say, [s].
         """
-        return self._program.corners(p.tolist(), (min(span), max(span)), given, others)
+        return self.program.corners(p.tolist(), (min(span), max(span)), given, others)
 
     @property
     def has_corners(self) -> bool:
         """Whether the scene's own inputs and rates jump or have kinks; see :meth:`corners`."""
-        return bool(self._program.stops)
+        return bool(self.program.stops)
 
     @property
     def has_longest_step(self) -> bool:
         """Whether anything in the scene bounds the steps; see :meth:`longest_step`."""
-        return bool(self._program.longest_steps)
+        return bool(self.program.longest_steps)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
-        return self._program.longest_step(p.tolist(), replaced)
+        return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
     def start_in_c(self) -> StartInC | None:
@@ -420,18 +413,15 @@ class CompiledModel(PreparedKernels):
         ndarray, shape (n_states,), and ndarray, shape (n_states, n_sensitivities)
         """
         y, s = self.initial(p), self.initial_sensitivity(p)
-        return (y, s) if self._rest is None or not self.states else self._rest(t, p, u, s)
+        return (y, s) if self.rest is None or not self.states else self.rest(t, p, u, s)
 
     @locked_cached_property
     def junctions(self) -> Junctions:
         """The exponentials of the algebraic equations."""
-        return Junctions.of(self._program)
+        return Junctions.of(self.program)
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
-        """Evaluate the residuals of :attr:`constraints`, shape (n_constraints,).
-
-        Parameters as for :meth:`rhs`.
-        """
+        """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
         if not self.constraints:  # nor is there a kernel of them
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
@@ -454,78 +444,28 @@ class CompiledModel(PreparedKernels):
         return self._call("inputs", float(t), _NONE, _NONE, _NONE)
 
     def rhs(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the rates of the states.
-
-        Parameters
-        ----------
-        t : float, or array_like of shape (m,)
-            Time, [s].
-        y : array_like, shape (n_states,) or (n_states, m)
-            States; with two axes, those of m points, which are evaluated in one call into C.
-        p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            Parameters; of m points (n_parameters, m), too.
-        u : array_like, shape (n_inputs,), optional
-            Inputs; of m points (n_inputs, m), too. Where the scene's own input depends on a
-            parameter, so do sensitivities.
-
-        Returns
-        -------
-        ndarray, shape (n_states,) or (n_states, m)
-            Rates, in the states' units per second; residuals in the places of algebraic unknowns.
-
-        Raises
-        ------
-        ParameterError
-            If an array has the wrong shape, or the parameters are refused by the model.
-        SingularSystemError
-            If the mass matrix is singular here. Of m points, the message names the column.
-        """
+        """Return the rates of the states; see :meth:`cotree.Model.rhs`."""
         return self._at("rhs", t, y, p, u)
 
     def jacobian(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the derivatives of the rates by the states, shape (n_states, n_states).
-
-        Parameters and errors as for :meth:`rhs`; of m points the shape is (n_states, n_states, m).
-        """
+        """Return the derivatives of the rates by the states, shape (n_states, n_states)."""
         return self.structure.full(self._at("jacobian", t, y, p, u))
 
     def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
-        """Evaluate the Jacobian as a SciPy CSC matrix, shape (n_states, n_states).
-
-        Parameters and errors as for :meth:`rhs`, at one point.
-        """
+        """Return the Jacobian at one point as a SciPy CSC matrix."""
         one = as_array(y, (len(self.states),), "the states")
         return self.structure.sparse(self._at("jacobian", t, one, p, u))
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the rates of the sensitivities.
-
-        Parameters
-        ----------
-        t, y, p, u
-            As for :meth:`rhs`.
-        s : array_like, shape (n_states, n_parameters) or (n_states, n_parameters, m)
-            Sensitivities of the states, in the order of :attr:`sensitivities`.
-
-        Returns
-        -------
-        ndarray, of the shape of ``s``
-            Their rates.
-        """
+        """Return the rates of the sensitivities, of the shape of s."""
         return self._by_parameter(self._at("sensitivity_rhs", t, y, p, u, s), len(self.states))
 
     def output_values(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the outputs, shape (n_outputs,) or (n_outputs, m).
-
-        Parameters and errors as for :meth:`rhs`.
-        """
+        """Return the outputs, shape (n_outputs,) or (n_outputs, m)."""
         return self._at("outputs", t, y, p, u)
 
     def output_sensitivity(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the sensitivities of the outputs, shape (n_outputs, n_parameters).
-
-        Parameters and errors as for :meth:`sensitivity_rhs`; of m points the shape ends with m.
-        """
+        """Return the sensitivities of the outputs, shape (n_outputs, n_parameters)."""
         flat = self._at("output_sensitivity", t, y, p, u, s)
         return self._by_parameter(flat, len(self.outputs))
 
@@ -546,7 +486,7 @@ class CompiledModel(PreparedKernels):
         if np.all(np.isfinite(rates)):
             return ""
         u = self.input_values(t, p) if u is None else u
-        return why_undefined(self._program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
+        return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
     def _by_parameter(self, flat: Array, n_rows: int) -> Array:
         # Kernels go parameter by parameter; users see a column for each parameter.
@@ -568,6 +508,10 @@ class CompiledModel(PreparedKernels):
         return self._call(name, check_number(t, "t"), states, along, inputs)
 
 
+def _listed(files: Mapping[str, str]) -> list[str]:
+    return [part for name in sorted(files) for part in (name, files[name])]
+
+
 def states_only(model: CompiledModel) -> CompiledModel:
     """Give a model without its sensitivities; itself where it has none."""
     if not model.sensitivities:
@@ -586,7 +530,7 @@ class StatesOnly(CompiledModel):
     """
 
     def __init__(self, model: CompiledModel) -> None:
-        program = model._program
+        program = model.program
         layout = replace(
             program.layout,
             sensitivities=(),
@@ -594,27 +538,25 @@ class StatesOnly(CompiledModel):
             sensitivity_rows=(),
             input_sensitivities=((),) * len(program.layout.inputs),
         )
-        super().__init__(replace(program, layout=layout), model._kernels)
+        super().__init__(replace(program, layout=layout), model._kernels, model.text)
         # Threads prepare the same kernels through either model, and both have to know for what.
-        self._own = model._own
-        rest, n, m = model._rest, len(model.states), len(model.sensitivities)
-        if rest is None:
-            return
+        self._own, self._whole_model, self.rest = model._own, model, model.rest
 
-        def states_at_rest(t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
-            return rest(t, p, u, np.zeros((n, m)))[0], s
-
-        self._rest = states_at_rest
+    def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
+        """Return initial states, and no sensitivities; see :meth:`CompiledModel.initial_values`."""
+        if self.rest is None:
+            return super().initial_values(t, p, u)
+        return self._whole_model.initial_values(t, p, u)[0], np.zeros((len(self.states), 0))
 
     def initial_sensitivity(self, p: Any = None) -> Array:
         """Give the sensitivities of the initial states, none, shape (n_states, 0)."""
         return np.zeros((len(self.states), 0))
 
     def native(self, p: Array) -> NativeModel | None:
-        """Give the model as C sees it; see :meth:`PreparedKernels.native`."""
+        """Give the model as C sees it; see :meth:`CompiledModel.native`."""
         native = super().native(p)
         # The kernel of the states alone may be there where the one with sensitivities is too long.
-        return native and changed(native, can_extend=self._program.can_extend)
+        return native and changed(native, can_extend=self.program.can_extend)
 
 
 @dataclass(frozen=True, eq=False)

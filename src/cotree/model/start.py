@@ -150,7 +150,7 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
             )
         place = model.slopes[name]
         number = check_number(value, f"initial value of '{name}'")
-        if number != 0.0 and not model.sensitivity_pattern[place]:
+        if number != 0.0 and not model.structure.sensitivity_pattern[place]:
             raise ParameterError(
                 f"initial value of '{name}' is {number:.6g}, but no equation lets that state "
                 "depend on it, so that the sensitivity is left out of the code"
@@ -236,4 +236,6 @@ def _by_differences(at: Moment, initial: Mapping[str, float], start: Start) -> A
             aside = Moment(model, at.t, moved)
             total += weight * constrained_start(aside, given, is_probe=True).y
         s[:, j] = total / (12.0 * step)
-    return np.where(model.sensitivity_pattern, s, 0.0)  # of what does not depend, rounding is left
+    return np.where(
+        model.structure.sensitivity_pattern, s, 0.0
+    )  # of what does not depend, rounding is left

@@ -79,7 +79,7 @@ class Structure:
         Examples
         --------
         >>> from cotree import load
-        >>> load("battery-cell").compile().jacobian_colouring.tolist()
+        >>> load("battery-cell").compile().structure.jacobian_colouring.tolist()
         [0, 1, 2]
         """
         import networkx
@@ -113,7 +113,7 @@ class Structure:
         >>> model = load("battery-cell").compile(["R0", "R1", "Q"])
         >>> model.states
         ('cell.pair1.v', 'cell.pair2.v', 'cell.soc')
-        >>> model.sensitivity_pattern.tolist()
+        >>> model.structure.sensitivity_pattern.tolist()
         [[False, True, False], [False, False, False], [False, False, True]]
         """
         n, m = len(self.layout.states), len(self.layout.sensitivities)

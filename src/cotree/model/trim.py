@@ -25,7 +25,7 @@ from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
 from cotree.model.unknowns import settle_jumps
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_names
+from cotree.scene.given import check_mapping, check_names
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
@@ -413,9 +413,23 @@ def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
 
 
 def find_trim(
-    model: CompiledModel, linearizer: Linearizer, at: Moment, conditions: Conditions
+    linearizer: Linearizer,
+    at: Moment,
+    solve: Sequence[str] | str = (),
+    fixed: Any = None,
+    rates: Any = None,
+    outputs: Any = None,
+    guess: Any = None,
 ) -> TrimPoint:
     """Find a point; see :meth:`cotree.Model.trim`."""
+    conditions = Conditions(
+        check_names(solve, "solve"),
+        check_mapping(fixed, "fixed"),
+        check_mapping(rates, "rates"),
+        check_mapping(outputs, "outputs"),
+        check_mapping(guess, "guess"),
+    )
+    model = at.model
     search = _posed(model, linearizer, at, conditions)
     for _ in range(_MOST_ROUNDS):
         root = find_near(_TrimEquation(search), search.guess)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Real
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.model.signals import ReplacedInputs
     from cotree.scene.settings import Settings
+    from cotree.sharing import Kept
     from cotree.solvers.base import FloatArray
 
     Inputs = Callable[[float], FloatArray | None]
@@ -48,6 +49,8 @@ if TYPE_CHECKING:
 _LARGEST_SHARE = 0.1
 
 _NONE = np.zeros(0)
+
+_T = TypeVar("_T")
 
 
 class Run(NamedTuple):
@@ -62,26 +65,24 @@ class Run(NamedTuple):
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
     """Return the preparation for some settings: one of the last few, or a new one."""
-    return kept_for(model, vars(settings), lambda: Preparation(model, settings))
+    kept: Kept[Preparation] = model.kept
+    return kept_for(kept, vars(settings), lambda: Preparation(model, settings))
 
 
-def kept_for(
-    model: CompiledModel, given: Mapping[str, Any], make: Callable[[], Preparation]
-) -> Preparation:
+def kept_for(kept: Kept[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
     """Return what was made for equal settings, or make it.
 
     Parameters
     ----------
-    model : CompiledModel
-        The model.
+    kept : Kept
+        The last ones that were made.
     given : mapping of str to object
         Settings by name, whose parameters and initial values play no part.
     make : callable
-        Makes the preparation.
+        Makes it.
     """
     key = key_of(given)
-    found: Preparation = make() if key is None else model.kept.of(key, make)
-    return found
+    return make() if key is None else kept.of(key, make)
 
 
 # Of more numbers than these preparing a run takes no time beside it.
@@ -174,8 +175,6 @@ class Preparation:
     ----------
     model : CompiledModel
         The same, or without sensitivities if none are wanted.
-    whole_model : CompiledModel
-        The same.
     settings : Settings
         The same.
     units : dict of str to str
@@ -190,7 +189,6 @@ class Preparation:
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
-        self.whole_model = model
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout

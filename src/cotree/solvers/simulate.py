@@ -100,7 +100,7 @@ def run_values(
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
     redundant = redundancy(model, projection, trajectory)
     trajectory = with_growth(problem, held(problem, trajectory, redundant))
-    if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes()):
+    if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
         trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
     if trajectory.status != 0:
         if settings.throw:

@@ -333,7 +333,7 @@ def bench(
         reference=reference,
         rows=tuple(trial.row() for trial in trials),
         machine={
-            **machine(model.backend),
+            **machine(model.kernels.backend),
             "load_at_start": load_before,
             "load_at_end": machine_load(),
         },

@@ -77,10 +77,10 @@ class Experiment:
 
     def value(self, name: str) -> float:
         """Give the parameter's value, or the initial value of a state."""
-        p = self.model.parameter_array(self._values("parameters"))
+        p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
             # The scene's own value, before constraints may have moved it.
-            own = self.model.initial(p)[self.model.states.index(name)]
+            own = self.model.kernels.initial(p)[self.model.states.index(name)]
             return float(self._values("initial").get(name, own))
         return float(p[self.model.parameters.index(name)])
 
@@ -127,7 +127,7 @@ class Experiment:
     def _values(self, key: str) -> dict[str, float]:
         if key != "parameters":
             return dict(self.settings.get(key) or {})
-        p = self.model.parameter_array(self.settings.get(key))
+        p = self.model.kernels.parameter_array(self.settings.get(key))
         return dict(zip(self.model.parameters, p.tolist(), strict=True))
 
 

@@ -200,7 +200,7 @@ def animate(
     # Names of the states stand for the model: a result has no other trace of it.
     if model.states != result.states:
         raise SceneError("this model has other states than the result: give the one that made it")
-    first = model.first_graph
+    first = model.spec.formed.first
     check_moving(first.scene)
     if view is not None:
         try:
@@ -212,7 +212,7 @@ def animate(
     n_bodies = len(first.motion.geometry)
     # Bodies count, since each of them has a pose in each frame.
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
-    p = model.arguments_of(result.parameter_values)
+    p = model.kernels.arguments_of(result.parameter_values)
     with forming:
         coordinates = coordinates_at(shown, model, first.system, p, frames.times)
         values = MotionValues(first.motion, p, frames.times, coordinates)

@@ -21,11 +21,12 @@ from cotree.errors import Error, SceneError
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
-    from cotree.formulation.first_graph import FirstGraph
     from cotree.formulation.system import System
+    from cotree.model.model import CompiledModel
     from cotree.solvers import RunRecord
+    from cotree.spec import BuildSpec
     from cotree.watch.shapes import Array
 
 #: The most frames of an animation, and of frames times bodies; more are spread more widely.
@@ -42,14 +43,11 @@ class WatchedModel(Protocol):
     """A model as animations see it: :class:`cotree.Model`."""
 
     states: tuple[str, ...]
+    kernels: CompiledModel
 
     @property
-    def first_graph(self) -> FirstGraph:
-        """The first graph, from which its equations were formed."""
-        ...
-
-    def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Return the parameters of a run as an array."""
+    def spec(self) -> BuildSpec:
+        """All that it was compiled from, of which animations need the first graph."""
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:

@@ -1,0 +1,205 @@
+"""Models from their C text: libraries, operating points, and pickles for other processes.
+
+In: a program with its C text. Out: a ``CompiledModel``. As bytes it is its program, text and
+options, small enough to be sent: another machine compiles the text once, or finds the library in
+its cache, and forms no equations.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import os
+import pickle
+import platform
+import warnings
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.codegen.model_files import ModelText, cdef
+from cotree.errors import BuildError, Error
+from cotree.model.kernels import CKernels, PythonKernels
+from cotree.model.model import CompiledModel, Moment
+from cotree.model.start import find_start
+from cotree.quiet import level_of_user
+from cotree.sharing import locked_cached_property
+from cotree.version import ABI_VERSION, VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cotree.model.arrays import Array
+    from cotree.program import Program
+
+
+def load_model(
+    text: ModelText, options: BuildOptions, at_rest: Callable[[], Program] | None = None
+) -> CompiledModel:
+    """Compile and load the C text, or evaluate the program where there is no compiler.
+
+    Parameters
+    ----------
+    text : ModelText
+        The program and its C text.
+    options : BuildOptions
+        The user's choices for the compiler.
+    at_rest : callable, optional
+        Returns the program of the network at rest, where the model begins at its operating point.
+
+    Returns
+    -------
+    CompiledModel
+        Ready to be called.
+
+    Warns
+    -----
+    RuntimeWarning
+        If there is no compiler.
+    """
+    toolchain = find_toolchain()
+    if toolchain is None:
+        is_asked = os.environ.get("COTREE_COMPILER") == "none"
+        reason = (
+            "COTREE_COMPILER=none"
+            if is_asked
+            else "no C compiler was found (CC, cc, gcc, clang); install one, or: "
+            "pip install ziglang"
+        )
+        warnings.warn(
+            f"{reason}: the model is evaluated in Python, which is much slower",
+            RuntimeWarning,
+            stacklevel=level_of_user(),
+        )
+        # The same nodes without C: a model always runs, if slowly.
+        model = CompiledModel(text.program, PythonKernels(text.program), text, options)
+    else:
+        library, loaded = obtain_library(
+            text.files,
+            cdef(text.files["cotree_abi.h"], text.prefix),
+            abi_version=ABI_VERSION,
+            n_operations=text.n_written,
+            n_all=text.n_written_in_all,
+            options=options,
+            toolchain=toolchain,
+        )
+        kernels = CKernels(text.program, loaded, text.prefix)
+        model = CompiledModel(text.program, kernels, text, options)
+        model.cached = library.cached
+    if at_rest is not None:
+        model.rest = OperatingPoint(model, at_rest)
+    return model
+
+
+class OperatingPoint:
+    """The operating point of a network, where a model begins.
+
+    It is the solution of another scene, whose storages are at rest (:mod:`cotree.scene.variants`).
+    It has no states: all that it needs is the search for algebraic unknowns, with its limited
+    junctions, conductances beside them and growing sources. Its sensitivity graphs give the
+    sensitivities of the start.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    program : callable
+        Returns the program of its network at rest.
+    """
+
+    def __init__(self, model: CompiledModel, program: Callable[[], Program]) -> None:
+        self._model, self._program = model, program
+
+    @locked_cached_property
+    def program(self) -> Program:
+        """The program of the network at rest."""
+        return self._program()
+
+    @locked_cached_property
+    def at_rest(self) -> CompiledModel:
+        """The network at rest, whose outputs are the model's states except for contents."""
+        return CompiledModel(self.program, PythonKernels(self.program))  # a few evaluations
+
+    def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
+        """Return the states at rest, and their sensitivities in place of those among s.
+
+        Parameters
+        ----------
+        t : float
+            When, [s].
+        p, u : ndarray, shapes (n_parameters,) and (n_inputs,)
+            Parameters, and inputs; None takes the scene's.
+        s : ndarray, shape (n_states, n_sensitivities)
+            Sensitivities of the scene's initial values, of which those to initial values stay.
+        """
+        model, rest = self._model, self.at_rest
+        known = dict(zip(model.parameters, p.tolist(), strict=True))
+        # Its parameters are some of the model's, whose values count.
+        own = rest.parameter_array({name: known[name] for name in rest.parameters})
+        inputs = None
+        if u is not None:
+            signals = dict(zip(model.inputs, u, strict=True))
+            inputs = np.array([signals[name] for name in rest.inputs])
+        try:
+            start = find_start(Moment(rest, t, own, inputs), {})
+        except Error as error:
+            raise type(error)(f"the operating point: {error}") from None
+        # Outputs of the scene at rest are the states of the model, in their order.
+        y = rest.output_values(t, start.y, own, inputs)
+        if rest.sensitivities:
+            found = rest.output_sensitivity(t, start.y, start.s, own, inputs)
+            s[:, [model.sensitivities.index(name) for name in rest.sensitivities]] = found
+        return y, s
+
+
+def _reduced(model: CompiledModel) -> tuple[Any, ...]:
+    if model.text is None:
+        raise TypeError("a model without C text cannot be pickled")
+    parts = model.text, model.options, None if model.rest is None else model.rest.program
+    # Programs and texts repeat themselves: this takes a few milliseconds and leaves a quarter.
+    data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
+    return _arrived, (_versions(), data)
+
+
+def _arrived(versions: dict[str, str], data: bytes) -> CompiledModel:
+    """Load a model from another process.
+
+    Raises
+    ------
+    BuildError
+        If another version of cotree sent it, or its text cannot be read or compiled here.
+    """
+    # Another version could read the program and compute something else.
+    if any(versions.get(name) != _versions()[name] for name in ("cotree", "ABI")):
+        raise BuildError(
+            f"this model was pickled by cotree {_named(versions)}, and here is cotree "
+            f"{_named(_versions())}: install one version on all machines, or save the scene and "
+            "compile it here"
+        )
+    try:
+        text, options, at_rest = pickle.loads(zlib.decompress(data))
+    except (AttributeError, ImportError, TypeError, ValueError, pickle.UnpicklingError) as error:
+        raise BuildError(
+            f"this model was pickled by cotree {_named(versions)} and cannot be read by cotree "
+            f"{_named(_versions())} ({error}): install the same versions on all machines"
+        ) from error
+    return load_model(text, options, None if at_rest is None else lambda: at_rest)
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "cotree": VERSION,
+        "ABI": str(ABI_VERSION),
+        "Python": platform.python_version(),
+        "NumPy": np.__version__,
+    }
+
+
+def _named(versions: dict[str, str]) -> str:
+    others = ", ".join(f"{name} {value}" for name, value in versions.items() if name != "cotree")
+    return f"{versions.get('cotree')} ({others})"
+
+
+# Libraries belong to a process; another one compiles the text, or finds it in its cache.
+copyreg.pickle(CompiledModel, _reduced)
