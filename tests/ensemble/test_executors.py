@@ -32,8 +32,12 @@ needs_fork = pytest.mark.skipif(sys.platform != "linux", reason="pools are forke
 
 
 @pytest.fixture(scope="module")
-def plan():
-    model = cotree.load("slider-pendulum").compile(["L"])
+def model():
+    return cotree.load("slider-pendulum").compile(["L"])
+
+
+@pytest.fixture(scope="module")
+def plan(model):
     return Plan(model.kernels, Settings((0.0, 2.0), TIMES, "dop853"), ("L", "k"), ("rod_x",))
 
 
@@ -280,19 +284,19 @@ def test_a_worker_without_a_compiler_or_cotree_is_told(plan, monkeypatch):
 
 
 @needs_fork
-def test_an_ensemble_takes_an_executor(plan):
+def test_an_ensemble_takes_an_executor(model):
     members = {"L": ROWS[:40, 0], "k": ROWS[:40, 1]}
     settings = {"t_eval": 5, "method": "dop853", "progress": False}
-    here = plan.model.ensemble((0, 2), members, **settings)
+    here = model.ensemble((0, 2), members, **settings)
     with forked() as pool:
-        there = plan.model.ensemble((0, 2), members, executor=pool, **settings)
+        there = model.ensemble((0, 2), members, executor=pool, **settings)
     assert here.drop_vars("seconds").identical(there.drop_vars("seconds"))
     with pytest.raises(SolveError, match="give a concurrent"):
-        plan.model.ensemble((0, 2), members, executor="processes")
+        model.ensemble((0, 2), members, executor="processes")
 
 
 @needs_fork
-def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
+def test_interrupted_workers_leave_what_is_done(model, monkeypatch):
     """Ctrl-C goes to all processes of a terminal."""
     whole = parcel.run_here
 
@@ -316,7 +320,7 @@ def test_interrupted_workers_leave_what_is_done(plan, monkeypatch):
         monkeypatch.setattr(EnsembleProgress, "reached", reached_first)
         monkeypatch.setattr(executors, "_PIECE", 0.0)  # one member in each block
         with pytest.warns(RuntimeWarning, match="stopped after"):
-            runs = plan.model.ensemble(
+            runs = model.ensemble(
                 (0, 2), members, t_eval=5, method="dop853", lanes=1, executor=pool, progress=False
             )
     assert 0 < int((runs["status"] == 0).sum()) < 40

@@ -58,15 +58,15 @@ def along(model, y, s, p, j, name):
 
 def test_kernels_are_compiled(model_of, scene_name):
     assert model_of(scene_name).kernels.backend == "C"
-    assert isinstance(model_of(scene_name)._kernels, CKernels)
+    assert isinstance(model_of(scene_name).kernels._kernels, CKernels)
 
 
 def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of, scene_name):
     model, python = model_of(scene_name), PythonKernels(program_of(scene_name))
-    compiled = model._kernels
+    compiled = model.kernels._kernels
     for t, y, s, p in points(model):
         compiled.prepare(p)
-        model._own.prepared = None  # the model is shared: make it prepare again
+        model.kernels._own.prepared = None  # the model is shared: make it prepare again
         python.prepare(p)
         for name, size in result_sizes(model.layout).items():
             flat = np.ascontiguousarray(s.T).ravel()
