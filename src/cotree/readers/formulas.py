@@ -8,11 +8,10 @@ forms. The result is checked like every expression of a scene.
 from __future__ import annotations
 
 import ast
-from functools import cache
 from typing import TYPE_CHECKING
 
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, WHERE, map_names, names_in, read_tree
+from cotree.scene.expressions import FUNCTIONS, fill, names_in, read_tree
 
 if TYPE_CHECKING:
     import re
@@ -48,13 +47,6 @@ FORMS = {
 FORMS |= {f"a{name}": FORMS[f"arc{name}"] for name in ("sinh", "cosh", "tanh")}
 
 
-@cache
-def form_of(name: str) -> tuple[ast.expr, int]:
-    """Return the tree of a form, in which a, b and c are the arguments, and their number."""
-    tree = read_tree(FORMS[name])
-    return tree, len(names_in(tree))
-
-
 def python_text(
     text: str, token: re.Pattern[str], spell: Callable[[re.Match[str]], str], longest: int
 ) -> str:
@@ -71,16 +63,10 @@ def python_text(
     return " ".join(parts)
 
 
-def called(function: str, *args: ast.expr) -> ast.Call:
-    """Return the tree of a call."""
-    return ast.Call(ast.Name(function), list(args), [])
-
-
 def compared(a: ast.expr, operator: type[ast.cmpop], b: ast.expr) -> ast.expr:
     """Return the comparison of two trees; the grammar has no equality, which is a <= b <= a."""
     if operator in (ast.Eq, ast.NotEq):
-        both = ast.BoolOp(ast.And(), [ast.Compare(a, [op()], [b]) for op in (ast.LtE, ast.GtE)])
-        return both if operator is ast.Eq else ast.UnaryOp(ast.Not(), both)
+        return fill("a <= b and a >= b" if operator is ast.Eq else "a < b or a > b", a, b)
     return ast.Compare(a, [operator()], [b])
 
 
@@ -126,7 +112,7 @@ class Rewriter(ast.NodeTransformer):
         found: ast.expr = self.visit(tree)
         if not is_condition(found):
             return found
-        return called(WHERE, found, ast.Constant(1), ast.Constant(0))
+        return fill("where(a, 1, 0)", found)
 
     def condition(self, tree: ast.expr) -> ast.expr:
         """Rewrite what is to be a condition."""
@@ -153,7 +139,7 @@ class Rewriter(ast.NodeTransformer):
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
         """Rewrite ``a ? b : c``, which readers spell ``a if (b) else c``."""
         condition, value = self.condition(node.body), self.value(node.test)
-        return called(WHERE, condition, value, self.value(node.orelse))
+        return fill("where(a, b, c)", condition, value, self.value(node.orelse))
 
     def visit_Compare(self, node: ast.Compare) -> ast.expr:
         """Rewrite a comparison, or a chain of them."""
@@ -182,13 +168,13 @@ class Rewriter(ast.NodeTransformer):
             shown = brief(name.replace(GROUP, "(...)"))
             hint = nearest(name, self._functions)
             raise ExpressionError(f"calls '{shown}', which is no function here{hint}")
-        is_form = name in FORMS
-        form, count = form_of(name) if is_form else (None, FUNCTIONS[name])
+        form = FORMS.get(name)
+        count = len(names_in(read_tree(form))) if form else FUNCTIONS[name]
         if len(args) != count:
             raise ExpressionError(f"gives {name} {len(args)} arguments, not {count}")
         if form is None:
-            return called(name, *args)
-        tree = map_names(form, dict(zip("abc", args, strict=False)).__getitem__)
+            return ast.Call(ast.Name(name), args, [])
+        tree = fill(form, *args)
         # A form may hold an argument several times, so that nested calls would grow without bound.
         if len(ast.unparse(tree)) > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")

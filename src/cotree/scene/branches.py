@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
+from functools import partial, reduce
 from typing import TYPE_CHECKING, Any
 
 from cotree.components import OWN, Law, Terminal
@@ -23,6 +24,7 @@ from cotree.scene.expressions import (
     COMPARISONS,
     FUNCTIONS,
     Expression,
+    fill,
     map_tree,
     name_tree,
     names_in,
@@ -51,7 +53,7 @@ def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
     """Return what is zero where a sign or a comparison jumps, and whether it holds above zero."""
     if isinstance(part, ast.Compare):
         is_larger, _ = COMPARISONS[type(part.ops[0])]
-        return ast.BinOp(part.left, ast.Sub(), part.comparators[0]), is_larger
+        return fill("a - b", part.left, part.comparators[0]), is_larger
     assert isinstance(part, ast.Call)
     return part.args[0], True
 
@@ -322,8 +324,13 @@ def plain_jumps(expression: Any) -> Any:
     )
 
 
-_COMPARED = {"StrictLessThan": ast.Lt, "LessThan": ast.LtE, "StrictGreaterThan": ast.Gt}
-_COMPARED["GreaterThan"] = ast.GtE
+#: Operations of SymPy by the names of their classes.
+_FORMS = {
+    **{"StrictLessThan": "a < b", "LessThan": "a <= b"},
+    **{"StrictGreaterThan": "a > b", "GreaterThan": "a >= b"},
+    **{"Not": "not a", "Pow": "a**b", "Add": "a + b", "Mul": "a*b"},
+    **{"Max": "max(a, b)", "Min": "min(a, b)", "Abs": "abs(a)"},
+}
 
 
 def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
@@ -342,29 +349,20 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
         return None
     trees = [arg for arg in args if arg is not None]
     kind = type(expression).__name__
-    if kind in _COMPARED:
-        return ast.Compare(trees[0], [_COMPARED[kind]()], [trees[1]])
     if kind in ("And", "Or"):
         return ast.BoolOp(ast.And() if kind == "And" else ast.Or(), trees)
-    if kind == "Not":
-        return ast.UnaryOp(ast.Not(), trees[0])
-    if expression.is_Pow:
-        return ast.BinOp(trees[0], ast.Pow(), trees[1])
-    if expression.is_Add or expression.is_Mul:
-        whole = trees[0]
-        for tree in trees[1:]:
-            whole = ast.BinOp(whole, ast.Add() if expression.is_Add else ast.Mult(), tree)
-        return whole
-    function = {"Abs": "abs", "Max": "max", "Min": "min"}.get(kind, kind)
-    whole = trees[0]
-    for tree in trees[1:] if function in ("max", "min") else ():
-        whole = ast.Call(ast.Name(function), [whole, tree], [])
-    if function in ("max", "min"):
-        return whole
+    if kind in _FORMS:
+        form = _FORMS[kind]
+        # Sums, products and extremes may be of many.
+        return (
+            reduce(partial(fill, form), trees)
+            if " b" in form or "*b" in form
+            else fill(form, *trees)
+        )
     # Unknown functions have no form in the grammar.
-    if FUNCTIONS.get(function) != len(trees):
+    if FUNCTIONS.get(kind) != len(trees):
         return None
-    return ast.Call(ast.Name(function), trees, [])
+    return ast.Call(ast.Name(kind), trees, [])
 
 
 def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
@@ -375,5 +373,5 @@ def _conditional(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | N
         own, holds = to_tree(value, names), to_tree(condition, names)
         if own is None or holds is None or whole is None:
             return None
-        whole = ast.Call(ast.Name("where"), [holds, own, whole], [])
+        whole = fill("where(a, b, c)", holds, own, whole)
     return whole

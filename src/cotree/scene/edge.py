@@ -152,15 +152,12 @@ def _ports(component: Component) -> list[Entry]:
     if acting:
         doc = "joint that it acts on in place of two nodes, or its coordinate: h or h.theta"
         found.append(Entry("joint", doc, "name"))
-    if any(port.domain == "translational" and _may_be_on_line(port) for port in acting):
+    # Given velocities are refused along a line.
+    along = [port for port in acting if port.kind is not Kind.ACROSS_SOURCE]
+    if any(port.domain == "translational" for port in along):
         doc = "two nodes of the multibody system; it acts along their line"
         found.append(Entry("line", doc, "nodes"))
     return found
-
-
-def _may_be_on_line(port: Terminal) -> bool:
-    """Return whether a port may act along a line; given velocities are refused there."""
-    return acts_on_multibody(port) and port.kind is not Kind.ACROSS_SOURCE
 
 
 def _port_doc(port: Terminal) -> str:

@@ -337,6 +337,14 @@ def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
     return map_tree(tree, change)
 
 
+_form = lru_cache(maxsize=256)(read_tree)
+
+
+def fill(form: str, *trees: ast.expr) -> ast.expr:
+    """Put trees in the place of a, b and c in an expression or a condition."""
+    return map_names(_form(form), dict(zip("abc", trees, strict=False)).__getitem__)
+
+
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded
 _WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
 

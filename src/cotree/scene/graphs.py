@@ -10,7 +10,7 @@ chord of the other: it then has the coordinates of the first and the constraints
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -167,11 +167,7 @@ def _is_within(components: Sequence[Expression], n: int) -> bool:
 
 def _is_normal(components: Sequence[Expression], n: int) -> bool:
     # Parallel to axis n, which is the normal of the plane or the direction of the line.
-    return _all_zero(c for i, c in enumerate(components) if i != n)
-
-
-def _all_zero(entries: Iterable[Expression]) -> bool:
-    return all(entry.is_zero for entry in entries)
+    return all(c.is_zero for i, c in enumerate(components) if i != n)
 
 
 _GRAPHS = ("translation", "rotation")

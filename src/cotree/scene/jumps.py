@@ -33,6 +33,7 @@ from cotree.scene.events import Event, Mode
 from cotree.scene.expressions import (
     COMPARISONS,
     Expression,
+    fill,
     map_names,
     map_tree,
     names_in,
@@ -163,10 +164,11 @@ class _Rewriting:
             edge = replace(edge, fields=fields)
         if not may_branch(edge):
             return edge
-        return with_branches(edge, self._rewritten, self._old.parameters)
-
-    def _rewritten(self, tree: ast.expr, where: str) -> ast.expr:
-        return _Tree(self, where, frozenset()).rewritten(tree)
+        return with_branches(
+            edge,
+            lambda tree, where: _Tree(self, where, frozenset()).rewritten(tree),
+            self._old.parameters,
+        )
 
     def _value(self, value: Any, *, is_stored: bool = False) -> Any:
         if isinstance(value, Expression):
@@ -272,19 +274,6 @@ class _Rewriting:
 
 
 _ITSELF = ast.Name("")
-_HALF = ast.Constant(0.5)
-
-
-def _less(a: ast.expr, b: ast.expr) -> ast.expr:
-    return ast.BinOp(a, ast.Sub(), b)
-
-
-def _plus(a: ast.expr, b: ast.expr) -> ast.expr:
-    return ast.BinOp(a, ast.Add(), b)
-
-
-def _floor(a: ast.expr) -> ast.expr:
-    return ast.Call(ast.Name("floor"), [a], [])
 
 
 class _Tree:
@@ -308,9 +297,9 @@ class _Tree:
         node = ast.Call(given.func, args, [])
         if function == "mod":
             a, b = args
-            ratio = ast.BinOp(a, ast.Div(), b)
+            ratio = fill("a/b", a, b)
             if self._scene.is_located(ratio):
-                return _less(a, ast.BinOp(b, ast.Mult(), self._floor(ratio)))
+                return fill("a - b*c", a, b, self._floor(ratio))
         if function == "floor" and self._scene.is_located(args[0]):
             return self._floor(args[0])
         if id(given) not in self._kept and function == "sign" and self._scene.is_located(args[0]):
@@ -325,10 +314,9 @@ class _Tree:
         """
         # At an event the value is a whole number but for rounding errors, hence it is rounded: the
         # count becomes that number upwards, and one less downwards.
-        up = (1, _less(_less(value, _ITSELF), ast.Constant(1.0)), _floor(_plus(value, _HALF)))
-        lower = ast.UnaryOp(ast.USub(), _floor(_less(_HALF, value)))
-        down = (-1, _less(value, _ITSELF), _less(lower, ast.Constant(1.0)))
-        call = _floor(value)
+        up = (1, fill("a - b - 1.0", value, _ITSELF), fill("floor(a + 0.5)", value))
+        down = (-1, fill("a - b", value, _ITSELF), fill("-floor(0.5 - a) - 1.0", value))
+        call = fill("floor(a)", value)
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
     def _compare(self, node: ast.Compare) -> ast.expr:
@@ -346,13 +334,12 @@ class _Tree:
     def _comparison(self, node: ast.Compare) -> ast.expr:
         a, b = node.left, node.comparators[0]
         is_larger, _ = COMPARISONS[type(node.ops[0])]
-        excess = _less(a, b) if is_larger else _less(b, a)
+        excess = fill("a - b", a, b) if is_larger else fill("a - b", b, a)
         if not self._scene.is_located(excess):
             return node
-        holds = [ast.Constant(1.0), ast.Constant(0.0)]
-        rows = ((1, excess, holds[0]), (-1, excess, holds[1]))
+        rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
         # Its value at the start is that of a conditional; the name is the comparison itself.
-        conditional = ast.Call(ast.Name("where"), [node, *holds], [])
+        conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
         # The mode is one or zero exactly; a half is the threshold furthest from both.
-        return ast.Compare(mode, [ast.Gt()], [_HALF])
+        return fill("a > 0.5", mode)

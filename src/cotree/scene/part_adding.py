@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -363,7 +363,9 @@ def add_part(
         raise type(error)(f"part '{name}': {error}") from None
     members = dict.fromkeys((member for member, _ in part.members()), part)
     _check_members(scene, name, members)
-    rows = _rows_of(scene, part)
+    # What is bound in the outer scene calls its tables.
+    with knowing(scene.tables):
+        rows = _rows_of(scene, part)
     scene.parts[name] = part
     scene.members.update(members)
     scene.connected.update(part.nodes.values())
@@ -385,12 +387,6 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
     """Make the declarations of a part and its likes in an array."""
-    # What is bound in the outer scene calls its tables.
-    with knowing(scene.tables):
-        return _made_rows(scene, part)
-
-
-def _made_rows(scene: SceneDescription, part: Part) -> Rows:
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
@@ -469,7 +465,10 @@ def check_node(scene: SceneDescription, name: object) -> str:
     found = owner_of(scene, node)
     if found is None:
         first = node.partition(".")[0]
-        raise SceneError(f"node '{node}' is of a part '{first}'{_no_part(first, scene.members)}")
+        raise SceneError(
+            f"node '{node}' is of a part '{first}', but there is none: declare it before what "
+            f"connects to it{nearest(first, scene.members)}"
+        )
     part, member, local = found
     connected = part.nodes_of(member)
     if local in connected:
@@ -493,10 +492,6 @@ def check_nodes(scene: SceneDescription, edge: Edge) -> None:
                 check_node(scene, node)
             except SceneError as error:
                 raise SceneError(f"edge '{edge.name}': {error}") from None
-
-
-def _no_part(name: str, members: Iterable[str]) -> str:
-    return f", but there is none: declare it before what connects to it{nearest(name, members)}"
 
 
 def _check_part_name(scene: SceneDescription, name: object) -> None:

@@ -72,7 +72,7 @@ class LookupTable:
         at = args[0]
         if self.interpolation == "linear":
             inside = table(dag, Table(self.x, z), at)[0]
-            ends = [(b - a) / (v - u) for a, b, u, v in _end_pieces(self.x, z)]
+            ends = [(z[i + 1] - z[i]) / (self.x[i + 1] - self.x[i]) for i in (0, len(z) - 2)]
         else:
             slopes = _monotone_slopes(self.x, z)
             inside = look_up(dag, CubicTable(self.x, z, slopes), [_held(at, self.x)])
@@ -102,12 +102,6 @@ def _held(at: Node, axis: Sequence[float]) -> Node:
     dag = at.dag
     low, high = dag.constant(axis[0]), dag.constant(axis[-1])
     return dag.select(at - low, dag.select(at - high, high, at), low)
-
-
-def _end_pieces(
-    x: Sequence[float], z: Sequence[float]
-) -> tuple[tuple[float, float, float, float], ...]:
-    return ((z[0], z[1], x[0], x[1]), (z[-2], z[-1], x[-2], x[-1]))
 
 
 def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from cotree.scene.description import Input
     from cotree.scene.events import Event
-    from cotree.scene.parameters import Parameter
     from cotree.scene.tables import LookupTable
 
 _Row = TypeVar("_Row")
@@ -138,10 +136,10 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
     for name, lookup in _own(scene.tables):
         yield from _table(f"{at}tables.{name}", _lookup(lookup))
     parameters, inputs = _own(scene.parameters), _own(scene.inputs)
-    yield from _rows(f"{at}parameters", {n: _named(p, _parameter(p)) for n, p in parameters})
-    yield from _rows(f"{at}inputs", {n: _named(i, _input(i)) for n, i in inputs})
+    yield from _rows(f"{at}parameters", {n: _named(p, p.value) for n, p in parameters})
+    yield from _rows(f"{at}inputs", {n: _named(i, i.value) for n, i in inputs})
     modes = _own(scene.modes)
-    yield from _rows(f"{at}modes", {n: _named(m, m.initial.told) for n, m in modes})
+    yield from _rows(f"{at}modes", {n: _named(m, m.initial) for n, m in modes})
     for name, part in scene.parts.items():
         own = {"scene": names[id(part.scene)], **statement_of(part)}
         yield from _table(f"{at}parts.{name}", own)
@@ -203,29 +201,18 @@ def _lookup(table: LookupTable) -> dict[str, object]:
     return found | {k: getattr(table, k) for k, v in usual.items() if getattr(table, k) != v}
 
 
-def _parameter(row: Parameter) -> float | str:
-    if row.given is not None:
-        return row.given[0]
-    return row.value.told if isinstance(row.value, Expression) else row.value
-
-
-def _input(row: Input) -> object:
-    return _signal(row.value) if row.given is None else row.given[0]
-
-
-def _signal(value: Expression | Table) -> object:
-    return [list(value.x), list(value.y)] if isinstance(value, Table) else value.told
-
-
-def _named(row: Any, value: object) -> object:
+def _named(row: Any, value: Expression | Table | float) -> object:
     """Return the value of a parameter, input or mode, in a table where there is more to say."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
+    stated: object = value.told if isinstance(value, Expression) else value
+    if isinstance(value, Table):
+        stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
-        more["unit"] = given[1]  # the file says what the user said
+        stated, more["unit"] = given  # the file says what the user said
     more = {key: text for key, text in more.items() if text}
     if not getattr(row, "tunable", True):
         more["tunable"] = False
-    return {"value": value, **more} if more else value
+    return {"value": stated, **more} if more else stated
 
 
 def _event(event: Event) -> dict[str, object]:

@@ -20,7 +20,7 @@ from cotree.components import Component, Kind, Law, Role, Terminal, integral_of
 from cotree.components.diodes import symbol
 from cotree.errors import ParameterError, SceneError, brief, nearest
 from cotree.scene.description import Edge, SceneDescription
-from cotree.scene.expressions import Expression, FieldValue, parse
+from cotree.scene.expressions import Expression, parse
 from cotree.scene.parameters import sources
 from cotree.scene.part import owner_of
 from cotree.scene.part_adding import set_in_part
@@ -101,13 +101,9 @@ def expressions_among(inputs: Mapping[str, Any]) -> dict[str, str]:
 
 def new_names(scene: SceneDescription, inputs: Mapping[str, str], known: Any) -> list[str]:
     """List the names in expressions that the scene does not have, but ``known`` does."""
-    used = {name for text in inputs.values() for name in _names(text)}
+    signals = [parse_signal(text, "input") for text in inputs.values()]
+    used = {name for row in signals if isinstance(row, Expression) for name in row.names}
     return sorted(name for name in used if name in known and name not in scene.parameters)
-
-
-def _names(text: str) -> frozenset[str]:
-    parsed = parse_signal(text, "input")
-    return parsed.names if isinstance(parsed, Expression) else frozenset()
 
 
 def _is_of_time(value: Expression, scene: SceneDescription) -> bool:
@@ -230,13 +226,9 @@ def _standing(edge: Edge) -> Edge:
         )
     # Two ends at one node make a port that no circuit equation determines; see below.
     short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
-    return replace(edge, component=_at_rest(component, short), initial=_guesses(edge))
-
-
-def _guesses(edge: Edge) -> dict[str, FieldValue]:
-    """Keep initial values of junctions only, where they are guesses."""
-    is_storage = any(_is_storage(port) for port in edge.component.ports)
-    return {} if is_storage else dict(edge.initial)
+    # Initial values of junctions are guesses, and stay.
+    guesses = {} if any(_is_storage(port) for port in component.ports) else dict(edge.initial)
+    return replace(edge, component=_at_rest(component, short), initial=guesses)
 
 
 @lru_cache(maxsize=1024)

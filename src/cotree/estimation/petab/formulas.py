@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.readers.formulas import GROUP, Rewriter, called, python_text
-from cotree.scene.expressions import WHERE, parse, read_tree
+from cotree.readers.formulas import GROUP, Rewriter, python_text
+from cotree.scene.expressions import fill, parse, read_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -88,11 +88,7 @@ class Formula:
 def number_of(expression: str, where: str) -> float | None:
     """Return the value of an expression without names, else None."""
     checked = parse(expression, where)
-    return None if checked.names else checked.lower(Dag(), _unknown).value
-
-
-def _unknown(name: str) -> Node:
-    raise AssertionError(f"'{name}' in an expression without names")
+    return None if checked.names else checked.lower(Dag(), dict[str, Node]().__getitem__).value
 
 
 class _Rewriter(Rewriter):
@@ -100,13 +96,13 @@ class _Rewriter(Rewriter):
         if name == "piecewise" and len(args) % 2 == 1 and len(args) > 1:
             result = self.value(args[-1])
             for value, condition in reversed(list(zip(args[:-1:2], args[1::2], strict=True))):
-                result = called(WHERE, self.condition(condition), self.value(value), result)
+                terms = (self.condition(condition), self.value(value), result)
+                result = fill("where(a, b, c)", *terms)
             return result
         if name == "log" and len(args) == 2:
-            one, base = (called("log", self.value(arg)) for arg in args)
-            return ast.BinOp(one, ast.Div(), base)
+            return fill("log(a)/log(b)", *map(self.value, args))
         if name == "pow" and len(args) == 2:
-            return ast.BinOp(self.value(args[0]), ast.Pow(), self.value(args[1]))
+            return fill("a**b", *map(self.value, args))
         return None
 
     def visit_BoolOp(self, node: ast.BoolOp) -> ast.expr:

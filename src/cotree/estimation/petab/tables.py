@@ -353,7 +353,8 @@ _MISSING = "reading PEtab problems needs PyYAML: run `pip install 'cotree[petab]
 def read_tables(path: str | Path) -> Tables:
     """Read the tables that a YAML file names."""
     data, folder = _parsed(path), Path(path).parent
-    version = str(_version(data)).strip()
+    given = data["format_version"]
+    version = str(given.get("version") if isinstance(given, dict) else given).strip()
     if version.split(".")[0] != "1":
         raise SceneError(
             f"{path}: format_version is {brief(version)}, but only version 1 of PEtab is supported"
@@ -394,11 +395,6 @@ def _parsed(path: str | Path) -> dict[str, Any]:
     if not isinstance(data, dict) or "format_version" not in data:
         raise SceneError(f"{path}: not a PEtab problem: it has no 'format_version'")
     return data
-
-
-def _version(data: dict[str, Any]) -> object:
-    given = data["format_version"]
-    return given.get("version") if isinstance(given, dict) else given
 
 
 def _listed(path: str | Path, data: dict[str, Any], key: str) -> list[str]:

@@ -42,7 +42,7 @@ from cotree.scene.description import SceneDescription
 from cotree.scene.origin import Origin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -148,13 +148,10 @@ class SceneWriter(Generic[_Scene]):
                 f"{self.file}: nothing in the model changes with time, since it has no rate "
                 "rules, no species that reactions change and no events"
             )
-        self.scene.origin = Origin(self.file, tuple(self._all_notes()), dict(self.namer.changed))
+        changed = dict(self.namer.changed)
+        renamed = (f"renamed: {k} '{brief(old)}' is '{new}'" for (k, old), new in changed.items())
+        self.scene.origin = Origin(self.file, (*self.notes, *renamed), changed)
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
-
-    def _all_notes(self) -> Iterator[str]:
-        yield from self.notes
-        for (kind, old), new in self.namer.changed.items():
-            yield f"renamed: {kind} '{brief(old)}' is '{new}'"
 
     # Symbols of formulas.
 
@@ -321,7 +318,8 @@ class SceneWriter(Generic[_Scene]):
                 # The flow of a species that is both reactant and product is the difference.
                 numbers[part.species] = numbers.get(part.species, 0.0) + part.sign * count
             else:
-                self._flow(own, part.species, f"{_factor(count)}*{own}", part.sign, part.at)
+                factor = count if count.isidentifier() else f"({count})"
+                self._flow(own, part.species, f"{factor}*{own}", part.sign, part.at)
         for species, count in numbers.items():
             if not math.isfinite(count):
                 raise reaction.law.at.error(
@@ -423,10 +421,6 @@ class SceneWriter(Generic[_Scene]):
                 begin = ""
             found[id] = SbmlSymbol(quantity.kind.split()[0], own, state, factor, begin)
         return found
-
-
-def _factor(text: str) -> str:
-    return text if text.isidentifier() else f"({text})"
 
 
 def _plain(value: float | str) -> float | str:

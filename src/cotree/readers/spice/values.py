@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, brief
-from cotree.readers.formulas import GROUP, Rewriter, called, python_text
-from cotree.scene.expressions import FUNCTIONS, WHERE, parse, read_tree
+from cotree.readers.formulas import GROUP, Rewriter, python_text
+from cotree.scene.expressions import FUNCTIONS, fill, parse, read_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.readers.names import SourceLine
-    from cotree.scene.expressions import Expression
 
 #: A number, or the text of an expression in the scene's grammar.
 Value = float | str
@@ -192,7 +191,12 @@ class Scope:
         text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
         # Names in the text are parameters of the scene, on which the value is to depend.
-        return text if expression.names else _folded(expression)
+        if expression.names:
+            return text
+        value = expression.lower(Dag(), dict[str, "Node"]().__getitem__).value
+        if value is None or not math.isfinite(value):
+            raise ExpressionError("has no finite value")
+        return value
 
 
 class SpiceFormula(Rewriter):
@@ -271,7 +275,7 @@ class SpiceFormula(Rewriter):
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
         """Rewrite a choice or a power."""
         if name in _CHOICES and len(args) == 3:
-            return called(WHERE, self.condition(args[0]), *map(self.value, args[1:]))
+            return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
             return self._power(*map(self.value, args))
         return None
@@ -300,19 +304,8 @@ class SpiceFormula(Rewriter):
                 "powers of voltages and currents are those of their sizes, as in ngspice: write "
                 "products where signs are to stay"
             )
-            base = called("abs", base)
-        return ast.BinOp(base, ast.Pow(), exponent)
-
-
-def _folded(expression: Expression) -> float:
-    node = expression.lower(Dag(), _unknown)
-    if node.value is None or not math.isfinite(node.value):
-        raise ExpressionError("has no finite value")
-    return node.value
-
-
-def _unknown(name: str) -> Node:
-    raise ExpressionError(f"names '{brief(name)}'")
+            base = fill("abs(a)", base)
+        return fill("a**b", base, exponent)
 
 
 def text_of(value: Value) -> str:
