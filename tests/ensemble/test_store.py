@@ -21,7 +21,7 @@ import xarray
 
 import cotree
 from cotree import SolveError, StoreError
-from cotree.ensemble import run
+from cotree.ensemble import executors, run
 from cotree.ensemble import store as identity
 from cotree.ensemble.store_backend import StoreBackend
 
@@ -100,9 +100,11 @@ def test_grids_and_events_have_stores(tmp_path):
 
 def test_only_what_is_missing_is_computed(model, wanted, tmp_path, monkeypatch):
     store, ran = tmp_path / "runs.zarr", []
-    whole = run.run_block
+    whole = executors.run_block
     monkeypatch.setattr(
-        run, "run_block", lambda plan, rows, **more: ran.append(rows) or whole(plan, rows, **more)
+        executors,
+        "run_block",
+        lambda plan, rows, **more: ran.append(rows) or whole(plan, rows, **more),
     )
     first = into(model, store).load()
     assert sum(map(len, ran)) == N
@@ -222,7 +224,7 @@ import sys
 import numpy as np
 import dask.array, xarray
 import cotree
-from cotree.ensemble import run
+from cotree.ensemble import executors, run
 run.timed_size = lambda *args: 50
 model = cotree.load("bouncing-ball").compile(["e"])
 members = {"e": np.linspace(0.3, 0.9, 2000), "h": np.linspace(1.0, 3.0, 2000)}
@@ -371,7 +373,7 @@ def test_a_folder_that_cannot_be_written_is_told(model, tmp_path, monkeypatch):
 def test_a_block_that_another_process_runs_is_waited_for(model, wanted, tmp_path, monkeypatch):
     import filelock
 
-    store, ran, whole = tmp_path / "runs", [], run.run_block
+    store, ran, whole = tmp_path / "runs", [], executors.run_block
     into(model, store)
     first, second, *_ = blocks_of(store)
     kept = first.read_bytes()
@@ -387,7 +389,7 @@ def test_a_block_that_another_process_runs_is_waited_for(model, wanted, tmp_path
         lock.release()
         return whole(plan, rows, **more)
 
-    monkeypatch.setattr(run, "run_block", finish)
+    monkeypatch.setattr(executors, "run_block", finish)
     assert_same(into(model, store), wanted)
     assert [len(rows) for rows in ran] == [7]
 
@@ -395,7 +397,7 @@ def test_a_block_that_another_process_runs_is_waited_for(model, wanted, tmp_path
 @on_linux
 def test_two_processes_write_one_store(model, wanted, tmp_path, monkeypatch):
     """Each runs blocks that the other has not locked, and both return all results."""
-    context, counts, whole = multiprocessing.get_context("fork"), [], run.run_block
+    context, counts, whole = multiprocessing.get_context("fork"), [], executors.run_block
 
     def slow(plan, rows, **more):
         counts.append(len(rows))
@@ -407,7 +409,7 @@ def test_two_processes_write_one_store(model, wanted, tmp_path, monkeypatch):
         found = into(model, tmp_path / "runs")
         pipe.send((sum(counts), found["message"].values.tolist()))
 
-    monkeypatch.setattr(run, "run_block", slow)
+    monkeypatch.setattr(executors, "run_block", slow)
     pipes = [context.Pipe(duplex=False) for _ in range(2)]
     children = [context.Process(target=call, args=(end,)) for _, end in pipes]
     for child in children:
@@ -449,7 +451,7 @@ def test_slow_members_are_written_one_by_one(model, wanted, tmp_path, monkeypatc
 
 
 def test_an_interrupted_ensemble_is_continued(model, wanted, tmp_path, monkeypatch):
-    whole, blocks = run.run_block, []
+    whole, blocks = executors.run_block, []
 
     def interrupted(plan, rows, *, threads, stop):
         blocks.append(rows)
@@ -457,7 +459,7 @@ def test_an_interrupted_ensemble_is_continued(model, wanted, tmp_path, monkeypat
             stop.set()
         return whole(plan, rows, threads=threads, stop=stop)
 
-    monkeypatch.setattr(run, "run_block", interrupted)
+    monkeypatch.setattr(executors, "run_block", interrupted)
     with pytest.warns(RuntimeWarning, match="stopped after"):
         part = into(model, tmp_path / "runs.zarr")
     n_done = int((part["status"] == 0).sum())

@@ -1,12 +1,10 @@
 """Blocks of members on an executor: pools of threads or processes, dask, MPI.
 
-In: a plan as bytes with their hash. Out: the block of some rows. A worker keeps the last plans by
-their hashes, since most blocks come with the hash alone; one that does not know it asks for it.
-
 In: a plan, rows, ranges of them, and anything with ``submit`` as of ``concurrent.futures``. Out:
 blocks as they are done, each once. A bounded number is under way, so that neither the executor nor
-this process holds more. Where a worker dies, its blocks are submitted again: first one at a time,
-so that one which kills its worker is known, and takes no others with it.
+this process holds more. Blocks of a worker that dies are run once more, one at a time, so that one
+which kills its worker takes no others with it; the members of a block whose worker dies then, too,
+fail.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ import queue
 import socket
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -36,19 +34,19 @@ if TYPE_CHECKING:
 
 
 # A worker that serves several ensembles in turn keeps their models; libraries stay loaded anyway.
-_MOST_KEPT = 8
+_MOST_PLANS = 8
 
-_kept: OrderedDict[str, Plan] = OrderedDict()
-_keeping = threading.RLock()
+_plans: dict[str, Plan] = {}
+_loading = threading.RLock()
 
 
 @dataclass(frozen=True)
 class Parcel:
-    """A plan on its way."""
+    """A pickled plan; most blocks come with its hash alone."""
 
     key: str  # hash of the bytes
     backend: str  # the evaluator of the sender's kernels; another one gives other last digits
-    data: bytes | None  # the pickled plan; None where the worker presumably has it
+    data: bytes | None  # None where a worker presumably has the plan
 
 
 def parcel_of(plan: Plan) -> Parcel:
@@ -66,78 +64,51 @@ def parcel_of(plan: Plan) -> Parcel:
 def run_parcel(
     parcel: Parcel, rows: FloatArray, threads: int, attempt: int
 ) -> tuple[Block, float] | None:
-    """Run members in a worker.
+    """Run members in a worker; return their results and the time, or None for an unknown plan.
 
-    Parameters
-    ----------
-    parcel : Parcel
-        The plan.
-    rows : ndarray, shape (n_members, n_columns)
-        The members.
-    threads : int
-        Threads to run them in.
-    attempt : int
-        How often they were submitted before. Executors that know a call by its arguments, as
-        dask does, would else give the answer of the first.
-
-    Returns
-    -------
-    (Block, float) or None
-        The results, and how long they took, [s]. None where the plan is not known here.
-
-    Raises
-    ------
-    BuildError
-        If the model cannot be compiled here as where it comes from.
+    Executors that know a call by its arguments, as dask does, would return the answer of the first
+    attempt for the second.
     """
-    plan = _plan_of(parcel)
+    plan = _load(parcel)
     return None if plan is None else run_here(plan, rows, threads)
 
 
 def run_here(
     plan: Plan, rows: FloatArray, threads: int, stop: threading.Event | None = None
 ) -> tuple[Block, float]:
-    """Run members in this process; see :func:`run_parcel`. They are broken off by an event."""
+    """Run members in this process; return their results, and how long they took, [s]."""
     begun = time.perf_counter()
     block = run_block(plan, rows, threads=threads, stop=stop)
     return block, time.perf_counter() - begun
 
 
-def _plan_of(parcel: Parcel) -> Plan | None:
-    """Give the plan of a parcel, unpickled by one thread while others wait."""
-    with _keeping:
-        plan = _kept.get(parcel.key)
-        if plan is None:
+def _load(parcel: Parcel) -> Plan | None:
+    """Return the plan of a parcel, unpickled by one thread while others wait."""
+    with _loading:
+        if parcel.key not in _plans:
             if parcel.data is None:
                 return None
             plan = pickle.loads(parcel.data)
-            _check_backend(plan.model, parcel.backend)
-            _kept[parcel.key] = plan
-            if len(_kept) > _MOST_KEPT:
-                _kept.popitem(last=False)
-        _kept.move_to_end(parcel.key)
-        return plan
-
-
-def _check_backend(model: Any, backend: str) -> None:
-    if model.backend != backend:
-        raise BuildError(
-            f"the worker on '{socket.gethostname()}' evaluates the model in {model.backend}, and "
-            f"where the ensemble was started it is {backend}: results would differ in their last "
-            "digits. Install a C compiler on all machines (or: pip install ziglang), or set "
-            "COTREE_COMPILER=none on all"
-        )
+            if plan.model.backend != parcel.backend:
+                raise BuildError(
+                    f"the worker on '{socket.gethostname()}' evaluates the model in "
+                    f"{plan.model.backend}, and where the ensemble was started it is "
+                    f"{parcel.backend}: results would differ in their last digits. Install a C "
+                    "compiler on all machines (or: pip install ziglang), or set "
+                    "COTREE_COMPILER=none on all"
+                )
+            _plans[parcel.key] = plan
+            if len(_plans) > _MOST_PLANS:
+                del _plans[next(iter(_plans))]
+        return _plans[parcel.key]
 
 
 #: Blocks under way for each worker: one runs and one waits, so that none idles while the answer
 # travels.
 AHEAD = 2
 
-# How often a block may lose its worker while nothing else is under way.
-_MOST_LOSSES = 2
-
-# How many new pools in a row may give nothing: more, and it is not their blocks that kill them.
-_MOST_BARREN = 20
+# How many workers in a row may die: more, and it is not their blocks that kill them.
+_MOST_DEATHS = 20
 
 # Between looks at whether the ensemble is stopped, [s]; answers are taken at once.
 _PATIENCE = 0.1
@@ -148,8 +119,12 @@ _GRACE = 2.0
 # How long a count of workers is believed, [s]: clusters grow and shrink.
 _COUNTED_FOR = 5.0
 
-# Work of a block, [s], and growth from one to the next: first blocks wait for compilers.
-_PIECE, _GROWTH = 0.3, 8
+#: Work of a block, [s]: Ctrl-C and the progress bar wait for no more than that, a kill loses no
+# more, and what a block costs beside its members is still nothing.
+PIECE = 0.3
+
+# Growth of blocks from one to the next: the first may have waited for a compiler.
+_GROWTH = 8
 
 # Errors of executors that tell of a lost worker or message, by name: their packages need not be
 # there.
@@ -171,19 +146,20 @@ def read_executor(executor: Any) -> Any:
     return executor
 
 
-class Shares:
-    """Ranges of rows for workers, each as large as the time of those before tells.
+class AdaptiveRanges:
+    """Ranges of rows, each as large as the time of those before allows.
 
     Parameters
     ----------
     n_members : int
         How many rows there are.
-    most : int
-        Members of a block at most.
+    most, least : int
+        Members of a block at most, and at least; the first one has the least.
     """
 
-    def __init__(self, n_members: int, most: int) -> None:
-        self._n, self._most, self._first, self._size = n_members, max(1, most), 0, 1
+    def __init__(self, n_members: int, most: int, least: int = 1) -> None:
+        self._n, self._least, self._most = n_members, least, max(least, most)
+        self._first, self._size = 0, least
         self.n_workers = 1
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
@@ -199,21 +175,207 @@ class Shares:
         return first, self._first
 
     def learn(self, n_members: int, seconds: float) -> None:
-        """Take in how long some members took in one worker."""
-        wanted = int(_PIECE * n_members / max(seconds, 1e-9))
+        """Choose the next sizes by the time that some members took in one worker."""
+        wanted = max(self._least, int(PIECE * n_members / max(seconds, 1e-9)))
         self._size = max(1, min(wanted, _GROWTH * n_members, self._most))
 
 
 @dataclass(frozen=True)
 class _Share:
-    """A range of rows, how often it was submitted, and how often it alone lost a worker."""
+    """A range of rows under way."""
 
     first: int
     end: int
-    attempt: int = 0
-    losses: int = 0
+    attempt: int = 0  # how often it was submitted before
     with_plan: bool = False
-    is_suspect: bool = False
+    has_lost: bool = False  # whether its worker died
+
+
+class _Pool:
+    """The executor, or in place of a broken pool of processes a new one of the same size."""
+
+    def __init__(self, executor: Any) -> None:
+        self.executor, self._is_own = executor, False
+        self._n_workers, self._counted = 1, -math.inf
+        self.deaths = 0  # since the last answer
+
+    def renew(self, reason: str) -> None:
+        """Replace a broken pool; other shares of the old one report its end, too."""
+        old: Any = self.executor
+        if not getattr(old, "_broken", True):
+            return
+        kind: Any = type(old)
+        if kind is not futures.ProcessPoolExecutor:
+            raise SolveError(
+                f"the executor is broken ({reason.rstrip('.')}): make a new one and run again; "
+                "with store=... only what is missing is computed"
+            )
+        self.deaths += 1
+        if self.deaths > _MOST_DEATHS:
+            raise SolveError(
+                f"processes of the executor die before they give anything ({reason.rstrip('.')}): "
+                "look at what they print, and whether a script guards its own call with "
+                "if __name__ == '__main__'"
+            )
+        self.close()
+        self._is_own, self.executor = (
+            True,
+            kind(
+                old._max_workers,
+                mp_context=old._mp_context,
+                initializer=old._initializer,
+                initargs=old._initargs,
+            ),
+        )
+
+    def count(self) -> int:
+        """Count the workers, now and then."""
+        now = time.monotonic()
+        if now - self._counted > _COUNTED_FOR:
+            self._n_workers, self._counted = max(1, count_workers(self.executor)), now
+        return self._n_workers
+
+    def close(self) -> None:
+        """End a pool that was made here."""
+        if self._is_own:
+            self.executor.shutdown(wait=False, cancel_futures=True)
+
+
+class _ExecutorRun:
+    """Shares under way on an executor, and those to submit once more."""
+
+    def __init__(
+        self, executor: Any, plan: Plan, rows: FloatArray, threads: int, stop: threading.Event
+    ) -> None:
+        self._pool, self._stop = _Pool(executor), stop
+        self._plan, self._rows, self._threads = plan, rows, threads
+        # Threads of this process share its memory. Other classes, even those derived from it, may
+        # have none in common.
+        self._is_here = type(executor) is futures.ThreadPoolExecutor
+        self._parcel = None if self._is_here else parcel_of(plan)
+        self._is_known = False  # whether some worker has the plan
+        self.flying: dict[futures.Future[Any], _Share] = {}
+        self._arrived: queue.SimpleQueue[futures.Future[Any]] = queue.SimpleQueue()
+        self._again: deque[_Share] = deque()
+
+    def run(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
+        """Return blocks as they are done."""
+        source, learn, end = iter(ranges), getattr(ranges, "learn", None), math.inf
+        while True:
+            if self._stop.is_set():
+                end = min(end, time.monotonic() + _GRACE)
+                self._again.clear()
+                self.cancel()
+            else:
+                self._fill(source, ranges)
+            if not self.flying or time.monotonic() > end:
+                return
+            try:
+                future = self._arrived.get(timeout=_PATIENCE)
+            except queue.Empty:
+                continue
+            share = self.flying.pop(future)
+            answer = self._answer(future, share)
+            if answer is None:
+                continue
+            block, seconds = answer
+            if learn and seconds:
+                learn(share.end - share.first, seconds)
+            yield share.first, block
+
+    def cancel(self) -> None:
+        """Cancel what has not begun."""
+        for future in self.flying:
+            future.cancel()
+
+    def close(self) -> None:
+        """Cancel what has not begun, and end a pool that was made here."""
+        self.cancel()
+        self._pool.close()
+
+    def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
+        """Submit as many shares as are to be under way: one, if it may have killed a worker."""
+        room = AHEAD * self._pool.count()
+        if hasattr(ranges, "n_workers"):
+            ranges.n_workers = self._pool.count()
+        while len(self.flying) < room and not any(s.has_lost for s in self.flying.values()):
+            if self._again and self._again[0].has_lost and self.flying:
+                return
+            found = None if self._again else next(source, None)
+            if not self._again and found is None:
+                return
+            share = _Share(*found) if found else self._again.popleft()
+            try:
+                future = self._submit(share)
+            except futures.BrokenExecutor:
+                # The pool broke meanwhile, as the answers of shares under way will say.
+                self._again.appendleft(share)
+                self._renew("its processes ended")
+                continue
+            self.flying[future] = share
+            future.add_done_callback(self._arrived.put)
+
+    def _submit(self, share: _Share) -> futures.Future[Any]:
+        rows, submit = self._rows[share.first : share.end], self._pool.executor.submit
+        try:
+            if self._parcel is None:
+                found = submit(run_here, self._plan, rows, self._threads, self._stop)
+            else:
+                # Until a first answer nobody has the plan.
+                is_sent = share.with_plan or not self._is_known
+                parcel = self._parcel if is_sent else replace(self._parcel, data=None)
+                found = submit(run_parcel, parcel, rows, self._threads, share.attempt)
+        except futures.BrokenExecutor:
+            raise
+        except RuntimeError as error:
+            raise SolveError(
+                f"the executor takes no more blocks ({str(error).rstrip('.')}): keep it open until "
+                "the ensemble is done"
+            ) from error
+        sent: futures.Future[Any] = found
+        return sent
+
+    def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
+        """Return the block of a share; None where it is submitted again, or left out."""
+        error = futures.CancelledError() if future.cancelled() else future.exception()
+        again = replace(share, with_plan=True, attempt=share.attempt + 1)
+        if error is None:
+            self._is_known, self._pool.deaths = True, 0
+            found: tuple[Block, float] | None = future.result()
+            if found is None:
+                self._again.appendleft(again)
+            return found
+        if self._stop.is_set() or isinstance(error, KeyboardInterrupt):
+            # Ctrl-C goes to all processes of a terminal, those of a pool among them.
+            self._stop.set()
+            return None
+        if isinstance(error, ImportError):
+            raise BuildError(
+                f"a worker cannot import what it needs ({error}): install cotree there, in the "
+                "same version and with the same extras"
+            )
+        is_broken = isinstance(error, futures.BrokenExecutor)
+        is_lost = is_broken or isinstance(error, futures.CancelledError)
+        if not is_lost and type(error).__name__ not in _LOST:
+            raise error
+        if is_broken:
+            self._renew(str(error))
+        if not share.has_lost:
+            self._again.append(replace(again, has_lost=True))
+            return None
+        reason = brief(f"{type(error).__name__}: {error}".split("\n")[0].rstrip(".: "))
+        sentence = (
+            f"its worker died both times that its block was run ({reason}): it may have run out of "
+            "memory"
+        )
+        results = Results(self._plan, share.end - share.first)
+        for member in range(share.end - share.first):
+            results.fail(member, FAILED, sentence)
+        return results.block(), 0.0
+
+    def _renew(self, reason: str) -> None:
+        self._pool.renew(reason)
+        self._is_known = False
 
 
 def run_on(
@@ -227,212 +389,14 @@ def run_on(
 ) -> Iterator[tuple[int, Block]]:
     """Run ranges of rows on an executor; parameters as of :func:`cotree.ensemble.run.run_blocks`.
 
-    Parameters
-    ----------
-    executor : concurrent.futures.Executor
-        Who runs them. A pool of processes that loses one is of no use any more: a new one of the
-        same size takes its place, and is shut down at the end.
-    threads : int
-        Threads of each worker.
-
-    Raises
-    ------
-    SolveError
-        If the plan cannot be sent, or workers cannot run anything.
+    A pool of processes that loses one is of no use any more: a new one of the same size takes its
+    place, and is shut down at the end.
     """
-    crew = _Crew(executor, plan, rows, threads, stop)
+    run = _ExecutorRun(executor, plan, rows, threads, stop)
     try:
-        yield from crew.run(ranges)
+        yield from run.run(ranges)
     finally:
-        crew.leave()
-
-
-class _Crew:
-    """An executor at work: the shares under way, those to submit again, and their answers."""
-
-    def __init__(
-        self,
-        executor: Any,
-        plan: Plan,
-        rows: FloatArray,
-        threads: int,
-        stop: threading.Event,
-    ) -> None:
-        self._executor, self._own, self._stop = executor, False, stop
-        self._plan, self._rows, self._threads = plan, rows, threads
-        # Threads of this process share its memory. Other classes, even those derived from it, may
-        # have none in common.
-        self._is_here = type(executor) is futures.ThreadPoolExecutor
-        self._parcel = None if self._is_here else parcel_of(plan)
-        self._flying: dict[futures.Future[Any], _Share] = {}
-        self._arrived: queue.SimpleQueue[futures.Future[Any]] = queue.SimpleQueue()
-        self._again: deque[_Share] = deque()
-        self._is_known = False  # whether some worker has the plan
-        self._n_workers, self._counted = 1, -math.inf
-        self._barren = 0
-
-    def run(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
-        """Give blocks as they are done."""
-        source, learn = iter(ranges), getattr(ranges, "learn", None)
-        end: float | None = None
-        while True:
-            if self._stop.is_set():
-                end = end or time.monotonic() + _GRACE
-                self._again.clear()
-                for future in self._flying:
-                    future.cancel()
-            else:
-                self._fill(source, ranges)
-            if not self._flying or (end is not None and time.monotonic() > end):
-                return
-            try:
-                future = self._arrived.get(timeout=_PATIENCE)
-            except queue.Empty:
-                continue
-            share = self._flying.pop(future, None)
-            answer = None if share is None else self._answer(future, share)
-            if share is None or answer is None:
-                continue
-            block, seconds = answer
-            if learn and seconds:
-                learn(share.end - share.first, seconds)
-            yield share.first, block
-
-    def leave(self) -> None:
-        """Cancel what has not begun, and end a pool that was made here."""
-        for future in self._flying:
-            future.cancel()
-        if self._own:
-            self._executor.shutdown(wait=False, cancel_futures=True)
-
-    def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
-        """Submit as many shares as are to be under way: one, if it may have killed a worker."""
-        if any(share.is_suspect for share in self._flying.values()):
-            return
-        room = AHEAD * self._workers()
-        if hasattr(ranges, "n_workers"):
-            ranges.n_workers = self._n_workers
-        while len(self._flying) < room:
-            if self._again:
-                if self._again[0].is_suspect and self._flying:
-                    return
-                share = self._again.popleft()
-            else:
-                found = next(source, None)
-                if found is None:
-                    return
-                share = _Share(*found)
-            if not self._submit(share):
-                # The pool broke meanwhile; shares under way will say so, too.
-                self._again.appendleft(share)
-                self._renew("its processes ended")
-                continue
-            if share.is_suspect:
-                return
-
-    def _submit(self, share: _Share) -> bool:
-        rows = self._rows[share.first : share.end]
-        try:
-            if self._parcel is None:
-                future = self._executor.submit(
-                    run_here, self._plan, rows, self._threads, self._stop
-                )
-            else:
-                # Until a first answer nobody has the plan.
-                is_sent = share.with_plan or not self._is_known
-                parcel = self._parcel if is_sent else replace(self._parcel, data=None)
-                future = self._executor.submit(
-                    run_parcel, parcel, rows, self._threads, share.attempt
-                )
-        except futures.BrokenExecutor:
-            return False
-        except RuntimeError as error:
-            raise SolveError(
-                f"the executor takes no more blocks ({str(error).rstrip('.')}): keep it open until "
-                "the ensemble is done"
-            ) from error
-        self._flying[future] = share
-        future.add_done_callback(self._arrived.put)
-        return True
-
-    def _answer(self, future: futures.Future[Any], share: _Share) -> tuple[Block, float] | None:
-        """Give the block of a share; None where it is submitted again, or left out."""
-        error = futures.CancelledError() if future.cancelled() else future.exception()
-        if error is None:
-            self._is_known, self._barren = True, 0
-            found: tuple[Block, float] | None = future.result()
-            if found is None:
-                again = replace(share, with_plan=True, attempt=share.attempt + 1)
-                self._again.appendleft(again)
-            return found
-        if self._stop.is_set() or isinstance(error, KeyboardInterrupt):
-            # Ctrl-C goes to all processes of a terminal, those of a pool among them.
-            self._stop.set()
-            return None
-        if not _is_loss(error):
-            raise _told(error)
-        return self._lost(share, error)
-
-    def _lost(self, share: _Share, error: BaseException) -> tuple[Block, float] | None:
-        """Submit a share again whose worker died; fail its members where it dies each time."""
-        losses = share.losses + (1 if share.is_suspect else 0)
-        if isinstance(error, futures.BrokenExecutor):
-            self._renew(str(error))
-        if losses >= _MOST_LOSSES:
-            sentence = (
-                f"its worker died each of the {share.attempt + 1} times that its block was run "
-                f"({_short(error)}): it may have run out of memory"
-            )
-            rows = self._rows[share.first : share.end]
-            return failed_block(self._plan, len(rows), sentence), 0.0
-        self._again.append(
-            replace(
-                share,
-                attempt=share.attempt + 1,
-                losses=losses,
-                with_plan=True,
-                is_suspect=True,
-            )
-        )
-        return None
-
-    def _renew(self, reason: str) -> None:
-        """Take a new pool in place of a broken one; other shares of the old one say so, too."""
-        old: Any = self._executor
-        if not getattr(old, "_broken", True):
-            return  # another share of the broken pool came before
-        kind = type(old)
-        if kind is not futures.ProcessPoolExecutor:
-            raise SolveError(
-                f"the executor is broken ({reason.rstrip('.')}): make a new one and run again; "
-                "with store=... only what is missing is computed"
-            )
-        self._barren += 1
-        if self._barren > _MOST_BARREN:
-            raise SolveError(
-                f"processes of the executor die before they give anything ({reason.rstrip('.')}): "
-                "look at what they print, and whether a script guards its own call with "
-                "if __name__ == '__main__'"
-            )
-        if self._own:
-            old.shutdown(wait=False, cancel_futures=True)
-        self._executor, self._own = (
-            futures.ProcessPoolExecutor(
-                old._max_workers,
-                mp_context=old._mp_context,
-                initializer=old._initializer,
-                initargs=old._initargs,
-            ),
-            True,
-        )
-        self._is_known = False
-
-    def _workers(self) -> int:
-        """Count the workers; as many as processors where the executor does not tell."""
-        now = time.monotonic()
-        if now - self._counted > _COUNTED_FOR:
-            self._n_workers, self._counted = max(1, count_workers(self._executor)), now
-        return self._n_workers
+        run.close()
 
 
 def count_workers(executor: Any) -> int:
@@ -445,30 +409,3 @@ def count_workers(executor: Any) -> int:
         if isinstance(found, int):
             return found
     return os.cpu_count() or 1
-
-
-def _is_loss(error: BaseException) -> bool:
-    kinds = (futures.BrokenExecutor, futures.CancelledError)
-    return isinstance(error, kinds) or type(error).__name__ in _LOST
-
-
-def _told(error: BaseException) -> BaseException:
-    """Say what is wrong with workers that cannot run a block; other errors are themselves."""
-    if isinstance(error, ImportError):
-        return BuildError(
-            f"a worker cannot import what it needs ({error}): install cotree there, in the same "
-            "version and with the same extras"
-        )
-    return error
-
-
-def _short(error: BaseException) -> str:
-    return brief(f"{type(error).__name__}: {error}".split("\n")[0].rstrip(".: "))
-
-
-def failed_block(plan: Plan, n_members: int, sentence: str) -> Block:
-    """Give the block of members that all failed for one reason."""
-    results = Results(plan, n_members)
-    for member in range(n_members):
-        results.fail(member, FAILED, sentence)
-    return results.block()

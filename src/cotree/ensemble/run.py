@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
-import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +23,15 @@ import numpy as np
 
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.dataset import Collected, Frame, check_xarray, member_bytes
-from cotree.ensemble.executors import AHEAD, Shares, count_workers, read_executor, run_on
+from cotree.ensemble.executors import (
+    AHEAD,
+    PIECE,
+    AdaptiveRanges,
+    count_workers,
+    read_executor,
+    run_here,
+    run_on,
+)
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Plan
 from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
@@ -108,11 +115,10 @@ def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: i
 
 @contextmanager
 def stopped_by_interrupt() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C sets.
+    """Return an event that Ctrl-C sets.
 
-    It is a plain event where another thread than the main one asks, to which signals never come,
-    and where the program has a handler of its own, whose KeyboardInterrupt may come out of any
-    statement.
+    In other threads than the main one, to which signals never come, and in programs with a handler
+    of their own, nothing sets it; their KeyboardInterrupt may come out of any statement.
     """
     stop = threading.Event()
     is_main = threading.current_thread() is threading.main_thread()
@@ -131,10 +137,6 @@ def stopped_by_interrupt() -> Iterator[threading.Event]:
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-
-# Work of a block, [s]: Ctrl-C and the progress bar wait for no more than that, a kill loses no
-# more, and what a block costs beside its members is still nothing.
-_PIECE = 0.3
 
 # Members of the first block for each thread, where the number of lanes is left open.
 _LANES = 8
@@ -190,7 +192,11 @@ def run_ensemble(
         If a member fails and errors are to be raised.
     """
     check_xarray()
-    n, frame, pace = len(members.rows), Frame(plan, members, attributes), Pace(plan, execution)
+    n, frame, pace = (
+        len(members.rows),
+        Frame(plan, members, attributes),
+        BlockSizes(plan, execution),
+    )
     with (
         stopped_by_interrupt() as stop,
         EnsembleProgress(n, execution.progress) as bar,
@@ -258,13 +264,17 @@ def run_blocks(
     if executor is not None:
         yield from run_on(executor, plan, rows, ranges, threads=threads, stop=stop)
         return
+    learn = getattr(ranges, "learn", None)
     for first, end in ranges:
         if stop.is_set():
             return
-        yield first, run_block(plan, rows[first:end], threads=threads, stop=stop)
+        block, seconds = run_here(plan, rows[first:end], threads, stop)
+        if learn:
+            learn(end - first, seconds)
+        yield first, block
 
 
-class Pace:
+class BlockSizes:
     """Sizes of blocks by the time that those before took, or by their results' size.
 
     Parameters
@@ -297,7 +307,7 @@ class Pace:
         """Try how many members a block of a store is to have; they are run again with theirs."""
         n_workers = 1 if self.executor is None else count_workers(self.executor)
         # So many workers together write as many files as a few do.
-        piece = _PIECE * max(1.0, n_workers / _MOST_QUICK)
+        piece = PIECE * max(1.0, n_workers / _MOST_QUICK)
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 
     def spread(self, members_of_a_block: int, opened: contextlib.ExitStack) -> None:
@@ -306,20 +316,9 @@ class Pace:
             self.executor = opened.enter_context(ThreadPoolExecutor(self.threads))
             self.threads = 1
 
-    def ranges(self, n: int) -> Iterable[tuple[int, int]]:
-        """Cut n members into blocks, which are as large as those before them tell."""
-        return self._one_by_one(n) if self.executor is None else Shares(n, self._most)
-
-    def _one_by_one(self, n: int) -> Iterator[tuple[int, int]]:
-        """Cut n members into blocks, one while the block before it is done."""
-        first, size = 0, self._least
-        while first < n:
-            end, before = min(n, first + size), time.perf_counter()
-            yield first, end
-            rate = (end - first) / max(time.perf_counter() - before, 1e-9)
-            # The first block may have waited for a compiler: growth in steps forgets that.
-            size = min(max(self._least, int(_PIECE * rate)), 8 * size, max(self._least, self._most))
-            first = end
+    def ranges(self, n: int) -> AdaptiveRanges:
+        """Cut n members into blocks, whose sizes follow from the time of those before."""
+        return AdaptiveRanges(n, self._most, self._least if self.executor is None else 1)
 
 
 def make_plan(
