@@ -42,7 +42,7 @@ AFTER = """## Time reversal
 
 A chaotic motion cannot be compared at its end: errors of the start grow by e every 1.3 s or so. The
 double pendulum of above runs forwards and back again; the distance from where it began, largest of
-angles and rates, is what step errors have grown to. By DOP853, rtol = atol.
+angles and rates, is what step errors have grown to. By dop853, rtol = atol.
 """
 
 
@@ -95,7 +95,7 @@ def reversals() -> str:
     model = model_of("double pendulum, 10 s")
     rows = []
     for t_end in times:
-        found = [reversal(model, t_end, "DOP853", rtol) for rtol in tolerances]
+        found = [reversal(model, t_end, "dop853", rtol) for rtol in tolerances]
         rows.append([f"{t_end:g} s", *(f"{x:.0e}" for x in found)])
     return timing.table(["there and back", *(f"{r:.0e}" for r in tolerances)], rows)
 

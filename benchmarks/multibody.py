@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-13)
 #: Times at which the energy is looked at: few, since every one of them ends a step.
 SAMPLES = 101
-METHODS = ("RK45", "DOP853", "Radau", "BDF", "LSODA", "cvode", "ida")
+METHODS = ("dopri5", "dop853", "rodas5", "cvode", "ida")
 #: Steps after which a run counts as caught in a singular position: twice what any other takes.
 PATIENCE = 10_000
 BODY = ("m", "cx", "cy", "cz", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -128,7 +128,7 @@ def energy_drift(periods: int) -> str:
         period = fastest_period(model)
         times = np.linspace(0.0, periods * period, SAMPLES)
         for tolerance in TOLERANCES:
-            settings = {"method": "DOP853", "rtol": tolerance, "atol": tolerance}
+            settings = {"method": "dop853", "rtol": tolerance, "atol": tolerance}
             result = model.simulate((0.0, times[-1]), times, throw=True, **settings)
             energy = result["energy"]
             error = np.abs(energy - energy[0]).max() / result["kinetic"].max()
@@ -140,7 +140,7 @@ def energy_drift(periods: int) -> str:
     errors = ["energy error", "constraints", "correction"]
     head = ["scene", "period s", "rtol, atol", *errors, "steps", "run s"]
     return (
-        f"Energy over {periods} periods of the fastest mode, by DOP853. Error: the largest "
+        f"Energy over {periods} periods of the fastest mode, by dop853. Error: the largest "
         "change, as a share of the largest kinetic energy. Constraints: what is left of them, "
         "norms of quaternions among them, and the largest correction of a step.\n\n"
         + table(head, rows)
@@ -302,7 +302,7 @@ def singular() -> str:
     models = {"joints": scene.compile(), "bodies": scene.compile(tree=absolute_tree(scene))}
     rows, cases = reference["reference"], list(itertools.product(models, (1e-6, 1e-8, 1e-10)))
     by_method = []
-    for method in ("dopri5", "rkf45", "dop853", "rodas4", "rodas5", *METHODS):
+    for method in ("rkf45", "rodas4", *METHODS):
         runs = [passage(models[n], [r["t"] for r in rows], method, tol) for n, tol in cases]
         by_method.append([method, *(told(run, worst_error(run, rows)) for run in runs)])
     passed = [sum("stops" not in row[k + 1] for row in by_method) for k in range(len(cases))]
@@ -312,7 +312,7 @@ def singular() -> str:
     by_count, cases = [], list(itertools.product(models, (1e-8, 1e-10, 1e-12)))
     for count in (31, 61, 301, 601):
         times = np.linspace(0.0, 3.0, count)
-        runs = [passage(models[n], times, "DOP853", tol) for n, tol in cases]
+        runs = [passage(models[n], times, "dop853", tol) for n, tol in cases]
         lost = [np.ptp(run["energy"]) / run["energy"][0] for run in runs]
         cells = [told(r, e, r.drift.correction) for r, e in zip(runs, lost, strict=True)]
         by_count.append([count, *cells])
@@ -321,7 +321,7 @@ def singular() -> str:
         f"The N-four-bar, rtol = atol, {PATIENCE} steps at most. A run that stops says so with a "
         "message; a star: the message says that a stretch was crossed with a looser tolerance. "
         "For 10 s with five outputs, the largest error of a quantity, as a share of its largest "
-        f"value:\n\n{first}\n\nFor 3 s by DOP853, the change of the energy as a share of it, "
+        f"value:\n\n{first}\n\nFor 3 s by dop853, the change of the energy as a share of it, "
         f"and the largest correction of a step:\n\n{second}"
     )
 

@@ -298,7 +298,7 @@ def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integ
     model = load("slider-pendulum").compile(["L"])
     project = model.write(tmp_path, integrator)
     values = printed(run([build(project, compiler)], tmp_path))
-    result = model.simulate((0.0, 10.0), [10.0], "DOP853", 1e-12, 1e-13)
+    result = model.simulate((0.0, 10.0), [10.0], "dop853", 1e-12, 1e-13)
     # The scene's rtol of 1e-8, through hundreds of steps.
     assert values["j1.s"] == pytest.approx(result["j1.s"][-1], abs=1e-7)
     assert values["d(j1.s)/d(L)"] == pytest.approx(result.sensitivity("j1.s", "L")[-1], abs=1e-6)

@@ -73,7 +73,7 @@ def test_ends_as_in_python(
         model.kernels.program, tmp_path, method, t_end=0.017, rtol=1e-11, atol=atol
     )
     values = printed(run([build(project, compiler)], tmp_path))
-    result = model.simulate((0.0, 0.017), [0.017], "Radau", 1e-10, atol, throw=True)
+    result = model.simulate((0.0, 0.017), [0.017], "rodas5", 1e-10, atol, throw=True)
     # Two methods with errors of 1e-10 in each of some thousand steps, which the capacitor mends.
     for name in (*model.states, *model.outputs):
         expected = float(result[name][-1])
@@ -96,7 +96,7 @@ def test_with_constraints(
         model.kernels.program, tmp_path, method, t_end=1.0, rtol=1e-11, atol=1e-12
     )
     values = printed(run([build(project, compiler)], tmp_path))
-    result = model.simulate((0.0, 1.0), [1.0], "DOP853", 1e-12, 1e-13, throw=True)
+    result = model.simulate((0.0, 1.0), [1.0], "dop853", 1e-12, 1e-13, throw=True)
     # As for constraints alone: some hundred steps at 1e-11, enlarged by the motion.
     for name in model.states:
         assert values[name] == pytest.approx(float(result[name][-1]), abs=1e-7), name
@@ -115,7 +115,7 @@ def test_shipped_rectifier_runs_to_its_end(
     model = load("bridge-rectifier").compile(list(sensitivities))
     project = write_c_project(model.kernels.program, tmp_path, t_end=0.1, rtol=1e-8, atol=1e-10)
     values = printed(run([build(project, compiler)], tmp_path))
-    result = model.simulate((0.0, 0.1), [0.1], "DOP853", 1e-11, 1e-13, throw=True)
+    result = model.simulate((0.0, 0.1), [0.1], "dop853", 1e-11, 1e-13, throw=True)
     # Some hundred steps with errors of 1e-8, which the load mends.
     for name in model.states:
         assert values[name] == pytest.approx(float(result[name][-1]), rel=1e-7), name

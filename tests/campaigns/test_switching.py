@@ -70,7 +70,7 @@ def outcomes(seed: int) -> list[str]:
             return [f"crash: compile: {error!r}"]
         method = METHODS[seed % len(METHODS)]
         if method == "scipy":
-            method = "DOP853" if made.is_continuous else "dopri5"
+            method = "dop853" if made.is_continuous else "dopri5"
         found.append(_run(model, made, reference, "auto", q))
         found.append(_run(model, made, reference, method, None))
         if seed % 5 == 0:

@@ -143,8 +143,6 @@ def test_an_overflow_that_does_no_harm_does_none_without_a_compiler(monkeypatch)
         assert np.array_equal(
             python.jacobian(0.0, [s, 0.2]), compiled.jacobian(0.0, [s, 0.2]), True
         )
-    runs = [model.simulate((0.0, 1.0), method="DOP853") for model in (python, compiled)]
-    assert np.array_equal(runs[0].y, runs[1].y)
 
 
 @pytest.mark.filterwarnings("ignore:COTREE_COMPILER:RuntimeWarning")

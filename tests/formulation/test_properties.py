@@ -229,7 +229,7 @@ def test_momenta_are_constant_where_only_internal_forces_act():
     scene = floating()
     model = scene.compile(optimize="-O0")
     times = np.linspace(0.0, 2.0, 9)
-    result = model.simulate((0.0, 2.0), times, "DOP853", rtol=1e-13, atol=1e-13, throw=True)
+    result = model.simulate((0.0, 2.0), times, "dop853", rtol=1e-13, atol=1e-13, throw=True)
     rows = result.output_values.T
     momenta = [
         Observed(scene, dict(zip(result.outputs, row, strict=True))).momenta() for row in rows
@@ -358,7 +358,7 @@ def without(scene, kinds, fields):
 def energies(scene, tree):
     model = scene.compile(tree=tree, optimize="-O0")
     times = np.linspace(0.0, 1.0, 41)
-    result = model.simulate((0.0, 1.0), times, "DOP853", rtol=1e-12, atol=1e-12, throw=True)
+    result = model.simulate((0.0, 1.0), times, "dop853", rtol=1e-12, atol=1e-12, throw=True)
     return result["energy"], result["kinetic"].max()
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.errors import ModelError, ParameterError, SingularSystemError
+from cotree.errors import ModelError, ParameterError, SingularSystemError, SolveError
 
 pytestmark = pytest.mark.compiler
 
@@ -166,14 +166,15 @@ def test_without_a_compiler_one_warning_and_the_same_numbers(monkeypatch, model_
         np.testing.assert_allclose(one, other, rtol=1e-14, atol=1e-14)
 
 
-def test_without_a_compiler_a_run_gives_the_same_numbers(monkeypatch, model_of, scene_name):
-    compiled = model_of(scene_name, ["k"])
+def test_without_a_compiler_nothing_is_simulated(monkeypatch):
     monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        model = cotree.load(scene_name).compile(["k"])
-    runs = [m.simulate((0, 1), t_eval=[1.0], method="DOP853") for m in (model, compiled)]
-    np.testing.assert_allclose(runs[0].y, runs[1].y, rtol=1e-10)
-    np.testing.assert_allclose(runs[0].s, runs[1].s, rtol=1e-10, atol=1e-12)
+    with pytest.warns(RuntimeWarning, match="nothing is simulated"):
+        model = cotree.load("bouncing-ball").compile()
+    for method in ("auto", "dopri5", "cvode", "DOP853"):
+        with pytest.raises(SolveError, match="pip install ziglang"):
+            model.simulate((0, 1), method=method)
+    with pytest.raises(SolveError, match="pip install ziglang"):
+        model.ensemble((0, 1), {model.parameters[0]: [1.0, 2.0]}, t_eval=[1.0])
 
 
 def test_both_backends_survive_undefined_numbers(monkeypatch):

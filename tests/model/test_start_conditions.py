@@ -141,7 +141,7 @@ def test_parameters_are_an_array_or_a_mapping():
 def test_a_run_goes_on_from_any_state(tree, level):
     """The initial value of a joint that is no state gives way to a run's own start."""
     model = linkage(a={"theta": 1.5, "theta_dot": 6.0}).compile(tree=TREES[tree])
-    settings = {"rtol": 1e-8, "atol": 1e-10, "method": "DOP853"}
+    settings = {"rtol": 1e-8, "atol": 1e-10, "method": "dop853"}
     first = model.simulate((0.0, 0.1), **settings)
     given = dict(zip(model.states, first.y[:, -1], strict=True))
     if level == "positions":  # speeds then begin as the scene says: a turns at 6 rad/s

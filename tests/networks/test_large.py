@@ -21,7 +21,7 @@ def ladder_response(n: int, t: float) -> np.ndarray:
 
 @pytest.mark.sampled(2)
 @pytest.mark.compiler
-@pytest.mark.parametrize("method", ["auto", "DOP853", "Radau", "BDF", "cvode", "ida"])
+@pytest.mark.parametrize("method", ["auto", "dop853", "Radau", "BDF", "cvode", "ida"])
 def test_a_long_ladder_by_every_method(method):
     if method in ("cvode", "ida"):
         pytest.importorskip("sksundae")

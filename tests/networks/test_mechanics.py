@@ -14,7 +14,7 @@ from cotree.errors import (
     TopologyError,
 )
 
-TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+TIGHT = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
 # Runs of some ten periods at that tolerance: measured 1e-11 and less.
 CLOSE = {"rtol": 0.0, "atol": 1e-10}
 

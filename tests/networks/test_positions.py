@@ -8,7 +8,7 @@ import pytest
 import cotree
 from cotree import Scene
 
-TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+TIGHT = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
 # Runs of some ten periods at that tolerance.
 CLOSE = {"rtol": 0.0, "atol": 1e-10}
 

@@ -8,7 +8,7 @@ import pytest
 from cotree import Scene
 from cotree.errors import ParameterError
 
-TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
 
 
 def _parallel(first, second):

@@ -560,7 +560,7 @@ LONG_TAIL = (
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    "method", ["rodas5", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ida", "BDF"))]
+    "method", ["rodas5", *(pytest.param(n, marks=pytest.mark.slow) for n in ("ida", "cvode"))]
 )
 def test_charges_in_transit_alone_do_not_stop_a_run(method):
     """A long-tailed pair that switches: its transistors have no capacitance of their own."""

@@ -165,7 +165,7 @@ def test_another_version_is_refused(method, monkeypatch):
 @pytest.mark.parametrize("tested", [True, False])
 def test_agrees_with_a_tight_solution(slider, tested, method):
     times = np.linspace(0.0, 10.0, 101)
-    reference = slider.simulate((0.0, 10.0), times, "DOP853", 1e-12, 1e-13)
+    reference = slider.simulate((0.0, 10.0), times, "dop853", 1e-12, 1e-13)
     settings = {"error_test_sensitivities": tested, "throw": True}
     result = slider.simulate((0.0, 10.0), times, method, 1e-9, 1e-10, **settings)
     assert result.message == f"{method} reached t = 10."
@@ -323,7 +323,7 @@ def test_constraints_and_algebraic_unknowns_live_together(method):
     model = model_of(with_a_network(formulate(four_bar(), ["a"], None)[1]))
     times, n = np.linspace(0.0, 1.0, 6), len(alone.states)
     result = model.simulate((0.0, 1.0), times, method, 1e-9, 1e-11, throw=True)
-    expected = alone.simulate((0.0, 1.0), times, "DOP853", 1e-12, 1e-13, throw=True)
+    expected = alone.simulate((0.0, 1.0), times, "dop853", 1e-12, 1e-13, throw=True)
     # Some hundred steps at 1e-9, enlarged some ten times by the motion.
     np.testing.assert_allclose(result.y[:n], expected.y, atol=1e-6)
     np.testing.assert_allclose(result.s[:n], expected.s, atol=1e-5)

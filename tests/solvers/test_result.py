@@ -10,7 +10,7 @@ import pytest
 
 import cotree
 from cotree.errors import Error, ModelError
-from cotree.solvers import RunRecord, Statistics
+from cotree.solvers import Drift, RunRecord, Statistics
 
 
 @pytest.fixture
@@ -130,3 +130,28 @@ def test_plot_asks_the_drawing_module(result, monkeypatch):
     monkeypatch.setattr("cotree.plot.plot_result", recorded)
     cotree.Result(**vars(result)).plot(["energy"])
     assert calls == [(result.t[-1], ["energy"])]
+
+
+def test_the_result_says_how_constraints_are_held():
+    t = np.array([0.0, 1.0])
+    result = RunRecord(
+        t=t,
+        y=np.array([t]),
+        s=np.zeros((1, 0, 2)),
+        states=("x",),
+        outputs=(),
+        output_values=np.zeros((0, 2)),
+        output_sensitivities=np.zeros((0, 0, 2)),
+        inputs=(),
+        input_values=np.zeros((0, 2)),
+        parameters_of_sensitivity=(),
+        units={},
+        status=0,
+        message="DOP853 reached t = 1.",
+        statistics=Statistics("DOP853", 10, 0, 0, 2, 0.5),
+    )
+    assert "onstraint" not in result.summary()
+    residual = np.array([[1e-16, 0.0], [0.0, -2e-15]])
+    held = dataclasses.replace(result, drift=Drift(("rod", "rod_dot"), residual, 3e-9))
+    assert "\nConstraints held to 2e-15, largest correction 3e-09." in held.summary()
+    assert list(held.columns()) == ["t", "x"]

@@ -7,7 +7,7 @@ import pytest
 
 import cotree
 from cotree.model.lengths import length_of_turns
-from cotree.solvers import Projection
+from cotree.solvers import HeldConstraints
 
 UNITS = {"metre": 1.0, "kilogram": 1.0, "second": 1.0}
 BARS = {"crank": 1.0, "coupler": 2.0, "rocker": 2.0}
@@ -39,7 +39,7 @@ BODIES = ["base", *BARS, *(f"m_{bar}" for bar in BARS)]
 
 
 def _values(model, p):
-    projection = Projection(model.kernels, p, lambda t: None)
+    projection = HeldConstraints(model.kernels, p, lambda t: None)
     start = model.start(p=p)
     return projection, np.concatenate([start.y, start.s.T.ravel()])
 
@@ -78,7 +78,7 @@ def test_a_small_linkage_takes_the_method_of_a_large_one(metre):
 def test_steps_are_those_of_a_linkage_of_any_size(tree):
     model = linkage().compile(tree=tree, optimize="-O0")
     state = "m_crank.theta" if tree else "a.theta"
-    for method in ("dop853", "DOP853", "rodas5"):
+    for method in ("dop853", "dopri5", "rodas5"):
         found = [
             model.simulate((0, 1), [1.0], method, 1e-7, 1e-30, parameters={"metre": metre})
             for metre in (1e-3, 1.0, 1e3)

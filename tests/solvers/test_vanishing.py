@@ -169,16 +169,6 @@ def test_what_is_not_finite_is_named_by_its_own_name(method):
     assert "to 'c'" in result.message
 
 
-def test_without_a_compiler(monkeypatch):
-    monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        model = pendulums().compile(["L1", "L2"])
-    found = model.simulate((0.0, 0.3), [0.3], "dopri5", 1e-9, 1e-11)
-    monkeypatch.delenv("COTREE_COMPILER")
-    expected = pendulums().compile(["L1", "L2"]).simulate((0.0, 0.3), [0.3], "dopri5", 1e-9, 1e-11)
-    np.testing.assert_allclose(found.s, expected.s, atol=1e-8)
-
-
 def test_ball_beside_pendulum_has_its_closed_form():
     """The second bounce of a ball that falls from 1 m: t = sqrt(2/g) (1 + 2 e)."""
     result = ball_beside_pendulum().compile(["L1", "e"]).simulate((0.0, 1.5), rtol=1e-10)

@@ -18,7 +18,7 @@ def oscillator() -> Experiment:
     scene.edge("s", "prismatic", "ground", "A", axis=[1, 0, 0], stiffness="k", initial={"s": "a"})
     scene.output("twice", "2*s.s")
     model = scene.compile(["k", "s.s"])
-    settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+    settings = {"method": "dop853", "rtol": 1e-12, "atol": 1e-14}
     return Experiment(model, np.linspace(0.0, 2.0, 9), settings)
 
 

@@ -14,10 +14,9 @@ from scipy.special import lambertw
 import cotree
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import METHODS, Problem, integrate
 from cotree.studies.check import check_sensitivities
 
-ALL = [*(name for name, row in METHODS.items() if row.family == "scipy"), "cvode", "ida", "auto"]
+ALL = ["dopri5", "dop853", "rodas4", "rodas5", "cvode", "ida", "auto"]
 
 # x' = -a x + z, 0 = z - b x - sin(w t): x' = (b - a) x + sin(w t).
 LINEAR = Made(
@@ -127,34 +126,6 @@ def test_a_sensitivity_to_a_guess_is_refused():
 
 
 @pytest.mark.parametrize("method", ALL)
-def test_unknowns_jump_at_a_breakpoint(method):
-    """x' = z, 0 = z + z^3 - u with u = 2 before t = 1 and 10 after: z is 1, then 2."""
-
-    def rhs(t, y):
-        u = 2.0 if t < 1.0 else 10.0
-        return np.array([y[1], y[1] + y[1] ** 3 - u])
-
-    problem = Problem(
-        rhs=rhs,
-        jacobian=lambda t, y: np.array([[0.0, 1.0], [0.0, 1.0 + 3.0 * y[1] ** 2]]),
-        n_states=2,
-        n_sensitivities=0,
-        z0=np.array([0.0, 0.3]),
-        t_span=(0.0, 2.0),
-        t_eval=np.array([0.0, 0.5, 1.0, 1.5, 2.0]),
-        breakpoints=(1.0,),
-        names=("x", "z"),
-        n_algebraic=1,
-    )
-    trajectory = integrate(problem, method)
-    assert trajectory.status == 0, trajectory.message
-    # Rates are constant, so that steps are exact.
-    np.testing.assert_allclose(trajectory.z[0], [0.0, 0.5, 1.0, 2.0, 3.0], atol=1e-9)
-    # What is stored at the breakpoint holds at that very time.
-    np.testing.assert_allclose(trajectory.z[1], [1.0, 1.0, 2.0, 2.0, 2.0], rtol=1e-14)
-
-
-@pytest.mark.parametrize("method", ALL)
 def test_an_input_replaced_in_a_run_moves_the_start(method):
     made = Made(
         "driven",
@@ -213,7 +184,7 @@ def test_diodes_in_series_find_their_start(n, guess):
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("method", ["Radau", "BDF", "LSODA", "cvode", "ida", "auto"])
+@pytest.mark.parametrize("method", ["rodas5", "cvode", "ida", "auto"])
 def test_diode_charges_a_capacitor(method):
     """The reduced equation by Lambert's function, integrated with Radau's method of its own."""
     from scipy.integrate import solve_ivp
@@ -352,7 +323,6 @@ def test_a_run_into_a_fold_stops_with_its_reason(method):
 @pytest.mark.parametrize(
     ("method", "tolerance"),
     [
-        pytest.param("Radau", 1e-9, marks=pytest.mark.slow),
         pytest.param("cvode", 1e-11, marks=pytest.mark.slow),
         ("auto", 1e-9),
         ("ida", 1e-11),
@@ -360,8 +330,7 @@ def test_a_run_into_a_fold_stops_with_its_reason(method):
 )
 def test_transistor_amplifier(method, tolerance):
     model = AMPLIFIER.model(list(SENSITIVITIES))
-    # The steps of Radau are taken in Python: the first quarter is enough of them.
-    times = TIMES[:1] if method == "Radau" else TIMES
+    times = TIMES
     settings = {"rtol": tolerance, "atol": tolerance / 100.0, "throw": True}
     result = model.simulate((0.0, times[-1]), times, method, **settings)
     n = len(times)
@@ -377,7 +346,7 @@ def test_transistor_amplifier(method, tolerance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode", "ida"])
+@pytest.mark.parametrize("method", ["dop853", "cvode", "ida"])
 def test_constraints_and_algebraic_unknowns_live_together(method):
     alone = four_bar().compile(["a"])
     model = model_of(with_a_network(formulate(four_bar(), ["a"], None)[1]))
@@ -386,7 +355,7 @@ def test_constraints_and_algebraic_unknowns_live_together(method):
     times = np.linspace(0.0, 1.0, 6)
     settings = {"rtol": 1e-9, "atol": 1e-11, "throw": True}
     result = model.simulate((0.0, 1.0), times, method, **settings)
-    expected = alone.simulate((0.0, 1.0), times, "DOP853", 1e-12, 1e-13, throw=True)
+    expected = alone.simulate((0.0, 1.0), times, "dop853", 1e-12, 1e-13, throw=True)
     # Some hundred steps at 1e-9 by multistep methods, enlarged some ten times by the motion.
     np.testing.assert_allclose(result.y[:n], expected.y, atol=1e-5)
     np.testing.assert_allclose(result.s[:n], expected.s, atol=1e-4)

@@ -39,7 +39,7 @@ def _check(result, data, output_of, digits=8):
             assert np.max(np.abs(found - expected)) <= 10.0**-digits * scale, (quantity, parameter)
 
 
-@pytest.mark.parametrize("method", ["DOP853", "BDF", "cvode"])
+@pytest.mark.parametrize("method", ["dop853", "BDF", "cvode"])
 def test_rlc_series(method):
     data = read_reference("rlc_series")
     scene = circuits.circuit("rlc_series")
@@ -50,11 +50,11 @@ def test_rlc_series(method):
 
 def test_rlc_ladder():
     data = read_reference("spice_rlc_ladder50")
-    result = _run(circuits.circuit("spice_rlc_ladder50"), data, "DOP853")
+    result = _run(circuits.circuit("spice_rlc_ladder50"), data, "dop853")
     _check(result, data, circuits.output_of)
 
 
-@pytest.mark.parametrize("method", ["DOP853", "LSODA", "auto"])
+@pytest.mark.parametrize("method", ["dop853", "LSODA", "auto"])
 def test_battery_with_a_switched_current(method):
     data = read_reference("battery_2rc")
     result = _run(circuits.battery(), data, method)

@@ -36,7 +36,7 @@ def test_tolerances_of_charges_are_those_of_their_voltages():
     model = driven().compile(["R", "c"])
     settings = {"t_eval": [5e-9], "rtol": 1e-12, "atol": 1e-14}
     exact = model.simulate((0, 5e-9), method="dop853", **settings)
-    for method in ("dopri5", "rkf45", "dop853", "rodas4", "rodas5", "cvode", "ida", "LSODA", "BDF"):
+    for method in ("dopri5", "rkf45", "dop853", "rodas4", "rodas5", "cvode", "ida"):
         result = model.simulate((0, 5e-9), method=method, t_eval=[5e-9], rtol=1e-8)
         # Errors of a hundred steps or two.
         np.testing.assert_allclose(result["C.v"], exact["C.v"], rtol=1e-7)
@@ -142,9 +142,9 @@ def test_without_a_compiler_contents_are_the_same(monkeypatch):
     monkeypatch.setenv("COTREE_COMPILER", "none")
     with pytest.warns(RuntimeWarning, match="evaluated in Python"):
         model = driven().compile(["c"])
-    runs = [m.simulate((0, 1e-9), t_eval=[1e-9], method="Radau") for m in (model, compiled)]
-    np.testing.assert_allclose(runs[0].y, runs[1].y, rtol=1e-12)
-    np.testing.assert_allclose(runs[0].s, runs[1].s, rtol=1e-9, atol=1e-12)
+    starts = [m.start() for m in (model, compiled)]
+    np.testing.assert_allclose(starts[0].y, starts[1].y, rtol=1e-12)
+    np.testing.assert_allclose(starts[0].s, starts[1].s, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -352,9 +352,15 @@ REFUSED = {
     "kernels": dict.fromkeys(("algebraic", "static", "constraints", "quaternion"), ("as_casadi",)),
     "runs": {
         **dict.fromkeys(("modes", "events", "jump"), ("cannot take events",)),
+        "algebraic": ("cannot take algebraic unknowns",),
+        **dict.fromkeys(("constraints", "quaternion"), ("cannot take constraints",)),
         "friction": ("cannot take events", "decides when an event happens"),
     },
-    "ensembles": dict.fromkeys(("modes", "events", "jump", "friction"), ("cannot take events",)),
+    "ensembles": {
+        **dict.fromkeys(("modes", "events", "jump", "friction"), ("cannot take events",)),
+        "algebraic": ("cannot take algebraic unknowns",),
+        **dict.fromkeys(("constraints", "quaternion"), ("cannot take constraints",)),
+    },
     "searches": {
         "modes": (),
         "friction": (),

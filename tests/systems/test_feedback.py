@@ -45,7 +45,7 @@ LAW = "-k_p*rail.s - k_d*rail.s_dot"
 GAINS = {"k_p": K, "k_d": D}
 
 
-@pytest.mark.parametrize("method", ["auto", "rodas5", "DOP853", "cvode"])
+@pytest.mark.parametrize("method", ["auto", "rodas5", "dop853", "cvode"])
 def test_feedback_of_states_with_new_gains(cart, method):
     if method == "cvode":
         pytest.importorskip("sksundae")

@@ -67,13 +67,13 @@ def test_a_chaotic_motion_runs_back_to_where_it_began(rtol):
     Measured: 9.7e-8 and 1.8e-11, a thousand times rtol and two hundred times.
     """
     model = model_of("double pendulum, 10 s")
-    assert reversal(model, 5.0, "DOP853", rtol) < 1e4 * rtol
+    assert reversal(model, 5.0, "dop853", rtol) < 1e4 * rtol
 
 
 def test_many_periods_of_a_light_oscillator():
     """The phase is what errors add up in: 1e-8 a step over 3e3 steps at most; measured 3e-7."""
     times = 2.0 * np.pi * 300 * np.linspace(0.0, 1.0, 6)
-    result = model_of("1e5 periods").simulate((0, times[-1]), times, "DOP853", 1e-8, 1e-10)
+    result = model_of("1e5 periods").simulate((0, times[-1]), times, "dop853", 1e-8, 1e-10)
     exact = hs.light_oscillator_exact(times)["s.s"]
     assert np.max(np.abs(result["s.s"] - exact)) < 3e-6
 
@@ -82,7 +82,7 @@ def test_many_periods_of_a_light_oscillator():
 def test_a_spatial_loop_with_redundant_conditions_moves_as_it_must():
     """Bennett's relation of two angles is none of the equations; energy is kept as by a tree."""
     times = np.linspace(0.0, 3.0, 31)
-    result = model_of("Bennett's linkage").simulate((0, 3), times, "DOP853", 1e-10, 1e-12)
+    result = model_of("Bennett's linkage").simulate((0, 3), times, "dop853", 1e-10, 1e-12)
     assert result.redundant == 3
     assert np.ptp(result["j0.theta"]) > 1.0
     gap = hs.bennett_gap(result["j0.theta"], result["j1.theta"])
@@ -98,7 +98,7 @@ def test_a_parasitic_capacitance_disappears_in_proportion():
     output = {}
     for farad in (1e-7, 1e-8, 1e-15, 0.0):
         model = hs.parasitic_rectifier(farad).compile()
-        method = "cvode" if farad else "DOP853"
+        method = "cvode" if farad else "dop853"
         result = model.simulate((0, 0.02), times, method, 1e-10, 1e-12, throw=True)
         output[farad] = result["v_o"]
     first, second, third = (np.max(np.abs(output[f] - output[0.0])) for f in (1e-7, 1e-8, 1e-15))

@@ -130,7 +130,7 @@ def test_inputs_and_what_depends_on_them_are_reported(mass):
 
 def test_a_short_pulse_is_not_stepped_over(mass):
     late = ([900.0, 900.01, 900.02], [0.0, 100.0, 0.0])
-    result = mass.simulate((0, 1000), inputs={"F": late}, method="DOP853")
+    result = mass.simulate((0, 1000), inputs={"F": late}, method="dop853")
     # The kinks are restarts: nothing is lost however long the steps around them grow.
     assert result["guide.s_dot"][-1] == pytest.approx(0.5, rel=1e-7)
 
@@ -141,9 +141,9 @@ def test_a_scenes_own_table_is_not_stepped_over_either():
     scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
     scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
     model = scene.compile()
-    result = model.simulate((0, 1000), method="DOP853")
+    result = model.simulate((0, 1000), method="dop853")
     assert result["guide.s_dot"][-1] == pytest.approx(0.5, rel=1e-7)
-    replaced = model.simulate((0, 1000), method="DOP853", inputs={"F": 0.0})
+    replaced = model.simulate((0, 1000), method="dop853", inputs={"F": 0.0})
     assert replaced["guide.s_dot"][-1] == 0.0
 
 
@@ -153,8 +153,8 @@ def test_inputs_of_the_scene_and_of_the_run_agree(mass):
     scene.input("F", "a*sin(t) + a*t")
     scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
     scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
-    own = scene.compile().simulate((0, 3), parameters={"a": 2.0}, method="DOP853", **TIGHT)
-    values = {"parameters": {"a": 2.0}, "method": "DOP853"}
+    own = scene.compile().simulate((0, 3), parameters={"a": 2.0}, method="dop853", **TIGHT)
+    values = {"parameters": {"a": 2.0}, "method": "dop853"}
     given = mass.simulate((0, 3), inputs={"F": "a*sin(t) + a*t"}, **values, **TIGHT)
     assert own["guide.s"][-1] == pytest.approx(given["guide.s"][-1], abs=1e-10)
 
@@ -165,7 +165,7 @@ def test_sensitivity_to_a_parameter_of_the_scenes_own_input():
     scene.input("F", "a*t")
     scene.edge("guide", "prismatic", "ground", "A", axis=[1, 0, 0], force="F")
     scene.edge("body", "rigid_body", "ground", "A", mass=MASS)
-    result = scene.compile(["a"]).simulate((0, 2), method="DOP853", **TIGHT)
+    result = scene.compile(["a"]).simulate((0, 2), method="dop853", **TIGHT)
     exact = 2.0**2 / 2 / MASS
     assert result.sensitivity("guide.s_dot", "a")[-1] == pytest.approx(exact, abs=1e-10)
 

@@ -9,7 +9,6 @@ import pytest
 from reference_scenes import read_reference, scene_of
 
 import cotree
-from cotree.tolerances import LOOSE_RTOL
 
 # Corners of Bricard's mechanism, a way along six edges of a cube; hinges stand across both rods.
 CORNERS = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
@@ -55,14 +54,11 @@ def places(model: cotree.Model) -> np.ndarray:
         ("rkf45", 1e-3, 0.2, 0.7),
         ("dop853", 1e-3, 1e-4, 1e-3),
         ("dopri5", 1e-4, 1e-3, 1e-3),
-        ("RK45", 1e-3, 0.1, 0.2),
         # With rates and Jacobians taken off redundant constraints cvode was 1.3 m and 4.8 J off in
-        # 12,000 steps, ida 1.2 m, LSODA 1.7 m, and BDF did not come to an end.
+        # 12,000 steps, and ida 1.2 m.
         ("cvode", 1e-4, 0.02, 0.1),
         ("cvode", 1e-5, 3e-4, 1e-3),
         ("ida", 1e-4, 5e-3, 0.02),
-        ("LSODA", 1e-4, 0.01, 0.05),
-        ("BDF", 1e-4, 0.01, 0.05),
     ],
 )
 def test_no_step_goes_another_way(
@@ -74,36 +70,15 @@ def test_no_step_goes_another_way(
     found = np.array([result[f"p3{axis}"] for axis in "xyz"])
     assert np.max(np.abs(found - places)) < metres
     assert np.ptp(result["energy"]) < joules
-    # And not 1.0. BDF is corrected every hundred steps only: at tolerances from 0.988e-4 to
-    # 1e-4, which act like other rounding, its corrections scatter from 0.7e-3 to 1.6e-3.
-    most = (20 if method == "BDF" else 10) * rtol
-    assert result.drift.correction < most
-
-
-@pytest.mark.slow
-def test_a_correction_of_many_tolerances_is_a_failed_run(model: cotree.Model) -> None:
-    """Between steps, too, where BDF's polynomials are far off at these tolerances."""
-    found = []
-    # Rounding decides at which of these tolerances BDF leaves its branch, and it differs between
-    # processors. Every run fails; those that were moved onto another branch say so.
-    for rtol in (1e-2, 1.05e-2, 1.1e-2, 2e-2):
-        with pytest.warns(RuntimeWarning) as caught:
-            result = model.simulate((0, 12), TIMES, "BDF", rtol, rtol)
-        assert not result.success
-        assert len(caught) == 1 + (rtol > LOOSE_RTOL)  # of the run, and of the tolerance
-        if result.drift.correction > 0.5:
-            assert "moved the states by up to 1," in result.message
-            assert f"give an rtol of {0.1 * rtol:.1g} or less" in result.message
-            found.append(rtol)
-    assert found
+    assert result.drift.correction < 10 * rtol  # and not 1.0
 
 
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("method", "rtol", "limit"),
     [
-        *((method, 1e-2, 1e-3) for method in ("dop853", "dopri5", "rkf45", "RK45")),
-        *((method, 1e-3, 1e-4) for method in ("cvode", "ida", "BDF", "LSODA")),
+        *((method, 1e-2, 1e-3) for method in ("dop853", "dopri5", "rkf45")),
+        *((method, 1e-3, 1e-4) for method in ("cvode", "ida")),
     ],
 )
 def test_looser_tolerances_fail(
@@ -115,7 +90,7 @@ def test_looser_tolerances_fail(
     assert not result.success
 
 
-@pytest.mark.parametrize("method", ["dopri5", "RK45"])
+@pytest.mark.parametrize("method", ["dopri5", "rkf45"])
 def test_loose_tolerances_are_warned_of(model: cotree.Model, method: str) -> None:
     with pytest.warns(RuntimeWarning, match=f"constraints are redundant, which {method} follows"):
         model.simulate((0, 0.2), [0.2], method, 1e-3, 1e-3)

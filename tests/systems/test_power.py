@@ -40,7 +40,7 @@ def test_power_is_the_rate_of_the_energy(is_absolute):
     model = scene.compile(tree=tree)
     h = 1e-3
     times = np.add.outer(np.linspace(0.2, 1.8, 9), h * np.array([-2, -1, 0, 1, 2])).ravel()
-    result = model.simulate((0, 2), times, "DOP853", 1e-12, 1e-12)
+    result = model.simulate((0, 2), times, "dop853", 1e-12, 1e-12)
     middle = slice(2, None, 5)
     stored = result["stored"].reshape(-1, 5)
     rate = (stored @ np.array([1, -8, 0, 8, -1])) / (12 * h)

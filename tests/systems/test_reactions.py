@@ -294,7 +294,7 @@ def test_baumgarte_bounds_the_drift_that_grows_without():
     drift = {}
     for rate in (0.0, 20.0):
         model = scene.compile(tree=["bob", "rod"], optimize="-O0", baumgarte=rate)
-        settings = {"method": "DOP853", "rtol": 1e-7, "atol": 1e-7, "throw": True}
+        settings = {"method": "dop853", "rtol": 1e-7, "atol": 1e-7, "throw": True}
         result = model.simulate((0.0, 20.0), times, project=False, **settings)
         values = [
             model.kernels.constraint_values(t, y) for t, y in zip(times, result.y.T, strict=True)

@@ -51,7 +51,7 @@ def test_a_second_hinge_changes_nothing(axis, rotation, is_absolute):
         types = ("rigid_body", "arm", "weld")
         bodies = [name for name, e in scene.edges.items() if e.component.name in types]
         model = scene.compile(tree=bodies if is_absolute else None, optimize="-O0")
-        found.append(model.simulate((0, 1), times, "DOP853", 1e-11, 1e-11))
+        found.append(model.simulate((0, 1), times, "dop853", 1e-11, 1e-11))
     one, two = found
     for name in one.outputs:
         assert np.allclose(two[name], one[name], **SAME), name
@@ -85,7 +85,7 @@ def test_a_planar_loop_of_hinges_in_space(axis):
     ends = []
     for closing in ("slot", "revolute"):
         model = linkage(axis, closing).compile(optimize="-O0")
-        result = model.simulate((0, 1), [1.0], "DOP853", 1e-11, 1e-11)
+        result = model.simulate((0, 1), [1.0], "dop853", 1e-11, 1e-11)
         ends.append(result["a.theta"][-1])
     assert ends[1] == pytest.approx(ends[0], rel=1e-8)
 
@@ -113,7 +113,7 @@ def bench(n_legs: int) -> Scene:
 def test_equal_legs_share_the_load_and_its_sensitivities_are_left_out():
     model = bench(3).compile(["l"])
     with pytest.warns(RuntimeWarning, match="reactions are not unique"):
-        result = model.simulate((0, 1), np.linspace(0, 1, 5), "DOP853", 1e-11, 1e-11)
+        result = model.simulate((0, 1), np.linspace(0, 1, 5), "dop853", 1e-11, 1e-11)
     assert result.redundant == 1
     assert "Redundant constraints: 1" in result.summary()
     total = result["fy0"] + result["fy1"] + result["fy2"]
@@ -126,7 +126,7 @@ def test_equal_legs_share_the_load_and_its_sensitivities_are_left_out():
     pendulum.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], initial={"theta": 0.3})
     pendulum.edge("r", "arm", "A", "B", vector=[0, "-l", 0])
     pendulum.edge("m", "rigid_body", "ground", "B", mass=4.0)
-    alone = pendulum.compile(["l"]).simulate((0, 1), np.linspace(0, 1, 5), "DOP853", 1e-11, 1e-11)
+    alone = pendulum.compile(["l"]).simulate((0, 1), np.linspace(0, 1, 5), "dop853", 1e-11, 1e-11)
     assert np.allclose(result["p0.theta"], alone["h.theta"], **SAME)
     found, expected = (r.sensitivity(n, "l") for r, n in ((result, "p0.theta"), (alone, "h.theta")))
     assert np.allclose(found, expected, rtol=1e-7, atol=1e-8)

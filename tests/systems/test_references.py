@@ -12,7 +12,7 @@ pytestmark = pytest.mark.compiler
 
 METHODS = [
     "RK45",
-    "DOP853",
+    "dop853",
     "LSODA",
     pytest.param("Radau", marks=pytest.mark.slow),  # a hundred thousand stages at this tolerance
     "BDF",
@@ -63,7 +63,7 @@ def test_other_parameters_against_the_closed_form(model_of):
     model = model_of("spring-mass-damper")
     changed = {"m": 3.0, "k": 20.0, "c": 0.5, "l0": -0.2, "F0": 7.0, "w": 2.0, "x0": 1.5, "v0": -2}
     t = np.linspace(0.0, 8.0, 9)
-    result = model.simulate((0, 8), t_eval=t, parameters=changed, method="DOP853", **TIGHT)
+    result = model.simulate((0, 8), t_eval=t, parameters=changed, method="dop853", **TIGHT)
     values, along = oscillator_values(t, {name: changed[name] for name in model.parameters})
     # Order 8 at this tolerance is good to a few 1e-12; sizes reach 30.
     np.testing.assert_allclose(result.y, values, atol=1e-10)
@@ -79,7 +79,7 @@ def test_initial_expressions_carry_sensitivities(model_of):
 def test_sensitivity_to_an_initial_value_by_the_states_name(model_of):
     model = model_of("spring-mass-damper", ["s.s", "s.s_dot", "x0", "v0"])
     t = np.linspace(0.0, 5.0, 6)
-    result = model.simulate((0, 5), t_eval=t, method="DOP853", **TIGHT)
+    result = model.simulate((0, 5), t_eval=t, method="dop853", **TIGHT)
     np.testing.assert_allclose(result.s[:, 0], result.s[:, 2], atol=1e-15)
     np.testing.assert_allclose(result.s[:, 1], result.s[:, 3], atol=1e-15)
     parameters = dict(zip(model.parameters, model.default_parameters, strict=True))
@@ -89,11 +89,11 @@ def test_sensitivity_to_an_initial_value_by_the_states_name(model_of):
 
 def test_an_initial_value_given_for_a_run_depends_on_no_parameter(model_of):
     model = model_of("spring-mass-damper", ["x0", "v0", "s.s"])
-    result = model.simulate((0, 1), initial={"s.s": 0.9}, method="DOP853", **TIGHT)
+    result = model.simulate((0, 1), initial={"s.s": 0.9}, method="dop853", **TIGHT)
     assert result["s.s"][0] == 0.9
     assert result.s[:, :, 0].tolist() == [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
     assert np.all(result.sensitivity("s.s", "x0") == 0.0)
-    same = model.simulate((0, 1), parameters={"x0": 0.9}, method="DOP853", **TIGHT)
+    same = model.simulate((0, 1), parameters={"x0": 0.9}, method="dop853", **TIGHT)
     assert abs(result["s.s"][-1] - same["s.s"][-1]) < 1e-13
 
 
@@ -109,10 +109,10 @@ def test_output_sensitivity_against_finite_differences(model_of, parameter):
     t = [0.5, 1.0, 3.0, 10.0]
 
     def run(parameters):
-        settings = {"t_eval": t, "parameters": parameters, "method": "DOP853"}
+        settings = {"t_eval": t, "parameters": parameters, "method": "dop853"}
         return model.simulate((0, 10), **settings, **TIGHT)["rod_x"]
 
-    result = model.simulate((0, 10), t_eval=t, method="DOP853", **TIGHT)
+    result = model.simulate((0, 10), t_eval=t, method="dop853", **TIGHT)
     value = dict(zip(model.parameters, model.default_parameters, strict=True))[parameter]
     found = _differences(run, parameter, value, 1e-4)
     # Truncation h**2 f'''/6 is about 1e-8; errors of the runs 1e-12 / h are as small.
@@ -120,7 +120,7 @@ def test_output_sensitivity_against_finite_differences(model_of, parameter):
 
 
 def test_the_output_is_where_the_rod_is(model_of):
-    result = model_of("slider-pendulum").simulate((0, 2), method="DOP853", **TIGHT)
+    result = model_of("slider-pendulum").simulate((0, 2), method="dop853", **TIGHT)
     expected = result["j1.s"] + 0.5 * np.sin(result["h2.theta"])
     np.testing.assert_allclose(result["rod_x"], expected, atol=1e-15)
     along = result.sensitivity("rod_x", "L")
@@ -132,7 +132,7 @@ def test_the_output_is_where_the_rod_is(model_of):
 def test_an_autonomous_system_does_not_look_at_the_clock(model_of):
     model = model_of("slider-pendulum", ["L"])
     runs = [
-        model.simulate((start, start + 2), t_eval=[start + 2], method="DOP853", **TIGHT)
+        model.simulate((start, start + 2), t_eval=[start + 2], method="dop853", **TIGHT)
         for start in (0.0, 50.0)
     ]
     # Times near 50 are rounded to 7e-15, and so are steps.
@@ -143,7 +143,7 @@ def test_an_autonomous_system_does_not_look_at_the_clock(model_of):
 def test_energy_is_lost_to_the_damper_alone(model_of):
     """Without damping the slider-pendulum keeps its energy."""
     model = model_of("slider-pendulum", [])
-    result = model.simulate((0, 10), parameters={"zeta": 0.0}, method="DOP853", **TIGHT)
+    result = model.simulate((0, 10), parameters={"zeta": 0.0}, method="dop853", **TIGHT)
     s, theta, v, w = result.y
     m1, m2, length, r, _, k, s0, g = model.default_parameters
     inertia = m2 * (r**2 / 4 + length**2 / 3)

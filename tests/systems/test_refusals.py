@@ -38,7 +38,7 @@ def test_an_axis_that_parameters_take_the_direction_from():
 def test_an_input_that_is_undefined_fails_as_a_value():
     model = pendulum().compile()
     with pytest.warns(RuntimeWarning):
-        result = model.simulate((0, 1), inputs={"tau": "log(t - 1)"}, method="DOP853")
+        result = model.simulate((0, 1), inputs={"tau": "log(t - 1)"}, method="dop853")
     assert not result.success
 
 

@@ -43,7 +43,6 @@ from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.methods import refusal
 from cotree.solvers.prepare import prepared
-from cotree.solvers.project import Projection
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.stiffness_switching import is_confirmed, stiff_method
 from cotree.solvers.timely import is_fine, timely
@@ -170,11 +169,10 @@ class BlockInC:
         n, plan = self.n_kept[member], self.pattern.plan
         t, z = np.asarray(plan.settings.t_eval, dtype=float)[:n], self.results.z[member, :n].T
         work = Statistics(self.pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
-        projection = problem.project if isinstance(problem.project, Projection) else None
         correction = float(self.corrections[member])
-        drift = None if projection is None else Drift((), np.zeros((0, n)), correction)
+        drift = None if problem.held is None else Drift((), np.zeros((0, n)), correction)
         run = Trajectory(t, z, 0, "", work, drift)
-        redundant = redundancy(plan.model, projection, run)
+        redundant = redundancy(plan.model, problem.held, run)
         # Reactions that are not unique have no sensitivities.
         is_left_out = redundant > 0 and problem.n_sensitivities > 0 and bool(plan.outputs)
         if held(problem, timely(problem, run), redundant).status != 0 or is_left_out:
@@ -190,7 +188,7 @@ class BlockInC:
             for member in np.flatnonzero(is_late).tolist():
                 self.run_alone(member)
             is_done &= ~is_late
-        if self.pattern.problem.project is not None and not self.pattern.is_searched:
+        if self.pattern.problem.held is not None and not self.pattern.is_searched:
             for member in np.flatnonzero(is_done).tolist():
                 if not self._is_held(member):
                     self.run_alone(member)

@@ -21,8 +21,8 @@ from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import scene_start
 from cotree.naming import c_identifier
+from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.project import Projection
 from cotree.tolerances import loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
@@ -87,9 +87,9 @@ class Evaluated:
         """Tell whether constraints of edges are dependent at the start, or nearly so."""
         if not self.program.layout.constraint_edges:
             return False
-        # The rank is judged as the projection of a run would judge it.
-        projection = Projection(self.model, self.model.default_parameters, lambda t: None)
-        return bool(projection.singular(0.0, self.start.z))
+        # The rank is judged as a run judges it.
+        held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
+        return bool(held.singular(0.0, self.start.z))
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:

@@ -2,7 +2,7 @@
 
 The folder holds the model, integrators without dependencies, a main program that integrates the
 model to its end time and prints the end state, and build files. If the model has constraints, the
-main program holds it to them as ``solvers/project.py`` does, from a consistent start that it finds.
+main program holds it to them as a run does, from a consistent start that it finds.
 Algebraic unknowns are solved for at each evaluation; the other states are integrated.
 """
 

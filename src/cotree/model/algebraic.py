@@ -15,7 +15,7 @@ import numpy as np
 from cotree.errors import SingularSystemError, SolveError
 from cotree.model.arrays import Array
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
-from cotree.model.roots import NEAR, NEXT, Equation, Root, find_root, iterate
+from cotree.model.roots import NEXT, Equation, Root, find_root, iterate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -81,11 +81,6 @@ class Algebraic:
         with np.errstate(all="ignore"):
             root = iterate(self._equation(t, y), y[self.cut :], NEXT, self._linear)
         return self._taken(t, y, root)
-
-    def approach(self, t: float, y: Array) -> Array:
-        """Solve for the unknowns from a poorer guess, by damped steps; see :meth:`follow`."""
-        with np.errstate(all="ignore"):
-            return self._taken(t, y, iterate(self._equation(t, y), y[self.cut :], NEAR))
 
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.

@@ -68,11 +68,11 @@ def load_model(
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: the model is evaluated in Python, which is much slower",
+            f"{reason}: the model is evaluated in Python, and nothing is simulated",
             RuntimeWarning,
             stacklevel=level_of_user(),
         )
-        # The same nodes without C: a model always runs, if slowly.
+        # The same nodes without C: equations, starts and text that is written need few evaluations.
         model = CompiledModel(text.program, PythonKernels(text.program), text, options)
     else:
         library, loaded = obtain_library(

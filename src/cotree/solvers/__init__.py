@@ -7,18 +7,18 @@ with names, units and outputs.
 from __future__ import annotations
 
 from cotree.solvers.base import Drift, Statistics, Trajectory
+from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.methods import METHODS, Method
 from cotree.solvers.problem import Problem, check_problem
-from cotree.solvers.project import Projection
 from cotree.solvers.result import RunRecord, UnknownNameError
 from cotree.solvers.select import choose_method, integrate
 
 __all__ = [
     "METHODS",
     "Drift",
+    "HeldConstraints",
     "Method",
     "Problem",
-    "Projection",
     "RunRecord",
     "Statistics",
     "Trajectory",

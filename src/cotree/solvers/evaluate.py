@@ -1,7 +1,7 @@
 """Guarded calls of the user's right-hand side and Jacobian during one integration.
 
 In: a ``Problem``. Out: callables for the solvers that count, copy where the solvers keep
-references, remember the first derivative that is not finite, project, and enforce the time budget.
+references, remember the first derivative that is not finite, and enforce the time budget.
 """
 
 from __future__ import annotations
@@ -14,18 +14,14 @@ import numpy as np
 
 from cotree.dag.switching_times import SAME
 from cotree.errors import SingularSystemError, SolveError
-from cotree.model.algebraic import UnsolvedError
 from cotree.solvers.augmented import (
     DENSE_LIMIT,
     assemble_dense,
     assemble_sparse,
-    augmented_tolerances,
     difference_columns,
 )
 from cotree.solvers.budgets import time_spent
-from cotree.solvers.messages import MOVED_FAR
 from cotree.solvers.problem import describe_entry
-from cotree.tolerances import FARTHEST_CORRECTION
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,17 +39,9 @@ class IntegrationStopError(Exception):
         self.reason = reason
 
 
-# Near singular positions the projection enlarges rounding, whose corrections do not shrink with the
-# tolerance. Below this relative tolerance more tolerances of correction are therefore allowed.
-_ROUNDED = 1e-8
-
 # Values of ``Trajectory.status``.
 FAILED = -1
 BUDGET_SPENT = -2
-
-
-class OffConstraintsError(IntegrationStopError):
-    """A step that no projection, or too large a one, brings to the constraints: shorten it."""
 
 
 class Evaluator:
@@ -65,8 +53,6 @@ class Evaluator:
         Calls of the right-hand side, those for differences included, and state Jacobians.
     not_finite : str
         The first value that was not finite since ``progressed()``, as a phrase; or empty.
-    correction : float
-        The largest relative change of a state by a projection; see ``Drift``.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -74,7 +60,6 @@ class Evaluator:
         self.nfev = 0
         self.njev = 0
         self.not_finite = ""
-        self.correction = 0.0
         self._last_jacobian: Any = None
         # Of the whole span, until the first segment is opened.
         self._bounds = sorted(problem.t_span)
@@ -111,125 +96,17 @@ class Evaluator:
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return a fresh array with the derivative of z."""
-        dz = self._call(t, self._where_rates_are(t, z))
+        dz = self._call(t, z)
         # A dot product finds nan and infinity in one pass; squares may also overflow, which the
         # slower test then sorts out.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz
 
-    def project(self, t: float, z: FloatArray) -> FloatArray:
-        """Return z on the constraints, as a fresh array; z itself where there are none.
-
-        Raises
-        ------
-        IntegrationStopError
-            If it cannot be brought there.
-        """
-        if self.problem.project is None:
-            return z
-        point = np.ascontiguousarray(z, dtype=np.float64)
-        try:
-            projected = np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
-        except (SolveError, SingularSystemError) as error:
-            raise OffConstraintsError(FAILED, str(error).rstrip(".")) from None
-        if projected.shape != point.shape:
-            raise SolveError(
-                f"The projection returned shape {projected.shape} where {point.shape} is needed."
-            )
-        if not np.all(np.isfinite(projected)):
-            raise OffConstraintsError(FAILED, "the projection onto the constraints is not finite")
-        state = point[: self.problem.n_states]
-        # Sizes below 1 count as 1, or a state that passes zero would decide.
-        change = np.abs(projected[: self.problem.n_states] - state)
-        largest = float(np.max(change / np.maximum(1.0, np.abs(state)), initial=0.0))
-        self.correction = max(self.correction, largest)
-        return projected
-
-    def hold(self, t: float, z: FloatArray, before: float) -> tuple[FloatArray, float, float]:
-        """Return the end of a step on the constraints, and the size of the correction.
-
-        The correction is measured as the error test measures errors, in tolerances: first its root
-        mean square over all entries, then its largest entry.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        z : ndarray
-            The end of a step.
-        before : float
-            The mean correction that the end of the step before asked for, where that end was left
-            off the constraints; else zero.
-
-        Raises
-        ------
-        OffConstraintsError
-            If it cannot be brought there, or the step made it farther by too many tolerances.
-        """
-        known = self.correction
-        projected = self.project(t, z)
-        rtol, atol = augmented_tolerances(self.problem)
-        # Only entries that are integrated have a tolerance; the others are zero at all times.
-        change, size = np.abs([projected - z, np.maximum(np.abs(z), np.abs(projected))])
-        places = self.problem.integrated
-        moved = change[places] / (rtol * size[places] + atol + np.finfo(np.float64).tiny)
-        mean = math.sqrt(moved.dot(moved) / max(1, moved.size))
-        allowed = FARTHEST_CORRECTION * max(1.0, _ROUNDED / rtol)
-        # A method with a memory goes on from unprojected points, so `before` is what earlier steps
-        # have left. Only what this step adds tells whether it is wrong.
-        if mean - before > allowed:
-            self.correction = known  # of steps that are taken
-            raise OffConstraintsError(FAILED, MOVED_FAR)
-        return projected, mean, float(np.max(moved, initial=0.0))
-
-    def _where_rates_are(self, t: float, z: FloatArray) -> FloatArray:
-        """Project a trial point; one far from the constraints is taken as it is."""
-        if self.problem.singular is None or self.problem.project is None:
-            return z
-        try:
-            point = np.ascontiguousarray(z, dtype=np.float64)
-            return np.array(self.problem.project(self.inside(t), point), dtype=np.float64)
-        except (SolveError, SingularSystemError):
-            return z
-
-    def settle(self, t: float, z: FloatArray) -> None:
-        """Find the algebraic unknowns at the start of a segment, where they may jump.
-
-        Raises
-        ------
-        IntegrationStopError
-            If they cannot be found.
-        """
-        # Completing updates the guess that later solutions begin with; the values are not needed.
-        self.complete(self.inside(t), z)
-
-    def complete(self, t: float, z: FloatArray) -> FloatArray:
-        """Return what is stored in place of z; at a breakpoint, what holds at that very time.
-
-        Raises
-        ------
-        IntegrationStopError
-            If it cannot be found.
-        """
-        if self.problem.complete is None:
-            return z
-        try:
-            return self.problem.complete(t, z)
-        except (SolveError, SingularSystemError, UnsolvedError) as error:
-            self.not_finite = str(error).rstrip(".")
-            raise IntegrationStopError(FAILED, self.not_finite) from None
-
     def inside(self, t: float) -> float:
         """Give the time nearest to t that lies in the segment; see :meth:`open_segment`."""
         low, high = self._bounds
         return min(max(float(t), low), high)
-
-    def residual(self, t: float, z: FloatArray) -> FloatArray:
-        """Return what is left of the constraints at a stored value, empty where there are none."""
-        if self.problem.residual is None:
-            return np.zeros(0)
-        return np.array(self.problem.residual(self.inside(t), z), dtype=np.float64)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
         """Return the Jacobian of the states, dense, shape (n_states, n_states).
@@ -245,8 +122,8 @@ class Evaluator:
         if self.problem.jacobian is None:
             checked = self._checked(t, self._differences(t, z)[:n_states])
             return checked
-        point = self._where_rates_are(t, z)[:n_states]
-        matrix = self._evaluate(self.problem.jacobian, t, point, (n_states, n_states))
+        point = z[:n_states]
+        matrix = self._evaluate(self.problem.jacobian, t, point)
         checked = self._checked(t, np.array(matrix, dtype=np.float64))
         return checked
 
@@ -255,8 +132,8 @@ class Evaluator:
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
         n = self.problem.n_states
-        point = self._where_rates_are(t, z)[:n]
-        return self._checked(t, self._evaluate(self.problem.sparse_jacobian, t, point, (n, n)))
+        point = z[:n]
+        return self._checked(t, self._evaluate(self.problem.sparse_jacobian, t, point))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
         """Return the derivatives of z' by the states, shape (size, n_states)."""
@@ -290,7 +167,7 @@ class Evaluator:
     def _call(self, t: float, z: FloatArray) -> FloatArray:
         self.nfev += 1
         # Solvers keep references to what they get, and a compiled kernel may reuse its buffer.
-        dz = np.array(self._evaluate(self.problem.rhs, t, z, z.shape), dtype=np.float64)
+        dz = np.array(self._evaluate(self.problem.rhs, t, z), dtype=np.float64)
         if dz.shape != z.shape:
             raise SolveError(
                 f"The right-hand side returned shape {dz.shape} where {z.shape} is needed."
@@ -298,9 +175,9 @@ class Evaluator:
         return dz
 
     def _evaluate(
-        self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray, shape: Any
+        self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
-        """Call a function of the problem; nan where a shorter step may help.
+        """Call a function of the problem.
 
         Raises
         ------
@@ -312,10 +189,6 @@ class Evaluator:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
         except SingularSystemError as error:  # a configuration on the way, not a wrong scene
             raise IntegrationStopError(FAILED, str(error)) from None
-        except UnsolvedError as error:
-            # Methods shorten a step where the derivative is not a number.
-            self.not_finite = self.not_finite or str(error)
-            return np.full(shape, np.nan)
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
         point = np.array(z, dtype=np.float64)

@@ -103,7 +103,7 @@ class Job:
         # Zero would name the first entry.
         c.entry = c.row = c.column = -1
         c.has_sensitivities = int(problem.n_sensitivities > 0)
-        c.is_held = int(problem.project is not None)
+        c.is_held = int(problem.held is not None)
         c.is_extended = int(is_extended)
         self._set_model(problem, problem.native)
         self._crossings: FloatArray = np.zeros((0, 1 + problem.n_states))

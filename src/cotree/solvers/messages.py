@@ -13,14 +13,14 @@ from cotree.solvers.rescue import Rescue
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 
 #: Reason given where a method stops because its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
-
-#: Reason given where a method stops because the projection fails or moves a step too far.
-MOVED_FAR = SENTENCES["PROJECTION_FAILED"]
 
 # Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
 _FINE = 1e-12
@@ -132,20 +132,44 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
     )
 
 
-def told(problem: Problem, method: str, t: float, reason: str, cause: str, passage: str) -> str:
-    """Return the summary with the cause of a failure and with what was passed on the way.
+def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
+    """Return sentences on the singular positions that a job in C crossed, or at which it failed."""
+    if problem.singular is None:
+        return []
+    names = tuple(name for t, y in job.crossings for name in problem.singular(t, y))
+    lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
+    return crossing_sentences([t for t, _ in job.crossings], tuple(dict.fromkeys(names)), lost)
+
+
+def crossing_sentences(
+    crossed: Sequence[float], names: tuple[str, ...], lost: tuple[str, ...]
+) -> list[str]:
+    """Return sentences on singular positions.
 
     Parameters
     ----------
-    problem, method, t, reason
-        As for :func:`summary`.
-    cause : str
-        The first value that was not finite, as a phrase; or empty.
-    passage : str
-        A sentence on singular configurations; or empty.
+    crossed : sequence of float
+        Times where stretches with a looser tolerance began, [s].
+    names : tuple of str
+        The edges whose constraints lose rank there.
+    lost : tuple of str
+        The same at a position at which a run failed.
     """
-    why = f"{reason}; {cause}" if cause and cause not in reason else reason
-    sentences = summary(problem, method, t, why)
-    if passage:
-        sentences.insert(1, passage)
-    return " ".join(sentences)
+    sentences = []
+    if lost:
+        sentences.append(
+            f"There the constraints of {_listed(lost)} nearly lose rank, which enlarges "
+            "rounding, most of all in sensitivities: loosen rtol."
+        )
+    if crossed:
+        places = ", ".join(f"{t:.6g}" for t in crossed[:4])
+        more = ", ..." if len(crossed) > 4 else ""
+        sentences.append(
+            f"Singular configurations were crossed with a looser tolerance after t = {places}"
+            f"{more}: there the constraints of {_listed(names)} lose rank."
+        )
+    return sentences
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(f"'{name}'" for name in names)

@@ -1,14 +1,7 @@
-"""The table of methods, and what those in C refuse.
+"""The table of methods, and what they refuse.
 
 In: a method's name. Out: its row, by which :mod:`cotree.solvers.select` finds what runs it, or the
 sentence by which it refuses a problem. A new method of a known family is one row of ``METHODS``.
-
-Constrained problems are projected between steps. A one-step method goes on from the projected
-state after every step. A multistep method remembers states before, which a projection leaves
-inconsistent with the new one: it starts anew from a projected state at breakpoints, and every
-hundred steps if the correction has become larger than the tolerance. SUNDIALS' integrators, where C
-drives them, have the projection within each step. Whatever the method, every
-value in the trajectory is projected.
 """
 
 from __future__ import annotations
@@ -17,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import SolveError, nearest
+from cotree.solvers.corners import corner_times
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -44,8 +38,8 @@ class Method:
     multistep : bool
         Whether a step builds on those before.
     instead : str
-        The method that stands in where C cannot run this one; of correctors, for which none does,
-        the method that the refusal names. Empty for SciPy's.
+        The method that stands in where C cannot run this one; of correctors and SciPy's methods,
+        for which none does, the method that the refusal names.
     stepper : str
         The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
         SciPy's.
@@ -74,12 +68,12 @@ _ROWS = (
     Method("dop853", "cotree", False, False, "DOP853", "dop853"),
     Method("rodas4", "cotree", True, False, "Radau", "rodas4", keeps_algebraic=True),
     Method("rodas5", "cotree", True, False, "Radau", "rodas5", keeps_algebraic=True),
-    Method("RK45", "scipy", False, False),
-    Method("DOP853", "scipy", False, False),
-    Method("RK23", "scipy", False, False),
-    Method("Radau", "scipy", True, False),
-    Method("BDF", "scipy", True, True),
-    Method("LSODA", "scipy", True, True),
+    Method("RK45", "scipy", False, False, "dopri5"),
+    Method("DOP853", "scipy", False, False, "dop853"),
+    Method("RK23", "scipy", False, False, "dopri5"),
+    Method("Radau", "scipy", True, False, "rodas5"),
+    Method("BDF", "scipy", True, True, "cvode"),
+    Method("LSODA", "scipy", True, True, "cvode"),
     Method("cvode", "sundials", True, True, "BDF", "cvode"),
     # IDA's equations need not be solved for the rates.
     Method("ida", "sundials", True, True, "BDF", "ida", keeps_algebraic=True),
@@ -134,6 +128,24 @@ def refusal(method: str, problem: Problem) -> str:
     is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
     if is_reduced and problem.n_states > _MOST_REDUCED:
         return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
+    return ""
+
+
+def beyond_scipy(problem: Problem) -> str:
+    """Name what of a problem SciPy's methods do not take, as a phrase; empty if they take it."""
+    if problem.events is not None:
+        return f"events, such as '{problem.events.rows[0].name}'"
+    if problem.n_algebraic:
+        unknowns = problem.names[problem.n_states - problem.n_algebraic :]
+        return "algebraic unknowns" + (f", such as '{unknowns[0]}'" if unknowns else "")
+    if problem.held is not None:
+        return f"constraints, such as '{problem.constraints[0]}'"
+    if problem.has_corners:
+        return "laws with corners, which have to be located"
+    if not problem.n_states:
+        return "a problem without states"
+    if problem.n_sensitivities and problem.shifts.rows_at(corner_times(problem)[:-1])[0].any():
+        return "sensitivities to parameters that move a corner of a source"
     return ""
 
 

@@ -20,7 +20,7 @@ from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.event_messages import verdict
 from cotree.solvers.job import Job
 from cotree.solvers.messages import stiffness_note
-from cotree.solvers.methods import METHODS, refusal
+from cotree.solvers.methods import METHODS, beyond_scipy, refusal
 from cotree.solvers.outcome import Ended, compiled_in, trajectory_of
 from cotree.solvers.progress import Progress
 from cotree.solvers.shared import job_kind
@@ -86,7 +86,7 @@ def can_extend(row: Method, problem: Problem) -> bool:
         and not (native.replaced or native.functions)  # their own rates are not known
         # Only explicit methods gain: each of their stages would solve for the unknowns.
         and not row.implicit
-        and problem.project is None
+        and problem.held is None
         and problem.events is None
     )
 
@@ -214,8 +214,8 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
 
 
 def band_refusal(job: Job, problem: Problem) -> str:
-    """Say that SciPy's sparse factorisation is worth the loop in Python, or nothing."""
-    is_refused = problem.is_sparse and job.is_wide and problem.events is None
+    """Say that SciPy's sparse factorisation is worth its method, or nothing."""
+    is_refused = problem.is_sparse and job.is_wide and not beyond_scipy(problem)
     return "the Jacobian's band is wide" if is_refused else ""
 
 

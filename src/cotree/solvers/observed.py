@@ -49,7 +49,8 @@ def observed(
         If an output is not determined somewhere; where outputs are made later, then.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
-    native = None if run.problem.native is None else run.problem.native.model
+    assert run.problem.native is not None  # runs of models in Python are refused
+    native = run.problem.native.model
     later: dict[str, Callable[[], Mapping[str, Any]]] = {
         "parameter_values": lambda: {"parameter_values": _parameter_values(model, run.p)},
         "events": lambda: {"events": _event_times(model, trajectory.events)},

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cotree.codegen.statuses import NUMBERS
+from cotree.errors import listed
 from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.event_messages import rest_note
-from cotree.solvers.messages import summary
-from cotree.solvers.singularity_crossing import singular_positions
+from cotree.solvers.messages import singular_positions, summary
 
 if TYPE_CHECKING:
     from cotree.solvers.base import FloatArray
@@ -87,7 +87,8 @@ def trajectory_of(
     jammed = ""
     if ended.status != 0 and problem.events is not None and z.shape[1]:
         jammed = problem.events.jammed(float(c.t), np.ascontiguousarray(z[:, -1]))
-    sentences += [row for row in (jammed, rested, job.rows.thinning.note, note) if row]
+    lost = _lost_rank(problem, float(c.t), job.z) if ended.status == FAILED else ""
+    sentences += [row for row in (lost, jammed, rested, job.rows.thinning.note, note) if row]
     values = {
         "t": t,
         "z": z,
@@ -101,16 +102,28 @@ def trajectory_of(
     return filled(Trajectory, values)
 
 
+def _lost_rank(problem: Problem, t: float, z: FloatArray) -> str:
+    """Name the edges whose constraints nearly lose rank where a run failed; empty for none."""
+    edges = () if problem.singular is None else problem.singular(t, z)
+    if not edges:
+        return ""
+    names = listed(f"'{edge}'" for edge in edges)
+    return (
+        f"There the constraints of {names} nearly lose rank, which "
+        "enlarges rounding, most of all in sensitivities: loosen rtol."
+    )
+
+
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:
     """Measure how well constraints and algebraic equations are met at the stored points."""
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
-    if problem.residual is None and cut == n:
+    if problem.held is None and cut == n:
         return None
     # C keeps no residuals of the points that it stores, so they are evaluated here.
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])
-        left = [] if problem.residual is None else [problem.residual(at, point)]
+        left = [] if problem.held is None else [problem.held.residual(at, point)]
         if cut < n:
             assert problem.state_rhs is not None  # a native problem is a model's
             left.append(np.array(problem.state_rhs(at, point[:n])[cut:]))

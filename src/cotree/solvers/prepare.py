@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.contents import content_sizes
 from cotree.model.model import Moment, states_only
 from cotree.model.signals import Sampled, read_signals
@@ -25,9 +25,9 @@ from cotree.scene.expressions import check_number
 from cotree.scene.settings import in_python, read_mapping
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.functions import Functions
+from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.jumps import ModelEvents
 from cotree.solvers.problem import Native, Problem
-from cotree.solvers.project import Projection
 from cotree.solvers.sampling import Samples, reaching
 from cotree.solvers.shared import Shared
 
@@ -60,7 +60,7 @@ class Run(NamedTuple):
     p: FloatArray
     u: Inputs
     start: Start
-    projection: Projection | None
+    held: HeldConstraints | None
 
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
@@ -185,10 +185,15 @@ class Preparation:
     ModelError
         If an input is not accepted.
     SolveError
-        If settings make no sense.
+        If settings make no sense, or the model was not compiled.
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
+        if model.backend != "C":
+            raise SolveError(
+                "There is no C compiler, and a simulation needs one: `pip install ziglang` brings "
+                "one. Equations, C and FMU sources are written without it."
+            )
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout
@@ -226,7 +231,6 @@ class Preparation:
             time_limit=settings.time_limit,
             constraints=model.constraints if self._is_held else (),
             n_algebraic=layout.n_algebraic,
-            not_native="the model is evaluated in Python",
             places=places_of(model),
             n_observed=n_observed(model),
             shared=Shared(is_repeatable=not self.asks_python),
@@ -265,7 +269,7 @@ class Preparation:
             reach(t_span[0], start.z)
             at = Moment(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
-        z0, projection = start.z, Projection(model, p, u) if self._is_held else None
+        z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
         values = {
             **vars(self._template),
             "z0": z0,
@@ -273,18 +277,18 @@ class Preparation:
             "scales": self._scales(p),
             "reach": reach,
             **corners,
-            **self._functions(p, u, projection),
+            **self._functions(p, u, held),
             **_native(model, p, signals),
         }
         problem = filled(Problem, values)
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
-        return Run(problem, p, u, start, projection)
+        return Run(problem, p, u, start, held)
 
-    def projection(self, p: FloatArray) -> Projection | None:
-        """Return the projection of a run onto its constraints; None where nothing is projected."""
+    def projection(self, p: FloatArray) -> HeldConstraints | None:
+        """Return the constraints that hold a run; None where nothing does."""
         u = _input_function(self.model, p, self._signals)
-        return Projection(self.model, p, u) if self._is_held else None
+        return HeldConstraints(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
@@ -317,7 +321,7 @@ class Preparation:
             "shifts": corners.moved,
         }
 
-    def _functions(self, p: FloatArray, u: Inputs, projection: Projection | None) -> dict[str, Any]:
+    def _functions(self, p: FloatArray, u: Inputs, held: HeldConstraints | None) -> dict[str, Any]:
         """Give the functions of a problem."""
         model, of = self.model, Functions(self.model, p, u)
         return {
@@ -325,10 +329,9 @@ class Preparation:
             # solved.
             "rhs": of.augmented_rates if model.sensitivities else of.rates,
             "jacobian": of.jacobian,
-            "project": projection,
-            "residual": projection.residual if projection else None,
-            "settle": of.settle if projection else None,
-            "singular": projection.singular if projection and projection.has_rows else None,
+            "held": held,
+            "settle": of.settle if held else None,
+            "singular": held.singular if held and held.has_rows else None,
             "state_rhs": of.rates,
             "undefined": of.undefined,
             "sparse_jacobian": of.sparse_jacobian if self._has_sparse else None,
@@ -466,10 +469,9 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
 
 
 def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the native form of the problem, where C can take it."""
+    """Return the native form of the problem."""
     native = model.native(p)
-    if native is None:
-        return {}
+    assert native is not None  # models in Python are refused
     # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     known = {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from cotree.model.kernels import NativeModel
     from cotree.solvers.base import FloatArray
+    from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.jumps import ModelEvents
     from cotree.solvers.shared import Shared
 
@@ -107,12 +108,8 @@ class Problem:
         Budgets of steps, and of events that happen; what happens at one time happens together.
     steps_taken : int
         Steps of that budget that other runs have taken before this one.
-    project : callable or None
-        ``project(t, z)`` returns z on the constraints, states and sensitivities both, and raises
-        SolveError or SingularSystemError where it cannot. None where nothing constrains z.
-    residual : callable or None
-        ``residual(t, z)``, the residuals of the constraints at a stored value, shape
-        (n_constraints,). ``project`` comes with it.
+    held : HeldConstraints or None
+        The constraints that C holds the motion to; None where nothing constrains z.
     constraints : tuple of str
         Names of the constraints' residuals.
     n_algebraic : int
@@ -124,9 +121,6 @@ class Problem:
     undefined : callable or None
         ``undefined(t, y)`` says why the states' rates have no value at a point, as a sentence
         without a capital and an end; empty where they have one.
-    complete : callable or None
-        ``complete(t, z)`` gives what is stored in place of z: more values than are integrated.
-        Raises as ``project``. None where z is stored as it is.
     sparse_jacobian : callable or None
         ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
         points; given where it has few entries, and then taken wherever a method can.
@@ -138,9 +132,8 @@ class Problem:
         ``settle(t, y, kept)`` moves states onto the constraints, but for those at the places
         ``kept``, as an event set them; it raises ModelError where it cannot.
     singular : callable or None
-        ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point. With
-        it the right-hand side is evaluated at projected points; see
-        :mod:`cotree.solvers.singularity_crossing`.
+        ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point; None
+        where no edges are constrained.
     events : ModelEvents or None
         The events of the problem, which only methods in C take; time must increase.
     has_corners : bool
@@ -180,15 +173,13 @@ class Problem:
     max_steps: int | None = None
     max_events: int | None = None
     steps_taken: int = 0
-    project: Callable[[float, FloatArray], FloatArray] | None = None
-    residual: Callable[[float, FloatArray], FloatArray] | None = None
+    held: HeldConstraints | None = None
     constraints: tuple[str, ...] = ()
     settle: Callable[[float, FloatArray, Sequence[int]], FloatArray] | None = None
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     n_algebraic: int = 0
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None
     undefined: Callable[[float, FloatArray], str] | None = None
-    complete: Callable[[float, FloatArray], FloatArray] | None = None
     sparse_jacobian: Callable[[float, FloatArray], csc_matrix] | None = None
     native: Native | None = None
     not_native: str = "its equations are Python functions"
@@ -303,11 +294,6 @@ def _check_sizes(problem: Problem) -> None:
         )
     if problem.names and len(problem.names) != problem.n_states:
         raise SolveError(f"{len(problem.names)} names are given for {problem.n_states} states.")
-    # A problem whose algebraic unknowns are eliminated has `complete`, and residuals of its
-    # algebraic equations with or without a projection.
-    if (problem.project is None) != (problem.residual is None) and problem.complete is None:
-        missing = "residual" if problem.residual is None else "project"
-        raise SolveError(f"A constrained problem needs project and residual; {missing} is missing.")
     if not 0 <= problem.n_algebraic <= problem.n_states:
         raise SolveError(
             f"{problem.n_algebraic} of {problem.n_states} states cannot be algebraic unknowns."

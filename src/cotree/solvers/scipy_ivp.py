@@ -1,54 +1,82 @@
-"""SciPy's methods, one step at a time.
+"""SciPy's methods: ``scipy.integrate.solve_ivp`` with the compiled rates and Jacobian.
 
-In: rates and Jacobians. Out: a stepper between two breakpoints, which
-:mod:`cotree.solvers.integration_loop` advances. SciPy's solver classes are used in place of
-``solve_ivp``, which interpolates at every output whatever the interpolant is worth, and has no
-budget.
+In: a ``Problem`` without events, constraints and algebraic unknowns, and a method's name. Out: a
+``Trajectory``. ``solve_ivp`` runs from one breakpoint to the next; its event function, which it
+calls once a step, counts steps and ends runs whose budget is spent.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.model.linear import solve_with
+from cotree.errors import SolveError
+from cotree.quiet import without_warnings
 from cotree.solvers.augmented import augmented_tolerances
+from cotree.solvers.base import Statistics, Trajectory
+from cotree.solvers.budgets import Thinning, steps_spent
+from cotree.solvers.corners import segments
+from cotree.solvers.evaluate import BUDGET_SPENT, FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.first_step import first_step
-from cotree.solvers.messages import ROUNDING_LEVEL
-from cotree.solvers.methods import METHODS
+from cotree.solvers.messages import ROUNDING_LEVEL, summary
+from cotree.solvers.methods import METHODS, beyond_scipy
+from cotree.solvers.problem import check_problem
+from cotree.solvers.progress import Progress
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cotree.solvers.base import FloatArray
-    from cotree.solvers.evaluate import Evaluator
-
-# These interpolants are weaker than the steps: order 4 against 5, 7 against 8, 3 against 5. On
-# x' = x cos t at rtol = 1e-9 the error between steps is 15, 30 and 160 times that of the steps.
-# Shortening a step costs less than it seems: these methods have no memory to rebuild, and with 100
-# outputs of slider-pendulum at rtol = 1e-12 the evaluations grow by 2, 13 and 0 per cent.
-# RK23's cubic and the polynomials that BDF and LSODA step with are as good as their steps.
-_LANDING = frozenset({"RK45", "DOP853", "Radau"})
+    from cotree.solvers.problem import Problem
 
 _one_at_a_time = threading.RLock()
 
-# The cosine of corrections that go against what is left, and how much shorter a step is then.
-_TURNED, _SHORTER = LIMITS.opposed_cosine, 0.2
+# A method that gets nan for rates shortens its step until it gives up; one that goes on is stopped.
+_MOST_IGNORED = 1000
 
-# Steps of so few units in the last place get nowhere.
-_STEPS_OF_ROUNDING = LIMITS.stall_spacings
-
-# A rounding of t below this share of the relative tolerance of a step is not felt.
+# A step is stored if its time is known to this share of the distance to the last one stored.
 _FINE = 1e-2
 
 
+def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
+    """Integrate with one of SciPy's methods.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    method : str
+        "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
+
+    Returns
+    -------
+    Trajectory
+        With status 0, or with the last good point as its last column.
+
+    Raises
+    ------
+    SolveError
+        If the problem cannot be accepted, or has what only methods in C take.
+    """
+    check_problem(problem)
+    what = beyond_scipy(problem)
+    if what:
+        raise SolveError(
+            f"The method '{method}' cannot take {what}: use '{METHODS[method].instead}', which "
+            "runs in C."
+        )
+    # What is not finite is watched and reported here; SciPy's own warnings say it once more.
+    with _alone(method), np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
+        return _Run(problem, method).trajectory()
+
+
 @contextlib.contextmanager
-def alone(method: str) -> Iterator[None]:
+def _alone(method: str) -> Iterator[None]:
     """Keep other threads out if a method has only one state in the whole process."""
     from scipy.integrate import _ode
 
@@ -60,250 +88,251 @@ def alone(method: str) -> Iterator[None]:
         yield
 
 
-class Idle:
-    """The stepper of a problem without states, which SciPy does not accept."""
+class _Run:
+    """The mutable state of one integration."""
 
-    lands = True
-    has_memory = False
-    nlu = 0
+    def __init__(self, problem: Problem, method: str) -> None:
+        self.problem, self.method = problem, method
+        self.evaluator = Evaluator(problem)
+        self.progress = Progress(method, problem.t_span)
+        self.t, self.z = float(problem.t_span[0]), np.array(problem.z0, dtype=np.float64)
+        self.times: list[float] = []
+        self.columns: list[FloatArray] = []
+        self.thinning = Thinning()
+        self.n_steps = self.nlu = 0
+        self.stop: IntegrationStopError | None = None
 
-    def __init__(self, t: float, z: FloatArray) -> None:
-        self.t, self.z = t, z
+    def trajectory(self) -> Trajectory:
+        """Integrate from breakpoint to breakpoint, and return what was stored."""
+        begin, problem = time.perf_counter(), self.problem
+        if problem.t_eval is None:
+            self._store_step()
+        with self.progress:
+            for start, end in segments(problem):
+                try:
+                    self._integrate(start, end)
+                except IntegrationStopError as stop:
+                    self.stop = stop
+                if self.stop is not None:
+                    break
+        # A step that was dropped may be the last one.
+        is_cut = self.stop is not None or self.thinning.stride > 1
+        if is_cut and self.times[-1:] != [self.t]:
+            self._store(self.t, self.z)
+        status, reason = (0, "") if self.stop is None else (self.stop.status, self.stop.reason)
+        cause = self.evaluator.not_finite
+        if reason and cause and cause not in reason:
+            reason = f"{reason}; {cause}"
+        statistics = Statistics(
+            method=self.method,
+            nfev=self.evaluator.nfev,
+            njev=self.evaluator.njev,
+            nlu=self.nlu,
+            n_steps=self.n_steps,
+            seconds=time.perf_counter() - begin,
+        )
+        said = [*summary(problem, self.method, self.t, reason), self.thinning.note]
+        return Trajectory(
+            t=np.array(self.times),
+            z=np.array(self.columns).reshape(len(self.columns), problem.size).T.copy(),
+            status=status,
+            message=" ".join(said).rstrip(),
+            statistics=statistics,
+        )
 
-    def step(self, t_bound: float) -> str:
-        """Move to the bound at once; see :meth:`ScipyStepper.step`."""
-        self.t = t_bound
-        return ""
+    def _integrate(self, start: float, end: float) -> None:
+        """Integrate between two breakpoints.
 
-    def interpolate(self, t: float) -> FloatArray:
-        """Return z, which never changes between replacements."""
-        return self.z
-
-    def replace(self, z: FloatArray, dz: FloatArray) -> None:
-        """Go on from other values."""
-        self.z = z
-
-
-class ScipyStepper:
-    """A SciPy solver object between two breakpoints.
-
-    The solver object has a time of its own, which begins at zero: late in a run the rounding of t
-    would add up over its steps, and be longer than its first ones; an autonomous motion does not
-    depend on t at all. It integrates the entries of z that do not vanish.
-
-    Parameters
-    ----------
-    method : str
-        "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
-    evaluator : Evaluator
-        Gives rates and Jacobians.
-    t : float
-        Start, [s].
-    z : ndarray
-        Values there.
-    t_end : float
-        End of the segment, [s].
-
-    Attributes
-    ----------
-    t : float
-        Time reached, [s]. Where it differs from the solver's own by a rounding that is felt, ``z``
-        is that at the rounded time.
-    z : ndarray
-        Values there; the array is never changed afterwards.
-    lands : bool
-        Whether steps end on outputs, because the method's interpolant is weaker than its steps.
-    has_memory : bool
-        Whether steps build on those before, so that ``replace`` costs a new start.
-    """
-
-    def __init__(
-        self, method: str, evaluator: Evaluator, t: float, z: FloatArray, t_end: float
-    ) -> None:
-        self.lands = method in _LANDING
-        self.has_memory = METHODS[method].multistep
-        self.t, self.z = t, z
-        self._method, self._evaluator = method, evaluator
-        self._places = evaluator.problem.integrated
-        self._origin, self._length = t, t_end - t
-        # Where the solver's last two steps ended, in its own time, and what it integrates there.
-        self._before = self._now = 0.0
-        self._w = self._packed(z)
-        self._nlu_before = 0
-        self._interpolant: Any = None  # of the last step: DOP853's costs three evaluations
-        self._solver = self._make()
-
-    @property
-    def nlu(self) -> int:
-        """Return the number of factorisations so far."""
-        return self._nlu_before + int(self._solver.nlu)
-
-    def step(self, t_bound: float) -> str:
-        """Take one step, not past ``t_bound``; return a reason if that fails, else ""."""
-        bound, before = t_bound - self._origin, self._now
-        reason = self._step_on(bound)
-        if reason:
-            return reason
-        self._before = before
-        self.t, self.z = t_bound, self._whole(self._w)
-        if self._now != bound:
-            self._round(t_bound)
-        return ""
-
-    def interpolate(self, t: float) -> FloatArray:
-        """Return the values at a time inside the last step."""
-        if self._interpolant is None:
-            self._interpolant = self._solver.dense_output()
-        low, high = sorted((self._before, self._now))
-        # Subtracting the origin rounds, which may lead just outside of the step.
-        inside = min(max(t - self._origin, low), high)
-        return self._whole(np.asarray(self._interpolant(inside), dtype=np.float64))
-
-    def replace(self, z: FloatArray, dz: FloatArray) -> None:
-        """Go on from other values at the time reached, where the derivative is ``dz``.
-
-        A method with a memory starts anew. The interpolant of the step before is lost.
+        Raises
+        ------
+        IntegrationStopError
+            If the run cannot go on.
         """
-        # The new values are those at the rounded time, so the solver's own time moves there.
-        if self._is_felt():
-            self._now = self.t - self._origin
-        self.z, self._w = z, self._packed(z)
-        self._interpolant = None
-        if self.has_memory and self._now != self._length:
-            self._nlu_before = self.nlu
-            self._solver = self._make()
-        elif not self.has_memory:
-            # The derivative at the end of a step is the first stage of the next one.
-            solver = self._solver
-            solver.t, solver.y, solver.f = self._now, self._w, self._packed(dz)
+        import scipy.integrate
 
-    def _packed(self, z: FloatArray) -> FloatArray:
-        """Return z without the entries that vanish at all times."""
-        left: FloatArray = z[self._places]
-        return left
-
-    def _whole(self, w: FloatArray) -> FloatArray:
-        """Return z with zeros in the places of these entries."""
-        z = np.zeros(self._evaluator.problem.size)
-        z[self._places] = w
-        return z
-
-    def _rates(self, s: float, w: FloatArray) -> FloatArray:
-        """Give the rates of what is integrated, at the solver's own time."""
-        return self._packed(self._evaluator.rhs(self._origin + s, self._whole(w)))
-
-    def _jacobian(self, s: float, w: FloatArray) -> Any:
-        """Give the derivatives of these rates, sparse if cheaper and the method takes that."""
-        is_full = self._method == "LSODA"
-        form = self._evaluator.dense_jacobian if is_full else self._evaluator.sized_jacobian
-        matrix, places = form(self._origin + s, self._whole(w)), self._places
-        if self._evaluator.problem.places is None:
-            return matrix
-        if isinstance(matrix, np.ndarray):
-            return np.ascontiguousarray(matrix[np.ix_(places, places)])
-        return matrix[places][:, places]
-
-    def _round(self, t_bound: float) -> None:
-        """Round the time of a step that ends before its bound."""
-        origin = self._origin
-        self.t = origin + self._now
-        # The rounded time must not lie beyond the step, where there is no value, nor at the bound,
-        # which the step has not reached.
-        is_ahead = abs(self.t - origin) > abs(self._now) or (self.t - t_bound) * self._now >= 0.0
-        if is_ahead:
-            self.t = math.nextafter(self.t, origin)
-        if self._is_felt():
-            self.z = self.interpolate(self.t)
-
-    def _is_felt(self) -> bool:
-        """Tell whether a time differs from its rounding by more than a step notices."""
-        rounding = abs(self.t - self._origin - self._now)
-        return rounding > _FINE * self._evaluator.problem.rtol * abs(self._now - self._before)
-
-    def _step_on(self, bound: float) -> str:
-        """Have the solver take a step, and a shorter one if the first cannot be right."""
-        while True:
-            now, w = self._now, self._w
-            reason = self._try_step(bound)
-            if reason or self._method != "Radau" or not self._is_turned(now, w):
-                return reason
-            first = _SHORTER * abs(self._now - now)
-            self._now, self._w = now, w
-            if first <= _STEPS_OF_ROUNDING * np.spacing(abs(now)):
-                return ROUNDING_LEVEL
-            self._nlu_before = self.nlu
-            self._solver = self._make(first)
-
-    def _is_turned(self, now: float, w: FloatArray) -> bool:
-        """Tell whether a step is short of what its rates ask for because a mode grows fast.
-
-        Newton's method corrects by what is left of the equations, solved with I - h J / 2 or its
-        like. Where modes decay that goes the same way; with a mode that grows it goes the other
-        way, is as small, and nothing is seen to be left.
-        """
-        solver = self._solver
-        step = self._now - now
-        # What the trapezoidal rule asks for beyond the step that was taken.
-        left = 0.5 * step * (self._rates_before + solver.f) - (self._w - w)
-        size = np.maximum(np.abs(w), np.abs(self._w))
-        weights = 1.0 / (solver.atol + solver.rtol * size)
-        # What is below the tolerance may point anywhere.
-        seen = np.abs(left * weights) > 1.0
-        if not np.any(seen):
-            return False
-        solved = _solve(solver.J, 0.5 * step, left)
-        pair = (left * weights)[seen], (solved * weights)[seen]
-        return bool(np.vdot(*pair) < -_TURNED * np.linalg.norm(pair[0]) * np.linalg.norm(pair[1]))
-
-    def _try_step(self, bound: float) -> str:
-        solver = self._solver
-        # Read for Radau only; LSODA and BDF keep no rates and get a placeholder.
-        self._rates_before = getattr(solver, "f", self._w)
-        self._interpolant = None
-        if self.lands:
-            # The one-step methods read the bound afresh at each step. LSODA copies it at the
-            # start and BDF rescales its history at each, so theirs is never moved.
-            solver.t_bound = bound
-            solver.status = "running"
+        if self.problem.reach is not None:
+            self.problem.reach(start, self.z)
+        self.evaluator.open_segment(start, end)
+        limit = self._spent()
+        # With rates that are not finite SciPy's choice of a first step would never end.
+        if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
+            limit = IntegrationStopError(FAILED, "it cannot start")
+        if limit is not None:
+            raise limit
+        segment = _Segment(self, start, end)
+        wanted = self._wanted(start, end)
+        # SciPy wants each time once, in order. Without any it keeps no steps; they are kept here.
+        way = self.problem.direction
+        times, places = np.unique(way * (wanted - start), return_inverse=True)
         try:
-            message = solver.step()
+            found = scipy.integrate.solve_ivp(
+                segment.rates,
+                (0.0, end - start),
+                self.z[self.problem.integrated],
+                self.method,
+                t_eval=way * times,
+                events=segment,
+                **segment.options(),
+            )
         except (RuntimeError, ValueError) as error:
             # SuperLU and the checks before LAPACK raise these; any other error is the user's own.
             if not str(error).endswith(("exactly singular", "infs or NaNs")):
                 raise
-            return "the iteration matrix is singular or not finite"
-        if solver.status != "failed":
-            # LSODA in some versions of SciPy steps on in the same array.
-            self._now, self._w = float(solver.t), np.array(solver.y, dtype=np.float64)
-            return ""
-        if message == solver.TOO_SMALL_STEP:
-            return ROUNDING_LEVEL
-        return "the solver gave up on its step"
+            said = "the iteration matrix is singular or not finite"
+            raise IntegrationStopError(FAILED, said) from None
+        self.nlu += int(found.nlu)
+        for t, place in zip(wanted.tolist(), places.tolist(), strict=True):
+            if place < len(found.t):
+                self._store(t, segment.whole(found.y[:, place]))
+        if self.stop is None and found.status == -1:
+            is_short = "step size" in found.message and "less than" in found.message
+            said = ROUNDING_LEVEL if is_short else "the solver gave up on its step"
+            self.stop = IntegrationStopError(FAILED, said)
 
-    def _make(self, opening: float | None = None) -> Any:
-        import scipy.integrate
+    def step_done(self, t: float, z: FloatArray, rounding: float) -> None:
+        """Count a step, and keep its end where all steps are kept and can be told apart."""
+        self.n_steps += 1
+        self.t, self.z = t, z
+        self.evaluator.step_done()
+        self.progress.reached(t)
+        if self.problem.t_eval is None and rounding <= _FINE * abs(t - self.times[-1]):
+            self._store_step()
 
-        longest = self._evaluator.problem.max_step
-        rtol, atol = augmented_tolerances(self._evaluator.problem)
-        options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
-        if METHODS[self._method].implicit:
-            options |= {"jac": self._jacobian, "first_step": opening}
+    def _spent(self) -> IntegrationStopError | None:
+        """Return the stop of a run whose budget of steps is spent."""
+        limit = self.problem.max_steps
+        if limit is None or self.problem.steps_taken + self.n_steps < limit:
+            return None
+        return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
+
+    def step_allowed(self) -> bool:
+        """Return whether the budget of steps has another one; if not, stop."""
+        self.stop = self.stop or self._spent()
+        return self.stop is None
+
+    def _wanted(self, start: float, end: float) -> FloatArray:
+        """Return the times asked for behind a start, up to an end; the first start belongs."""
+        if self.problem.t_eval is None:
+            return np.zeros(0)
+        times, way = np.asarray(self.problem.t_eval, dtype=float), self.problem.direction
+        is_first = start == self.problem.t_span[0]
+        after = way * (times - start) >= 0.0 if is_first else way * (times - start) > 0.0
+        return times[after & (way * (times - end) <= 0.0)]
+
+    def _store(self, t: float, z: FloatArray) -> None:
+        self.times.append(t)
+        self.columns.append(z)
+
+    def _store_step(self) -> None:
+        """Store the last point; where there is no room, drop every second one."""
+        if len(self.times) >= self.problem.most_rows:
+            kept = self.thinning.thin()
+            self.times, self.columns = self.times[kept], self.columns[kept]
+        if range(1)[self.thinning.taken(1)]:
+            self._store(self.t, self.z)
+
+
+class _Segment:
+    """The functions that ``solve_ivp`` gets between two breakpoints; it is an event of it itself.
+
+    Time begins at zero: late in a run the spacing of t would be felt in each step. The entries of z
+    that vanish at all times are left out.
+    """
+
+    terminal = True
+
+    def __init__(self, run: _Run, start: float, end: float) -> None:
+        self._run, self._start, self._end = run, start, end
+        self._last = 0.0
+        self._n_short = self._n_ignored = 0
+        self._matrix: Any = None
+
+    def __call__(self, s: float, w: FloatArray) -> float:
+        """Take note of a step; change sign at the time where the run has to stop."""
+        run = self._run
+        if run.stop is not None:  # SciPy looks for the zero
+            return self._last - s
+        if s == 0.0:
+            return 1.0
+        if not np.isfinite(w).all():
+            run.stop = IntegrationStopError(FAILED, "the solution is no longer finite")
+            return -1.0  # the zero is at the step before, which was the last good one
+        before, self._last = self._last, s
+        is_end = s == self._end - self._start
+        t, z = self._end if is_end else self._start + s, self.whole(w)
+        # Times are rounded; the value at the rounded one follows from the rates.
+        rounding = 0.0 if is_end else (t - self._start) - s
+        if rounding and run.problem.t_eval is None:
+            z += rounding * self.whole(self.rates(s, w))
+        run.step_done(t, z, abs(rounding))
+        if is_end:
+            return 1.0
+        is_short = abs(s - before) <= LIMITS.stall_spacings * np.spacing(abs(s))
+        self._n_short = self._n_short + 1 if is_short else 0
+        if not is_short:
+            run.evaluator.progressed()
+        # LSODA takes steps of a few units in the last place forever.
+        if self._n_short >= LIMITS.stall_steps:
+            run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
+            return 0.0
+        return 1.0 if run.step_allowed() else 0.0
+
+    def whole(self, w: FloatArray) -> FloatArray:
+        """Return z with zeros in the places of entries that vanish, a fresh array."""
+        z = np.zeros(self._run.problem.size)
+        z[self._run.problem.integrated] = w
+        return z
+
+    def rates(self, s: float, w: FloatArray) -> FloatArray:
+        """Return the rates of what is integrated; nan once the run has to stop.
+
+        A method that gets nan shortens its step and gives up, with what it has found so far.
+        """
+        run = self._run
+        if run.stop is None:
+            try:
+                dz = run.evaluator.rhs(self._start + s, self.whole(w))
+                found: FloatArray = dz[run.problem.integrated]
+                return found
+            except IntegrationStopError as stop:
+                run.stop = stop
+        self._n_ignored += 1
+        if self._n_ignored > _MOST_IGNORED:
+            raise run.stop
+        return np.full(len(w), np.nan)
+
+    def options(self) -> dict[str, Any]:
+        """Return tolerances and the like, as ``solve_ivp`` has them."""
+        run = self._run
+        rtol, atol = augmented_tolerances(run.problem)
+        longest = min(run.problem.max_step, abs(self._end - self._start))
+        found: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
+        if METHODS[run.method].implicit:
+            found["jac"] = self._jacobian
         # Its own first step is a share of the span, which fails where nothing moves yet.
-        if self._method == "LSODA":
-            longest = min(longest, abs(self._length - self._now))
-            begin = self._now, self._w, self._length
-            options["first_step"] = first_step(self._rates, *begin, longest, (rtol, atol))
-        make = getattr(scipy.integrate, self._method)
-        return make(self._rates, self._now, self._w, self._length, **options)
+        if run.method == "LSODA":
+            begin = 0.0, run.z[run.problem.integrated], self._end - self._start
+            found["first_step"] = first_step(self.rates, *begin, longest, (rtol, atol))
+        return found
 
-
-def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
-    """Solve with I - share J; zeros where that is singular."""
-    from scipy.sparse import identity
-
-    n = len(left)
-    unit = np.eye(n) if isinstance(jacobian, np.ndarray) else identity(n, format="csc")
-    try:
-        return solve_with(unit - share * jacobian, left)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(left)
+    def _jacobian(self, s: float, w: FloatArray) -> Any:
+        """Return the derivatives of the rates, sparse if cheaper and the method takes that."""
+        run, z = self._run, self.whole(w)
+        evaluator, places = run.evaluator, run.problem.integrated
+        if run.stop is not None and self._matrix is not None:
+            return self._matrix
+        try:
+            form = "dense_jacobian" if run.method == "LSODA" else "sized_jacobian"
+            matrix = getattr(evaluator, form)(self._start + s, z)
+        except IntegrationStopError as stop:
+            run.stop = stop
+            if self._matrix is None:
+                raise
+            return self._matrix
+        if run.problem.places is not None:
+            if isinstance(matrix, np.ndarray):
+                matrix = np.ascontiguousarray(matrix[np.ix_(places, places)])
+            else:
+                matrix = matrix[places][:, places]
+        self._matrix = matrix
+        return matrix

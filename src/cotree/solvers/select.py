@@ -17,11 +17,11 @@ from cotree.records import changed
 from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.corners import corner_times
 from cotree.solvers.engine import load_engine
-from cotree.solvers.integration_loop import IN_C, beyond_scipy, solve_with_scipy
-from cotree.solvers.methods import METHODS, method_row, refusal
+from cotree.solvers.methods import METHODS, beyond_scipy, method_row, refusal
 from cotree.solvers.native import begin_in_c, check_available
 from cotree.solvers.outcome import compiled_in
 from cotree.solvers.problem import check_problem
+from cotree.solvers.scipy_ivp import solve_with_scipy
 from cotree.solvers.stiffness_probe import bound_of_decay, fastest_decay, fastest_growth
 from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method, summed
 from cotree.solvers.sundials_library import has_sundials
@@ -166,14 +166,14 @@ def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
-    # Rosenbrock methods, for which "Radau" stands in, are the only ones with a substitute in C.
-    if what and (problem.native is None or other != "Radau"):
+    # Rosenbrock's stages are off constraints that depend on each other: others in C take these.
+    if what and problem.native is not None and other == "Radau":
+        other = "cvode" if has_sundials() else "dopri5"
+    elif what:
         raise SolveError(
             f"The method '{method}' cannot run: {why}. '{other}', which stands in for it, cannot "
-            f"take {what}: {IN_C}."
+            f"take {what}: use 'dop853' or 'rodas5', which run in C."
         )
-    if what:  # Rosenbrock's stages are off constraints that depend on each other
-        other = "cvode" if has_sundials() else "dopri5"
     trajectory = _solve(problem, other)
     message = f"{trajectory.message} {other} stood in for {method}: {why}."
     return changed(trajectory, message=message)
@@ -200,9 +200,9 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     -------
     method : str
         "dop853" or, where the problem is stiff, "rodas5", or "cvode" where that takes less time by
-        the counts of its steps; where C cannot take it, "DOP853", and "cvode", or "BDF" without
-        scikit-sundae. These take stiff problems of many states, too, and of loops, which "rodas5"
-        does not bring through singular configurations.
+        the counts of its steps; where its functions are Python's, "DOP853" or "BDF". "cvode" takes
+        stiff problems of many states, too, and of loops, which "rodas5" does not bring through
+        singular configurations; without scikit-sundae "BDF" takes its place where it can.
     reason : str
         One sentence.
 
@@ -381,7 +381,7 @@ def _smallest_tolerance(problem: Problem) -> float:
 
 
 def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
-    """Return the start and a point a few loose steps later, without algebraic unknowns."""
+    """Return the start and a point a few loose steps later."""
     span = problem.t_span
     if problem.reach is not None:
         # Samples are taken by the run itself, from states that are as accurate as it is.
@@ -392,7 +392,4 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     trajectory = _solve(probe, method)
     if not trajectory.t.size:
         return []
-    # The examined problem is the reduced one, whose blocks end before the algebraic unknowns.
-    n, cut = problem.n_states, problem.n_states - problem.n_algebraic
-    points = trajectory.z.reshape(-1, n, trajectory.t.size)[:, :cut]
-    return [(float(trajectory.t[i]), points[:, :, i].ravel()) for i in (0, -1)]
+    return [(float(trajectory.t[i]), trajectory.z[:, i].copy()) for i in (0, -1)]

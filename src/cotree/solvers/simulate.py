@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
     from cotree.solvers.base import Trajectory
+    from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.prepare import Preparation
-    from cotree.solvers.project import Projection
 
 
 def simulate(
@@ -92,13 +92,13 @@ def run_values(
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
     run = preparation.run(parameters, initial)
-    problem, projection = run.problem, run.projection
+    problem = run.problem
     check_values(problem)
     warn_of_tolerances(problem)
     # A run may still be refused: by the rounding of t, then by its constraints.
     trajectory = timely(problem, integrate(problem, settings.method))
     # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
-    redundant = redundancy(model, projection, trajectory)
+    redundant = redundancy(model, run.held, trajectory)
     trajectory = with_growth(problem, held(problem, trajectory, redundant))
     if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
         trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
@@ -143,13 +143,15 @@ def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
     return {"compile": compiling, "integrate": seconds - compiling}
 
 
-def redundancy(model: CompiledModel, projection: Projection | None, trajectory: Trajectory) -> int:
+def redundancy(
+    model: CompiledModel, constraints: HeldConstraints | None, trajectory: Trajectory
+) -> int:
     """Return the largest number of redundant constraints at a few points of the trajectory."""
     n = len(trajectory.t)
-    if projection is None or not model.layout.constraint_edges or n == 0:
+    if constraints is None or not model.layout.constraint_edges or n == 0:
         return 0
     places = sorted({0, n // 3, 2 * n // 3, n - 1})
-    return max(projection.redundant(trajectory.t[j], trajectory.z[:, j]) for j in places)
+    return max(constraints.redundant(trajectory.t[j], trajectory.z[:, j]) for j in places)
 
 
 def _left_out(model: CompiledModel) -> list[int]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SingularSystemError, SolveError
-from cotree.solvers.algebraic import reduce_problem
+from cotree.model.algebraic import Algebraic, UnsolvedError
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
     problem : Problem
         The problem whose modes are examined.
     points : sequence of (float, ndarray)
-        Times, [s], and states with sensitivities there, all without algebraic unknowns.
+        Times, [s], and states with sensitivities there.
     """
     modes = _modes(problem, points, problem.direction)
     # Modes with |Im| > -Re oscillate faster than they decay.
@@ -58,7 +58,7 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
     problem, t, z
         As for :func:`fastest_growth`.
     """
-    # Unknowns would have to be eliminated, and points projected where constraints are dependent.
+    # Unknowns would have to be eliminated, and where constraints depend on each other it is large.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
         return math.inf
     y = z[: problem.n_states]
@@ -83,7 +83,7 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     t : float
         Time, [s].
     z : ndarray
-        States with sensitivities there, without algebraic unknowns.
+        States with sensitivities there.
     """
     # Modes that grow decay when the integration runs the other way.
     modes = _modes(problem, [(t, z)], -problem.direction)
@@ -106,7 +106,7 @@ def _modes(
     problem: Problem, points: Sequence[tuple[float, FloatArray]], way: float
 ) -> npt.NDArray[np.complex128]:
     """Return the eigenvalues, at all points, of modes that decay in a direction of time."""
-    evaluator = Evaluator(reduce_problem(problem) if problem.n_algebraic else problem)
+    evaluator = Evaluator(problem)
     return np.concatenate([np.zeros(0), *(_modes_at(evaluator, t, z, way) for t, z in points)])
 
 
@@ -115,15 +115,29 @@ def _modes_at(
 ) -> npt.NDArray[np.complex128]:
     problem = evaluator.problem
     try:
-        if problem.sparse_jacobian is not None:
+        if problem.n_algebraic:
+            matrix = _reduced(evaluator, t, z)
+        elif problem.sparse_jacobian is not None:
             matrix = evaluator.sparse_jacobian(t, z)
         else:
             matrix = evaluator.state_jacobian(t, z)
-    except IntegrationStopError:
+    except (IntegrationStopError, UnsolvedError, SingularSystemError):
         return np.zeros(0, dtype=np.complex128)
     # Modes that grow forwards in time decay when they are integrated backwards.
     eigenvalues = way * _eigenvalues(matrix, way, way == problem.direction)
     return eigenvalues[eigenvalues.real < 0.0]
+
+
+def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
+    """Return the Jacobian of the states whose algebraic unknowns are eliminated."""
+    problem = evaluator.problem
+    assert problem.state_rhs is not None  # of a compiled model
+    assert problem.jacobian is not None
+    unknowns = Algebraic(problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic)
+    y, inside = np.array(z[: problem.n_states]), evaluator.inside(t)
+    # By the implicit function theorem, which holds at solutions only.
+    unknowns.follow(inside, y)
+    return unknowns.reduced(inside, y)
 
 
 def _eigenvalues(matrix: Any, direction: float, is_bounded: bool) -> npt.NDArray[np.complex128]:

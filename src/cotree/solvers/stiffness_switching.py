@@ -14,7 +14,7 @@ import numpy as np
 from cotree.codegen.tableaus import TABLEAUS
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import FAILED
-from cotree.solvers.methods import refusal
+from cotree.solvers.methods import beyond_scipy, refusal
 from cotree.solvers.step_costs import share_of_rodas5
 from cotree.solvers.stiffness_probe import largest_decaying
 from cotree.solvers.sundials_library import has_sundials
@@ -50,12 +50,16 @@ def stiff_method(problem: Problem) -> str:
     str
         "rodas5"; "cvode" where its steps cost so much less that a run does. For many states, loops,
         which "rodas5" does not bring through singular configurations, and where C cannot take
-        that, "cvode", or "BDF" without scikit-sundae.
+        that, "cvode"; without scikit-sundae "BDF", or what C takes where SciPy's methods do not.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
         return "cvode" if cost_of_rodas5(problem) > 1.0 else "rodas5"
-    return "cvode" if has_sundials() else "BDF"
+    if has_sundials():
+        return "cvode"
+    if not beyond_scipy(problem):
+        return "BDF"
+    return "rodas5" if not refusal("rodas5", problem) else "dop853"
 
 
 def cost_of_rodas5(problem: Problem) -> float:
@@ -69,7 +73,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
     is_wide = problem.n_states > _MOST_STATES  # an elimination of it takes long to plan
-    if has_restarts or is_wide or problem.n_algebraic or problem.project is not None:
+    if has_restarts or is_wide or problem.n_algebraic or problem.held is not None:
         return 0.0
     if not has_sundials() or refusal("cvode", problem):
         return 0.0
@@ -152,11 +156,9 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
     method : str
         The explicit method that takes it.
     """
-    cut, blocks = problem.n_states - problem.n_algebraic, 1 + problem.n_sensitivities
-    w = z.reshape(blocks, problem.n_states)[:, :cut].ravel()
     # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
     bound = float(TABLEAUS[method].stable)
-    return step * largest_decaying(problem, t, w) >= _CONFIRMED * bound
+    return step * largest_decaying(problem, t, z) >= _CONFIRMED * bound
 
 
 def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:

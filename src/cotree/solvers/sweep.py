@@ -1,12 +1,13 @@
-"""Inputs, outputs and their sensitivities along a trajectory, in C where the model is."""
+"""Inputs, outputs and their sensitivities along a trajectory, in C."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from cotree.codegen.integrators import sweep_declarations, sweep_files
+from cotree.errors import BuildError, SolveError
 from cotree.model.shared_code import build_engine
 from cotree.sharing import locked_cache
 
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 
     Inputs = Callable[[float], FloatArray | None]
 
-# Below this many points Python is done before a library is found.
-_FEW_POINTS = 3
-
 
 def sweep(
     model: CompiledModel,
@@ -30,7 +28,7 @@ def sweep(
     u: Inputs,
     t: FloatArray,
     z: FloatArray,
-    native: NativeModel | None,
+    native: NativeModel,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate outputs, their sensitivities and inputs at many points.
 
@@ -46,7 +44,7 @@ def sweep(
         Times, [s].
     z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
         States and sensitivities.
-    native : NativeModel or None
+    native : NativeModel
         The model as C sees it, with these parameters.
 
     Returns
@@ -58,6 +56,8 @@ def sweep(
     ------
     SingularSystemError
         If an output is not determined somewhere.
+    BuildError
+        If no compiler can build the loop over the points.
     """
     if not model.outputs and not model.inputs:
         return (
@@ -65,12 +65,10 @@ def sweep(
             np.zeros((0, len(model.sensitivities), len(t))),
             np.zeros((0, len(t))),
         )
-    library = None if native is None or len(t) <= _FEW_POINTS else load_sweep()
-    if native is not None and library is not None:
-        found = _in_c(model, native, library, u, t, z)
-        if found is not None:
-            return found
-    return _in_python(model, p, u, t, z)
+    library = load_sweep()
+    if library is None:
+        raise BuildError("no compiler can build the loop over the points of a run")
+    return _in_c(model, native, library, u, t, z) or _blame(model, p, u, t, z)
 
 
 @locked_cache
@@ -116,28 +114,21 @@ def _in_c(
         pointer(outputs),
         pointer(slopes),
     )
-    # Python evaluates the points again, one by one, and its error names the culprit.
+    # Python evaluates the points again, one by one, since its error names the culprit.
     if status != 0:
         return None
     # C writes point after point, while time is the last axis of results.
     return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
 
 
-def _in_python(
+def _blame(
     model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluate point by point."""
-    n, m, n_t = len(model.states), len(model.sensitivities), len(t)
-    values = np.zeros((len(model.outputs), n_t))
-    sensitivities = np.zeros((len(model.outputs), m, n_t))
-    inputs = np.zeros((len(model.inputs), n_t))
-    for j, at in enumerate(t):
-        known = u(at)
-        if model.inputs:
-            inputs[:, j] = model.input_values(at, p) if known is None else known
-        y, s = z[:n, j], z[n:, j].reshape(m, n).T
-        if model.outputs:
-            values[:, j] = model.output_values(at, y, p, known)
-        if model.outputs and m:
-            sensitivities[:, :, j] = model.output_sensitivity(at, y, s, p, known)
-    return values, sensitivities, inputs
+) -> NoReturn:
+    """Raise the error of the first point whose outputs are not determined."""
+    n, m = len(model.states), len(model.sensitivities)
+    for j, at in enumerate(t.tolist()):
+        known, y, s = u(at), z[:n, j], z[n:, j].reshape(m, n).T
+        model.output_values(at, y, p, known)
+        if m:
+            model.output_sensitivity(at, y, s, p, known)
+    raise SolveError("the outputs cannot be evaluated along the run")

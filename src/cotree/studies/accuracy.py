@@ -40,8 +40,8 @@ _ENOUGH = 1e-10
 _TOO_FAR = 1e-6
 
 # Methods with their tolerances, best first: formulas of different families, of high order. Those of
-# BDF lose digits to rounding in their many steps at tolerances as tight as the first one's. Events
-# are taken by cvode and the last two alone.
+# BDF lose digits to rounding in their many steps at tolerances as tight as the first one's. Events,
+# constraints and algebraic unknowns are taken by cvode, dop853 and rodas5 alone.
 _EXPLICIT_FIRST = (
     ("DOP853", 1e-13),
     ("Radau", 1e-12),

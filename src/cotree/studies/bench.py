@@ -290,7 +290,7 @@ def bench(
     again, so that what else the machine does hits all alike. A time holds everything between the
     call and the result. A method is recommended alone where its least time is shorter than those of
     all others by more than a tenth, and by more than the lower quartile of either lies above its
-    least; else the tie is told. Rows that another method computed, as without a compiler, are not
+    least; else the tie is told. Rows that another method computed are not
     timed.
 
     Examples

@@ -1,8 +1,7 @@
-"""Bring states and sensitivities of a constrained model back onto its constraints.
+"""The constraints that hold a motion: their residuals, and where they depend on each other.
 
-In: a compiled model whose layout names constraints. Out: a ``Projection``, which the integration
-calls between steps. The model's kernels give single Newton steps of least kinetic energy; here
-they are repeated, and what does not come to rest on the constraints is refused.
+In: a compiled model whose layout names constraints. Out: ``HeldConstraints``, which choose methods
+and judge results. C projects on the constraints during a run.
 """
 
 from __future__ import annotations
@@ -12,10 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import SolveError
 from cotree.model.lengths import gradient_groups, scene_length, turned, turning_speeds
-from cotree.model.linear import ROUNDING, SMALL
-from cotree.tolerances import LIMITS, RANK
+from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,11 +33,8 @@ _NEAR, _LEAST, _POSITIONS = 0.1, 1e-6, 3
 _INVOLVED = 0.1
 
 
-class Projection:
-    """Project a model's states and sensitivities, as one vector z, onto its constraints.
-
-    The states move the least that they can, weighted with their inertia. The sensitivities then
-    obey the constraints differentiated by the parameters.
+class HeldConstraints:
+    """Residuals and gradients of a model's constraints.
 
     Parameters
     ----------
@@ -56,45 +50,12 @@ class Projection:
         self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
     ) -> None:
         self.names = tuple(row.name for row in model.layout.constraints)
-        self._units = tuple(row.unit for row in model.layout.constraints)
         self._n_states = len(model.states)
         self._u = u
         self._edges = model.layout.constraint_edges
         self._layout, self._reach, self._gap = model.layout, 0.0, 0.0
         self._gradient = model.bound("gradient", p) if self._edges else None
         self._residual = model.bound("constraints", p)
-        self._step = model.bound("projection", p)
-        self._sensitivity_step = (
-            model.bound("sensitivity_projection", p) if model.sensitivities else None
-        )
-
-    def __call__(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the projected vector, a fresh array.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        z : ndarray, shape (n_states * (1 + n_sensitivities),)
-            States, then sensitivities parameter by parameter.
-
-        Raises
-        ------
-        SolveError
-            If residuals stay; the message names them.
-        SingularSystemError
-            If the model's linear system is singular on the way.
-        """
-        u = self._u(t)
-        result = np.array(z, dtype=np.float64)
-        x, s = result[: self._n_states], result[self._n_states :]
-        self._project_states(t, x, s, u)
-        self._check_residual(t, x, self._residual(t, x, s, u))
-        if self._sensitivity_step is not None:
-            # The speeds' sensitivities only see the coordinates' new ones in the second call.
-            for _ in range(2):
-                s += self._sensitivity_step(t, x, s, u)
-        return result
 
     def _rows(self, t: float, z: FloatArray) -> FloatArray:
         """Give the gradients of the constraints by velocities, the longest of each edge as one.
@@ -170,35 +131,3 @@ class Projection:
         """Return the residuals of the constraints, a fresh array of the shape of ``names``."""
         x, s = z[: self._n_states], z[self._n_states :]
         return np.array(self._residual(t, x, s, self._u(t)))
-
-    def _project_states(self, t: float, x: FloatArray, s: FloatArray, u: FloatArray | None) -> None:
-        """Repeat Newton steps on the states, in place, until only rounding is left.
-
-        Residuals would not do to stop by: near a singular configuration they are squares of the
-        distance that is left.
-        """
-        previous = np.inf
-        for _ in range(LIMITS.most_projections):
-            dx = self._step(t, x, s, u)
-            size = float(np.max(np.abs(dx) / np.maximum(1.0, np.abs(x)), initial=0.0))
-            x += dx
-            # Rounding in the kernels may be more than that where lengths or speeds are large.
-            if size <= ROUNDING or (size < SMALL and size > previous / 2):
-                return
-            previous = size
-
-    def _check_residual(self, t: float, x: FloatArray, residual: FloatArray) -> None:
-        """Refuse residuals above a share of the largest state."""
-        floor = LIMITS.largest_residual * float(np.max(np.abs(x), initial=1.0))
-        # Written so that nan stays, too; an infinite state would make everything acceptable.
-        stays = np.flatnonzero(~((np.abs(residual) <= floor) & np.isfinite(floor)))
-        if stays.size:
-            rows = ", ".join(
-                f"'{self.names[i]}' stays {residual[i]:.3g} {self._units[i]}".rstrip()
-                for i in stays
-            )
-            raise SolveError(
-                f"the constraints cannot be satisfied near the states at t = {t:.10g}: {rows}. "
-                "Check that the parts can be joined there, and that no joint is at a dead point; "
-                "smaller rtol and atol keep the states closer to the constraints"
-            )
