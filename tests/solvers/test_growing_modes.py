@@ -30,7 +30,12 @@ def model() -> cotree.Model:
 @pytest.mark.parametrize("method", [name for name in METHODS if is_available(name)])
 def test_a_mode_that_grows_is_not_damped(model: cotree.Model, method: str) -> None:
     for end, atol in ((1e-9, 1e-21), (1e-3, 1e-15), (1.0, 1e-9)):
-        result = model.simulate((0.0, end), method=method, rtol=1e-6, atol=atol, throw=True)
+        settings = {"method": method, "rtol": 1e-6, "atol": atol}
+        if method == "Radau":  # SciPy's own, which damps the mode
+            with pytest.raises(cotree.SolveError, match="use 'rodas5'"):
+                model.simulate((0.0, end), **settings, throw=True)
+            continue
+        result = model.simulate((0.0, end), **settings, throw=True)
         # The error below atol at the start stays; growth by t^0.4 and steps make some tolerances.
         assert result["u.v"][-1] == pytest.approx(GOLDEN * end, rel=5e-6)
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.codegen.statuses import SENTENCES
+from cotree.errors import listed
 from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.rescue import Rescue
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
     from cotree.solvers.base import FloatArray
     from cotree.solvers.job import Job
@@ -133,43 +134,37 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
-    """Return sentences on the singular positions that a job in C crossed, or at which it failed."""
-    if problem.singular is None:
-        return []
-    names = tuple(name for t, y in job.crossings for name in problem.singular(t, y))
-    lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
-    return crossing_sentences([t for t, _ in job.crossings], tuple(dict.fromkeys(names)), lost)
-
-
-def crossing_sentences(
-    crossed: Sequence[float], names: tuple[str, ...], lost: tuple[str, ...]
-) -> list[str]:
-    """Return sentences on singular positions.
+    """Return sentences on the singular positions that a job crossed, or at which it failed.
 
     Parameters
     ----------
-    crossed : sequence of float
-        Times where stretches with a looser tolerance began, [s].
-    names : tuple of str
-        The edges whose constraints lose rank there.
-    lost : tuple of str
-        The same at a position at which a run failed.
+    problem : Problem
+        The problem.
+    job : Job
+        Its job, which has ended or waits.
+    has_failed : bool
+        Whether the job failed where it stands.
     """
+    if problem.singular is None:
+        return []
     sentences = []
+    lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
     if lost:
         sentences.append(
-            f"There the constraints of {_listed(lost)} nearly lose rank, which enlarges "
-            "rounding, most of all in sensitivities: loosen rtol."
+            f"There the constraints of {_quoted(lost)} nearly lose rank, which enlarges rounding, "
+            "most of all in sensitivities: loosen rtol."
         )
-    if crossed:
-        places = ", ".join(f"{t:.6g}" for t in crossed[:4])
-        more = ", ..." if len(crossed) > 4 else ""
+    crossings = job.crossings
+    if crossings:
+        places = ", ".join(f"{t:.6g}" for t, _ in crossings[:4])
+        more = ", ..." if len(crossings) > 4 else ""
+        names = dict.fromkeys(name for t, y in crossings for name in problem.singular(t, y))
         sentences.append(
             f"Singular configurations were crossed with a looser tolerance after t = {places}"
-            f"{more}: there the constraints of {_listed(names)} lose rank."
+            f"{more}: there the constraints of {_quoted(names)} lose rank."
         )
     return sentences
 
 
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(f"'{name}'" for name in names)
+def _quoted(names: Iterable[str]) -> str:
+    return listed(f"'{name}'" for name in names)

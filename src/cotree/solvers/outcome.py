@@ -87,8 +87,7 @@ def trajectory_of(
     jammed = ""
     if ended.status != 0 and problem.events is not None and z.shape[1]:
         jammed = problem.events.jammed(float(c.t), np.ascontiguousarray(z[:, -1]))
-    lost = _lost_rank(problem, float(c.t), job.z) if ended.status == FAILED else ""
-    sentences += [row for row in (lost, jammed, rested, job.rows.thinning.note, note) if row]
+    sentences += [row for row in (jammed, rested, job.rows.thinning.note, note) if row]
     values = {
         "t": t,
         "z": z,
@@ -100,18 +99,6 @@ def trajectory_of(
         "is_unsolved": ended.status != 0 and int(c.status) in _UNSOLVED,
     }
     return filled(Trajectory, values)
-
-
-def _lost_rank(problem: Problem, t: float, z: FloatArray) -> str:
-    """Name the edges whose constraints nearly lose rank where a run failed; empty for none."""
-    edges = () if problem.singular is None else problem.singular(t, z)
-    if not edges:
-        return ""
-    names = listed(f"'{edge}'" for edge in edges)
-    return (
-        f"There the constraints of {names} nearly lose rank, which "
-        "enlarges rounding, most of all in sensitivities: loosen rtol."
-    )
 
 
 def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | None:

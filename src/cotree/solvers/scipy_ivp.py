@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.model.linear import solve_with
 from cotree.quiet import without_warnings
 from cotree.solvers.augmented import augmented_tolerances
 from cotree.solvers.base import Statistics, Trajectory
@@ -41,6 +42,9 @@ _MOST_IGNORED = 1000
 
 # A step is stored if its time is known to this share of the distance to the last one stored.
 _FINE = 1e-2
+
+#: The reason why Radau stops where its steps, however accurate they seem, would not follow.
+_DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'rodas5'"
 
 
 def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
@@ -246,6 +250,7 @@ class _Segment:
         self._last = 0.0
         self._n_short = self._n_ignored = 0
         self._matrix: Any = None
+        self._w: FloatArray = np.zeros(0)  # the end of the step before
 
     def __call__(self, s: float, w: FloatArray) -> float:
         """Take note of a step; change sign at the time where the run has to stop."""
@@ -253,6 +258,7 @@ class _Segment:
         if run.stop is not None:  # SciPy looks for the zero
             return self._last - s
         if s == 0.0:
+            self._w = w.copy()
             return 1.0
         if not np.isfinite(w).all():
             run.stop = IntegrationStopError(FAILED, "the solution is no longer finite")
@@ -264,6 +270,10 @@ class _Segment:
         rounding = 0.0 if is_end else (t - self._start) - s
         if rounding and run.problem.t_eval is None:
             z += rounding * self.whole(self.rates(s, w))
+        if run.method == "Radau" and self._is_turned(before, w):
+            run.stop = IntegrationStopError(FAILED, _DAMPED)
+            return 0.0
+        self._w = w.copy()
         run.step_done(t, z, abs(rounding))
         if is_end:
             return 1.0
@@ -276,6 +286,28 @@ class _Segment:
             run.stop = IntegrationStopError(FAILED, ROUNDING_LEVEL)
             return 0.0
         return 1.0 if run.step_allowed() else 0.0
+
+    def _is_turned(self, before: float, w: FloatArray) -> bool:
+        """Return whether a step is short of what its rates ask for because a mode grows fast.
+
+        Newton's method corrects by what is left of the equations, solved with I - h J / 2 or its
+        like. Where modes decay that goes the same way; with a mode that grows it goes the other
+        way, is as small, and nothing is seen to be left.
+        """
+        step = self._last - before
+        # What the trapezoidal rule asks for beyond the step that was taken.
+        rates = self.rates(before, self._w) + self.rates(self._last, w)
+        left = 0.5 * step * rates - (w - self._w)
+        rtol, atol = augmented_tolerances(self._run.problem)
+        weights = 1.0 / (atol + rtol * np.maximum(np.abs(w), np.abs(self._w)))
+        # What is below the tolerance may point anywhere.
+        seen = np.abs(left * weights) > 1.0
+        if not np.any(seen) or self._matrix is None:
+            return False
+        solved = _solve(self._matrix, 0.5 * step, left)
+        one, other = (left * weights)[seen], (solved * weights)[seen]
+        sizes = np.linalg.norm(one) * np.linalg.norm(other)
+        return bool(np.vdot(one, other) < -LIMITS.opposed_cosine * sizes)
 
     def whole(self, w: FloatArray) -> FloatArray:
         """Return z with zeros in the places of entries that vanish, a fresh array."""
@@ -336,3 +368,15 @@ class _Segment:
                 matrix = matrix[places][:, places]
         self._matrix = matrix
         return matrix
+
+
+def _solve(jacobian: Any, share: float, left: FloatArray) -> FloatArray:
+    """Solve with I - share J; zeros where that is singular."""
+    from scipy.sparse import identity
+
+    n = len(left)
+    unit = np.eye(n) if isinstance(jacobian, np.ndarray) else identity(n, format="csc")
+    try:
+        return solve_with(unit - share * jacobian, left)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(left)

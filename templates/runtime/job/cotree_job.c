@@ -680,11 +680,14 @@ static int take_back(cotree_job *job, cotree_real start)
     return enter_stretch(job, COTREE_STRICT);
 }
 
-/* After a step that stays: loosen the tolerances if steps stay short near a singular position, or
- * leave a stretch at its end. Return COTREE_JOB_DONE if nothing changes. */
-static int change_at_end(cotree_job *job)
+/* Before a step: loosen the tolerances if steps stay short near a singular position, or leave a
+ * stretch at its end; return COTREE_JOB_DONE if nothing changes. Store the start of the step. */
+static int begin_watched_step(cotree_job *job)
 {
-    const cotree_singularity *const s = ENGINE->singularity;
+    cotree_engine *const e = ENGINE;
+    const cotree_singularity *const s = e->singularity;
+    int i;
+    for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
     if (s->next == COTREE_LOOSE && s->stretch != COTREE_LOOSE && is_near_singularity(job)) {
         return enter_stretch(job, COTREE_LOOSE);
     }
@@ -694,38 +697,29 @@ static int change_at_end(cotree_job *job)
 }
 #endif
 
-#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
-/* Return whether a step may be taken back, or its start read by the events. */
-static int is_start_stored(const cotree_job *job)
-{
-#if COTREE_HAS_CONSTRAINTS
-    if (ENGINE->singularity != NULL) return 1;
-#endif
-#if COTREE_HAS_EVENTS
-    if (has_events(job)) return 1;
-#endif
-    return 0;
-}
-#endif
-
 /* Take one step, and enter the next segment if it ends at a corner. */
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
-#if COTREE_HAS_CONSTRAINTS
-    const cotree_real goal = goal_of_step(job, end);
-#else
-    const cotree_real goal = end;
-#endif
     int status, is_last;
-#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
-    if (is_start_stored(job)) {
+#if COTREE_HAS_EVENTS
+    if (has_events(job)) {
         int i;
         for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
     }
 #endif
-    status = STEPPER->step(job, goal);
+#if COTREE_HAS_CONSTRAINTS
+    if (e->singularity != NULL) {
+        const int result = begin_watched_step(job);
+        if (result != COTREE_JOB_DONE) return result;
+        status = STEPPER->step(job, goal_of_step(job, end));
+    } else {
+        status = STEPPER->step(job, end);
+    }
+#else
+    status = STEPPER->step(job, end);
+#endif
 #if COTREE_HAS_CONSTRAINTS
     if (status != COTREE_OK) return retry_near_singularity(job, status);
 #else
@@ -738,7 +732,7 @@ static int advance(cotree_job *job)
     if (e->n_short == 0)
         job->entry = job->row = job->column = -1; /* an earlier failure is resolved */
 #if COTREE_HAS_CONSTRAINTS
-    if (!is_last && e->singularity != NULL) {
+    if (e->singularity != NULL && !is_last) {
         const int result = take_back(job, start);
         if (result != COTREE_JOB_DONE) return result;
     }
@@ -753,12 +747,6 @@ static int advance(cotree_job *job)
     status = store_step(job, is_last);
     if (status != COTREE_OK) return fail(job, status);
     if (!is_last && e->n_short >= STALL_STEPS) return fail(job, COTREE_STEP_TOO_SMALL);
-#if COTREE_HAS_CONSTRAINTS
-    if (!is_last && e->singularity != NULL) {
-        const int result = change_at_end(job);
-        if (result != COTREE_JOB_DONE) return result;
-    }
-#endif
     if (!is_last && is_worth_leaving(job)) return return_stiff(job);
     return end_step(job);
 }

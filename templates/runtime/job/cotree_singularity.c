@@ -89,7 +89,7 @@ void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_str
         s->is_strict = job->is_strict;
         for (i = 0; i < job->n; ++i) s->loose[i] = cotree_singularity_loosened(job->atols[i]);
     }
-    s->stretch = stretch;
+    s->stretch = s->next = stretch;
     if (stretch == COTREE_ORDINARY) s->has_start = 0;
     s->n_short = 0;
     s->end = job->t + ahead * longest_of(s);
