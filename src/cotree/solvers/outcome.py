@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cotree.codegen.statuses import NUMBERS
-from cotree.errors import listed
 from cotree.records import changed, filled
 from cotree.solvers.base import Drift, Statistics, Trajectory
 from cotree.solvers.evaluate import FAILED
