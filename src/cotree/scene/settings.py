@@ -204,7 +204,8 @@ class Settings:
     method: str = _setting(
         "auto",
         "``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``, "
-        "``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy), ``cvode``, ``ida``, and as an extra "
+        "``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy, for models without events, corners, "
+        "constraints and algebraic unknowns), ``cvode``, ``ida``, and as an extra "
         "``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``; by default the "
         "scene's.",
         _method,
