@@ -6,6 +6,7 @@ reason of a failure.
 
 from __future__ import annotations
 
+import operator
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,14 @@ _MOST_CROSSINGS = 5
 
 # Sentences by status.
 _SENTENCES = {row.number: row.sentence for row in STATUSES}
+
+
+# Members of the structure that times and the longest step decide.
+_OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
+
+
+def _times_of(problem: Problem) -> tuple[Any, ...]:
+    return problem.t_span, problem.t_eval, problem.breakpoints, problem.scale, problem.max_step
 
 
 class Job:
@@ -146,6 +155,7 @@ class Job:
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
+        self._timed: tuple[Any, ...] = ()
         if self._at_once:
             self._make_records(4 * self._at_once)
         self.begin(problem)
@@ -177,14 +187,32 @@ class Job:
             self._put("atols", self._tolerances.of(problem))
         self._put("z", problem.z0)
         self.z = self._arrays["z"]
-        self._set_times(problem)
+        is_timed = self._is_timed(problem)
+        if not is_timed:
+            self._set_times(problem)
         self.rows.begin(problem)
         self._looks_from: int | None = None
         if self._at_once:
             bound = most_rows(self._width)
             c.most_events = min(problem.max_events or bound, bound)
         # Last, since the size follows from all that is filled in.
-        self._clear_memory(int(self._lib.cotree_job_memory(c)))
+        if is_timed:
+            self._arrays["memory"].fill(0.0)
+        else:
+            self._clear_memory(int(self._lib.cotree_job_memory(c)))
+            self._keep_times(problem)
+
+    def _is_timed(self, problem: Problem) -> bool:
+        """Return whether a run begins with the times of the last one, which are in place."""
+        timed = _times_of(problem)
+        return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
+
+    def _keep_times(self, problem: Problem) -> None:
+        """Let the next runs begin with the times of this one, if no parameter moves them."""
+        self._timed = () if len(problem.breakpoints) else _times_of(problem)
+        if self._timed:
+            for name in _OF_TIMES:
+                setattr(self._blank, name, getattr(self.job, name))
 
     @property
     def n_bytes(self) -> int:

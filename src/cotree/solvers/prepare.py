@@ -32,7 +32,7 @@ from cotree.solvers.sampling import Samples, reaching
 from cotree.solvers.shared import Shared
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Callable, Collection, Hashable
 
     import numpy.typing as npt
 
@@ -65,8 +65,10 @@ class Run(NamedTuple):
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
     """Return the preparation for some settings: one of the last few, or a new one."""
+    # Parameters and initial values belong to each run.
+    given = {**vars(settings), "parameters": None, "initial": None}
     kept: Kept[Preparation] = model.kept
-    return kept_for(kept, vars(settings), lambda: Preparation(model, settings))
+    return kept_for(kept, given, lambda: Preparation(model, settings))
 
 
 def kept_for(kept: Kept[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
@@ -77,7 +79,7 @@ def kept_for(kept: Kept[_T], given: Mapping[str, Any], make: Callable[[], _T]) -
     kept : Kept
         The last ones that were made.
     given : mapping of str to object
-        Settings by name, whose parameters and initial values play no part.
+        Settings by name.
     make : callable
         Makes it.
     """
@@ -105,13 +107,7 @@ def key_of(given: Mapping[str, Any]) -> Hashable | None:
     their identity.
     """
     try:
-        return tuple(
-            [
-                (name, _token(value))
-                for name, value in given.items()
-                if name not in ("parameters", "initial")
-            ]
-        )
+        return tuple(given), _tokens(given.values())
     except _IncomparableError:
         return None
 
@@ -120,32 +116,35 @@ class _IncomparableError(Exception):
     """A value may change, or equal another one that means something else."""
 
 
+def _tokens(values: Collection[Any]) -> Hashable:
+    """Return an object that is equal for equal values of the same kinds."""
+    if len(values) > _MOST_NUMBERS:
+        raise _IncomparableError
+    # 0.0 equals -0.0, and their reciprocals differ.
+    own = [(x or str(x)) if type(x) in _PLAIN else _token(x) for x in values]
+    return tuple(map(type, own)), tuple(own)
+
+
 def _token(value: Any) -> Hashable:
-    """Return an object that is equal for equal values of one kind."""
     kind = type(value)
-    if kind in _PLAIN:
-        # 0.0 equals -0.0, and their reciprocals differ.
-        return kind, value or str(value)
-    if kind is np.ndarray and 0 < value.size <= _FEW_NUMBERS:
-        return _token(value.tolist())
-    if kind is np.ndarray:
+    if kind is tuple or kind is list:
+        return kind, _tokens(value)
+    if kind is np.ndarray and value.ndim:
+        if value.size <= _FEW_NUMBERS:
+            return _token(value.tolist())
         if value.size > _MOST_NUMBERS or value.dtype.hasobject:
             raise _IncomparableError
-        return value.shape, value.dtype.str, value.tobytes()
-    if kind is tuple or kind is list:
-        if len(value) > _MOST_NUMBERS:
-            raise _IncomparableError
-        return kind, tuple([_token(own) for own in value])
+        return value.shape, value.dtype, value.tobytes()
     if isinstance(value, Mapping):
-        return kind, tuple([(name, _token(own)) for name, own in value.items()])
+        return tuple(value), _tokens(value.values())
     if isinstance(value, Sampled):
-        return kind, _token(value.function), value.period
+        return _token(value.function), value.period
     if callable(value):
         return value if isinstance(value, _FUNCTIONS) else _Same(value)
     plain = in_python(value)
     if plain is value:
         raise _IncomparableError
-    return _token(plain)
+    return plain or str(plain)
 
 
 class _Same:

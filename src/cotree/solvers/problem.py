@@ -271,7 +271,8 @@ def check_values(problem: Problem) -> None:
     """Refuse what follows from the parameters of a run; see :func:`check_problem`."""
     if problem.direction < 0 and problem.events is not None:
         raise SolveError("A scene with events runs forwards only: what they set is not undone.")
-    if not np.isfinite(np.asarray(problem.breakpoints, dtype=float)).all():
+    times = problem.breakpoints
+    if len(times) and not np.isfinite(np.asarray(times, dtype=float)).all():
         raise SolveError("A breakpoint is not finite; give times in seconds.")
     _check_max_step(problem)  # of the model, where none was asked for
     # A dot product finds nan and infinity in one pass; squares may overflow, too.
