@@ -172,7 +172,9 @@ def _seconds(value: Any, name: str) -> float | None:
 def _count(value: Any, name: str) -> int | None:
     if value is None or value == math.inf:
         return None
-    number = _positive(value, name, "a positive number or None")
+    number = check_number(value, name)
+    if not number > 0.0:
+        raise SolveError(f"{name} is {value}; give a positive number or None.")
     if not number.is_integer():
         raise ParameterError(f"{name} is {value}: give a whole number")
     return int(number)
