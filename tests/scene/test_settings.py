@@ -9,15 +9,13 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
-from cotree.runner import RunnableModel
 
 import cotree
-from cotree.ensemble.of_model import EnsembleMethods
 from cotree.scene.settings import OF_SCENES, ROWS, SHARED, OtherSettings, SettingsDict
 
 
 def test_editors_know_every_setting():
-    named = set(inspect.signature(RunnableModel.simulate).parameters) - {"self", "settings"}
+    named = set(inspect.signature(cotree.Model.simulate).parameters) - {"self", "settings"}
     # Those that simulate does not name, in their order.
     others = [name for name in ROWS if name not in named]
     assert list(OtherSettings.__annotations__) == others
@@ -33,7 +31,7 @@ def _parts(kind):
 
 
 def test_documentation_has_every_setting_once():
-    for described in (cotree.Settings, RunnableModel.simulate):
+    for described in (cotree.Settings, cotree.Model.simulate):
         lines = [line.strip() for line in described.__doc__.splitlines()]
         for item in fields(cotree.Settings):
             assert lines.count(f"{item.name} : {item.type}") == 1
@@ -106,5 +104,5 @@ def test_scenes_give_settings_of_their_runs(tmp_path):
 
 
 def test_studies_take_every_shared_setting():
-    for study in (EnsembleMethods.ensemble, cotree.fit, cotree.optimise, cotree.bench):
+    for study in (cotree.Model.ensemble, cotree.fit, cotree.optimise, cotree.bench):
         assert "settings" in inspect.signature(study).parameters
