@@ -34,7 +34,7 @@ from cotree.scene.graphs import (
     linear_graphs,
     separate_trees,
 )
-from cotree.scene.jumps import jump_values, with_jumps
+from cotree.scene.jumps import jump_values, lower_discontinuities
 from cotree.scene.variants import standing_scene
 from cotree.sensitivity.graphs import form_equations, input_columns
 
@@ -296,7 +296,7 @@ def _form_text(
     marks = [time.perf_counter()]
     # Jumps inside expressions become events here, which the engine locates. Equations for people,
     # and those of operating points, keep jumps as they are.
-    acting = with_jumps(scene, has_sensitivities=bool(sensitivities))
+    acting = lower_discontinuities(scene, has_sensitivities=bool(sensitivities))
     first, equations, alternatives = formulate(
         acting, sensitivities, tree, baumgarte, check_numbers
     )

@@ -22,7 +22,7 @@ from cotree.model.model import CompiledModel
 from cotree.model.start import check_start
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import check_allowed, is_allowed
-from cotree.scene.jumps import with_jumps
+from cotree.scene.jumps import lower_discontinuities
 from cotree.scene.part_adding import origin_note, origin_of, statement_lines
 from cotree.scene.settings import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
@@ -100,7 +100,7 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
     try:
         with warnings.catch_warnings(), within_range(scene):
             warnings.simplefilter("ignore")
-            acting = with_jumps(scene, has_sensitivities=False)
+            acting = lower_discontinuities(scene, has_sensitivities=False)
             equations = formulate(acting, (), None, 0.0, check_numbers)[1]
             if len(scene.edges) <= _LARGEST_STARTED and scene.defaults.start != OPERATING_POINT:
                 program, _ = generate(equations)

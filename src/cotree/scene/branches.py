@@ -354,11 +354,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
     if kind in _FORMS:
         form = _FORMS[kind]
         # Sums, products and extremes may be of many.
-        return (
-            reduce(partial(fill, form), trees)
-            if " b" in form or "*b" in form
-            else fill(form, *trees)
-        )
+        return reduce(partial(fill, form), trees) if len(trees) > 2 else fill(form, *trees)
     # Unknown functions have no form in the grammar.
     if FUNCTIONS.get(kind) != len(trees):
         return None

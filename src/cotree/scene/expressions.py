@@ -87,7 +87,7 @@ def known_tables() -> Mapping[str, Callee]:
 
 
 @contextmanager
-def knowing(tables: Mapping[str, Callee]) -> Iterator[None]:
+def table_scope(tables: Mapping[str, Callee]) -> Iterator[None]:
     """Allow calls of some tables, and of no others, to what is parsed in a ``with`` block."""
     token = _KNOWN.set(tables)
     try:
@@ -100,11 +100,11 @@ def may_call_tables(method: _Method) -> _Method:
     """Allow calls of the scene's tables to the expressions that a method takes."""
 
     @wraps(method)
-    def knowing_tables(self: Any, *args: Any, **more: Any) -> Any:
-        with knowing(self.tables):
+    def in_scope(self: Any, *args: Any, **more: Any) -> Any:
+        with table_scope(self.tables):
             return method(self, *args, **more)
 
-    return cast("_Method", knowing_tables)
+    return cast("_Method", in_scope)
 
 
 def calls_table(text: str, tables: Mapping[str, Callee]) -> bool:
@@ -388,7 +388,7 @@ class Expression:
         return Expression.of_tree(map_names(self.tree, new), where)
 
     @property
-    def told(self) -> str | float:
+    def canonical(self) -> str | float:
         """Key that equal expressions share: a number if it was given as one, otherwise the text."""
         value = self.tree.value if isinstance(self.tree, ast.Constant) else None
         return value if isinstance(value, float) and repr(value) == self.text else self.text

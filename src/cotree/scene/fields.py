@@ -197,7 +197,7 @@ def _in_si(value: Any, wanted: str, where: str) -> Any:
 def _converted(value: Any, unit: Unit, where: str) -> Any:
     if is_list(value):
         return [_converted(item, unit, where) for item in value]
-    return converted(parse(value, where), unit, where).told
+    return converted(parse(value, where), unit, where).canonical
 
 
 def _check_field(row: Field, value: Any, where: str) -> FieldValue:

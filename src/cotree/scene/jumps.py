@@ -50,7 +50,7 @@ _LONGEST_NAME = 60
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
-def with_jumps(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
+def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
     """Replace state-dependent jumps by modes and events; without jumps, return the scene itself.
 
     A user's force element whose law jumps is refused if sensitivities are wanted, which would not
@@ -71,7 +71,7 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
     """Return the values of the modes that stand for jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
     # A mode comes after those of jumps within its own.
-    for name, mode in with_jumps(scene, has_sensitivities=False).modes.items():
+    for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
                 lambda own: found[own].tree if own in found else own, mode.doc

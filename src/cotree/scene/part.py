@@ -26,7 +26,7 @@ from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, SceneError, brief
 from cotree.naming import RESERVED
 from cotree.scene.edge import Edge, make_edge
-from cotree.scene.expressions import Expression, knowing, map_names, parse, read_tree
+from cotree.scene.expressions import Expression, map_names, parse, read_tree, table_scope
 from cotree.scene.fields import Input, make_input
 from cotree.scene.parameters import Parameter, make_parameter
 from cotree.scene.tables import LookupTable, parse_signal
@@ -205,7 +205,7 @@ class Rows:
         scene, prefix = renaming.scene, renaming.prefix
         for name, table in scene.tables.items():
             self.tables[f"{prefix}{name}"] = renaming.table(table)
-        with knowing(self.tables):
+        with table_scope(self.tables):
             self._add_stated(renaming)
 
     def _add_stated(self, renaming: Renaming) -> None:

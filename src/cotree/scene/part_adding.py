@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import FormulationError, ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
-from cotree.scene.expressions import knowing
+from cotree.scene.expressions import table_scope
 from cotree.scene.fields import is_list, plain
 from cotree.scene.parameters import check_cycle
 from cotree.scene.part import TABLES, Part, Renaming, Rows, in_name, in_value, owner_of
@@ -258,7 +258,7 @@ def origin_note(
     """Return where the declarations of parts that a message names are stated, as its end."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
-        if told := _told(name, members, outer):
+        if told := _statement_of(name, members, outer):
             found.setdefault(told, name)
     rows = [told.format(name=f"'{name}'") for told, name in list(found.items())[:_MOST]]
     return f" ({'; '.join(rows)})" if rows else ""
@@ -285,7 +285,7 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
     return origin_of(local, part.scene.members) or (part, local)
 
 
-def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
+def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
     """Return where a name of a part is stated, with ``{name}`` for itself."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
@@ -296,7 +296,7 @@ def _told(name: str, members: Mapping[str, Part], outer: SceneDescription | None
             return ""
         return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
     if local.partition(".")[0] in part.scene.members:
-        return _told(local, part.scene.members, part.scene)
+        return _statement_of(local, part.scene.members, part.scene)
     # Of a variable the edge is stated; it may have a dot of its own, as those of ports have.
     while local:
         for kind, table in _TABLES:
@@ -364,7 +364,7 @@ def add_part(
     members = dict.fromkeys((member for member, _ in part.members()), part)
     _check_members(scene, name, members)
     # What is bound in the outer scene calls its tables.
-    with knowing(scene.tables):
+    with table_scope(scene.tables):
         rows = _rows_of(scene, part)
     scene.parts[name] = part
     scene.members.update(members)

@@ -341,11 +341,11 @@ class _Reading:
             scenes = _Scenes(self, "", _tables(data))
             made = fill(data, Path(self.where).stem, scene_type, scenes.find, self.points)
         except ModelError as error:
-            raise self.told(error, self.where, "") from None
+            raise self.located(error, self.where, "") from None
         made.file = self.file
         return made
 
-    def told(self, error: ModelError, where: str, section: str) -> ModelError:
+    def located(self, error: ModelError, where: str, section: str) -> ModelError:
         """Name the file before a message, and the line of the first declaration that it names."""
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
@@ -460,7 +460,7 @@ class _Scenes:
             below = _Scenes(reading, own, _tables(table), replace(self, reading=reading))
             made = fill(table, name, SceneDescription, below.find, reading.points)
         except ModelError as error:
-            raise self.reading.told(error, f"scene '{brief(name)}'", own) from None
+            raise self.reading.located(error, f"scene '{brief(name)}'", own) from None
         made.file, made.section = self.reading.file, own
         self.reading.made[place] = made
         return made

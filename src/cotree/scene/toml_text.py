@@ -128,7 +128,7 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
     yield f"name = {_text(scene.name)}"
     # What equals the default is not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
-        yield f"gravity = {_value([item.told for item in scene.gravity])}"
+        yield f"gravity = {_value([item.canonical for item in scene.gravity])}"
     if scene.allowed:
         yield f"allow = {_value(list(scene.allowed))}"
     if scene.ports:
@@ -145,7 +145,7 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
         yield from _table(f"{at}parts.{name}", own)
     for name, edge in _own(scene.edges):
         yield from _table(f"{at}edges.{name}", edge.statement)
-    yield from _rows(f"{at}outputs", {name: item.told for name, item in _own(scene.outputs)})
+    yield from _rows(f"{at}outputs", {name: item.canonical for name, item in _own(scene.outputs)})
     for name, event in _own(scene.events):
         yield from _table(f"{at}events.{name}", _event(event))
     settings = _settings(scene.defaults)
@@ -189,7 +189,7 @@ def _scenes_of_parts(
 
 def _lookup(table: LookupTable) -> dict[str, object]:
     """Write a table with its points, also where these were read from a file."""
-    values = [value.told for value in table.values]
+    values = [value.canonical for value in table.values]
     found: dict[str, object] = {"x": list(table.x)}
     if table.y:
         width = len(table.y)
@@ -204,7 +204,7 @@ def _lookup(table: LookupTable) -> dict[str, object]:
 def _named(row: Any, value: Expression | Table | float) -> object:
     """Return the value of a parameter, input or mode, in a table where there is more to say."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
-    stated: object = value.told if isinstance(value, Expression) else value
+    stated: object = value.canonical if isinstance(value, Expression) else value
     if isinstance(value, Table):
         stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
@@ -216,15 +216,15 @@ def _named(row: Any, value: Expression | Table | float) -> object:
 
 
 def _event(event: Event) -> dict[str, object]:
-    table: dict[str, object] = {"when": event.when.told}
+    table: dict[str, object] = {"when": event.when.canonical}
     if event.direction:
         table["direction"] = event.direction
     if event.set:
-        table["set"] = {name: value.told for name, value in event.set.items()}
+        table["set"] = {name: value.canonical for name, value in event.set.items()}
     if event.is_stop:
         table["stop"] = True
     if event.restitution is not None:
-        table["impact"] = {"restitution": event.restitution.told}
+        table["impact"] = {"restitution": event.restitution.canonical}
     return table
 
 
@@ -236,7 +236,7 @@ def _settings(given: Simulation) -> dict[str, object]:
         key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
     }
     if given.held:
-        table["held"] = {node: value.told for node, value in given.held}
+        table["held"] = {node: value.canonical for node, value in given.held}
     return table
 
 

@@ -238,7 +238,7 @@ def _conditions(chains: Iterable[Chain], model: Model) -> tuple[Condition, ...]:
     for *before, (name, own) in chains:
         last: Condition | None = None
         for its_name, its in before:
-            key = (its_name, last, *_told(its.parameters), *_told(its.initial))
+            key = (its_name, last, *_key_of(its.parameters), *_key_of(its.initial))
             last = leading.setdefault(
                 key, Condition(its_name, model, its.parameters, its.initial, before=last)
             )
@@ -246,5 +246,5 @@ def _conditions(chains: Iterable[Chain], model: Model) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def _told(settings: dict[str, Setting]) -> tuple[object, ...]:
+def _key_of(settings: dict[str, Setting]) -> tuple[object, ...]:
     return tuple(sorted(settings.items()))
