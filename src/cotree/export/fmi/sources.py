@@ -262,6 +262,9 @@ def source_files(
         Text by file name.
     """
     integrator, is_implicit = facts.integrator, _is_implicit(facts)
+    if not (is_implicit or program.layout.n_algebraic):
+        unused = replace(program.kernels["jacobian"], results=())
+        program = replace(program, kernels={**program.kernels, "jacobian": unused})
     model = model_context(program)
     files = dict(render_model(model))
     if integrator:
@@ -296,11 +299,8 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
     contexts = [kernel_context(prefix, kernel, program, names, {}) for kernel in present]
     is_implicit = _is_implicit(facts)
     own = list(_arrays(program, kernels, facts))
-    patterns = {
-        "partials": kernels.partials,
-        "initial": kernels.initial,
-        "constraints": kernels.constraints,
-    }
+    patterns = {"partials": kernels.partials, "initial": kernels.initial}
+    patterns |= {"constraints": kernels.constraints} if kernels.constraints.n_rows else {}
     arrays = [*own, *(row for pattern in patterns.values() for row in _pattern(pattern))]
     further = [line for array in arrays for line in (array.name, *array.lines)]
     flags = {
