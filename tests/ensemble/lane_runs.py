@@ -14,7 +14,7 @@ TIMES = np.linspace(0.0, 3.0, 41)
 def plan_of(model, names, lanes=None, *, times=TIMES, **others):
     settings = {"method": "dop853", "rtol": 1e-7, "atol": 1e-7, **others}
     span = (float(times[0]), float(times[-1]))
-    return Plan(model, Settings(span, times, **settings), names, model.outputs, lanes)
+    return Plan(model.kernels, Settings(span, times, **settings), names, model.outputs, lanes)
 
 
 def rows_of(model, names, n):
