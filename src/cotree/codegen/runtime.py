@@ -62,6 +62,9 @@ _TERM = r"!?COTREE_\w+"
 #: Macros, joined by one operator.
 _CONDITION = re.compile(rf"#if ({_TERM}(?: && {_TERM})*|{_TERM}(?: \|\| {_TERM})*)$")
 _INTERNAL = "_internal.h"
+_SYSTEM = re.compile(r"^#include <\w+\.h>\n", re.MULTILINE)
+#: Comments and directives, which compile to nothing.
+_EMPTY = re.compile(r"/\*[\s\S]*?\*/|^#(?:.*\\\n)*.*$", re.MULTILINE)
 #: A source, or several, in one file: functions that only the module calls are its own.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
@@ -139,11 +142,24 @@ def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL)
     if internal not in _paths():
         return {name: _resolved(_read(name), target, features) for name in names}
     shared = f'#include "{internal}"\n'
-    first, *others = map(_read, names)
-    head, _, body = first.partition(shared)
-    body = "\n".join([body, *(text.replace(shared, "") for text in others)])
-    text = f"{head}{_PRIVATE}{_bare(_read(internal))}\n{body.lstrip()}"
-    return {names[0]: _resolved(text, target, features)}
+    head, _, first = _resolved(_read(names[0]), target, features).partition(shared)
+    others = (_resolved(_read(name), target, features).replace(shared, "") for name in names[1:])
+    own = _bare(_resolved(_read(internal), target, features))
+    parts = [own, first, *(text for text in others if _EMPTY.sub("", text).strip())]
+    text = _without_repeated_headers("\n".join(part.lstrip() for part in parts))
+    return {names[0]: f"{head}{_PRIVATE}{text}"}
+
+
+def _without_repeated_headers(text: str) -> str:
+    """Leave out what includes a header of C again."""
+    seen: set[str] = set()
+
+    def once(found: re.Match[str]) -> str:
+        is_new = found[0] not in seen
+        seen.add(found[0])
+        return found[0] if is_new else ""
+
+    return re.sub(r"\n{3,}", "\n\n", _SYSTEM.sub(once, text))
 
 
 def _bare(header: str) -> str:
