@@ -134,11 +134,21 @@ def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     kinds = "variable", "rosenbrock" if method.is_implicit else "explicit"
     if isinstance(method, FixedStep):
         kinds = "fixed", "fixed"
-    return {
-        f"cotree_{name}{end}": render(
-            f"{_FOLDER}/{kind}{end}.jinja", target, method=method, **_COMMON
-        )
+    texts = (
+        render(f"{_FOLDER}/{kind}{end}.jinja", target, method=method, **_COMMON)
         for kind, end in zip(kinds, (".h", ".c"), strict=True)
+    )
+    names = (f"cotree_{name}{end}" for end in (".h", ".c"))
+    return {
+        name: resolve(text, conditions(method)) for name, text in zip(names, texts, strict=True)
+    }
+
+
+def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, bool]:
+    """Return the values of the macros that the plain C of a method is selected by."""
+    return {
+        "COTREE_IMPLICIT": method.is_implicit,
+        "COTREE_TWO_ERRORS": isinstance(method, Tableau) and len(method.errors) > 1,
     }
 
 

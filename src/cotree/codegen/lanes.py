@@ -13,13 +13,13 @@ from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
-from cotree.codegen.integrators import INTEGRATORS
+from cotree.codegen.integrators import INTEGRATORS, conditions
 from cotree.codegen.model_files import declarations
 from cotree.codegen.newton import elimination_context
 from cotree.codegen.node_statements import SINES
 from cotree.codegen.printing import int_table, wrapped
 from cotree.codegen.render import render
-from cotree.codegen.runtime import header_text, with_runtime
+from cotree.codegen.runtime import header_text, resolve, with_runtime
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.nodes import substitute
 from cotree.dag.operations import OPERATIONS
@@ -315,8 +315,11 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
     mapping of str to str
         Text by file name.
     """
-    text = render("c/lanes/lanes.c.jinja", model=model, method=INTEGRATORS[method], limits=LIMITS)
-    return with_runtime({f"{model.prefix}_lanes.c": text}, has_sources=False)
+    own = INTEGRATORS[method]
+    text = render("c/lanes/lanes.c.jinja", model=model, method=own, limits=LIMITS)
+    return with_runtime(
+        {f"{model.prefix}_lanes.c": resolve(text, conditions(own))}, has_sources=False
+    )
 
 
 def lanes_declarations(model: LanesContext) -> str:

@@ -113,8 +113,9 @@ static int read_option(const char *option, const char *value)
 #if COTREE_MAIN_FIXED
     if (strcmp(option, "--step") == 0) {
         const int is_read = read_number(value, &request.step);
-        return is_read && request.step > COTREE_F(0.0) ? 0
-                                                       : refuse(value, "a step is a positive number");
+        return is_read && request.step > COTREE_F(0.0)
+                   ? 0
+                   : refuse(value, "a step is a positive number");
     }
 #endif
 #if COTREE_MAIN_RTOL
@@ -165,4 +166,3 @@ static int open_output(void)
     out = request.csv == NULL ? stdout : fopen(request.csv, "w");
     return out != NULL ? 0 : refuse(request.csv, "the file cannot be written");
 }
-

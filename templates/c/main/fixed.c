@@ -73,7 +73,8 @@ int main(int argc, char **argv)
     if (refused >= 0) return refused;
     if (begin() != 0) return EXIT_FAILURE;
     if (open_output() != 0) return 2;
-    steps = COTREE_FLOOR(COTREE_FABS(t_end / request.step) + COTREE_F(0.5)); /* the nearest number */
+    steps =
+        COTREE_FLOOR(COTREE_FABS(t_end / request.step) + COTREE_F(0.5)); /* the nearest number */
     if (!(steps < COTREE_F(1e9))) return fail("there are too many steps to the end time");
     n = (long)steps;
     begin_run(&arena);

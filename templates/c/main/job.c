@@ -38,8 +38,8 @@ static int set_tolerances(cotree_real *atols)
 #if COTREE_HAS_SENSITIVITIES
     for (j = 0; j < N_SENSITIVITIES; ++j) {
         const cotree_real size = size_of(j), most = COTREE_SELECT(1e100, 1e12f);
-        const cotree_real atol = size > COTREE_F(0.0) ? COTREE_FMIN(request.atol / size, most)
-                                                      : request.atol;
+        const cotree_real atol =
+            size > COTREE_F(0.0) ? COTREE_FMIN(request.atol / size, most) : request.atol;
         for (i = MODEL->sensitivity_starts[j]; i < MODEL->sensitivity_starts[j + 1]; ++i) {
             const int row = MODEL->sensitivity_rows[i];
 #if COTREE_MAIN_SIZES
@@ -88,8 +88,8 @@ static void print_events(void)
         fprintf(to, "%s[%ld] = %#.12g\n", name, counts[event], row[0]);
 #if COTREE_HAS_SENSITIVITIES
         for (j = 0; j < N_SENSITIVITIES; ++j) {
-            fprintf(to, "d(%s[%ld])/d(%s) = %#.12g\n", name, counts[event],
-                    MODEL->sensitivities[j], row[2 + j]);
+            fprintf(to, "d(%s[%ld])/d(%s) = %#.12g\n", name, counts[event], MODEL->sensitivities[j],
+                    row[2 + j]);
         }
 #endif
         ++counts[event];
@@ -104,9 +104,10 @@ static void report(void)
 #if COTREE_MAIN_TURNS
     if (job.status == COTREE_RUN_TURNED) {
         const int state = job.turned % N_STATES, parameter = job.turned / N_STATES - 1;
-        fprintf(stderr, "%s: the sensitivity of '%s' to '%s' does not exist from t = %.10g on: "
-                "stops meet there that move differently with it.\n", TITLE,
-                MODEL->states[state].name, MODEL->sensitivities[parameter], job.t);
+        fprintf(stderr,
+                "%s: the sensitivity of '%s' to '%s' does not exist from t = %.10g on: "
+                "stops meet there that move differently with it.\n",
+                TITLE, MODEL->states[state].name, MODEL->sensitivities[parameter], job.t);
         return;
     }
 #endif
@@ -285,8 +286,10 @@ int main(int argc, char **argv)
     if (t_end != COTREE_F(0.0)) has_failed = integrate(t_end);
 #if COTREE_MAIN_EXPLICIT
     if (job.n_stiff_steps > COTREE_MOST_STIFF_STEPS) {
-        fprintf(stderr, "%s: the problem is stiff from t = %.6g on: rodas5 may take far fewer "
-                "steps.\n", TITLE, job.stiff_since);
+        fprintf(stderr,
+                "%s: the problem is stiff from t = %.6g on: rodas5 may take far fewer "
+                "steps.\n",
+                TITLE, job.stiff_since);
     }
 #endif
     /* A run that failed is printed up to its last point. */

@@ -193,4 +193,3 @@ static int print_row(cotree_real t, const cotree_real *z)
     fprintf(out, "\n");
     return ferror(out) ? fail("the results cannot be written") : 0;
 }
-

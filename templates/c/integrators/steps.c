@@ -1,25 +1,56 @@
-{% set m = "cotree_" ~ method.name %}
-{% set has_two = not method.is_implicit and method.errors | length == 2 %}
+#if !COTREE_IMPLICIT
+/* Looks at the step that was taken. */
+static void look_for_stiffness(integrator *d)
+{
+    cotree_stiffness *const s = &d->stiffness;
+    const int is_deciding = s->n_stiff > 0 && !s->is_found;
+    cotree_real reach;
+    if (s->n == 0 || (!is_deciding && ++s->n_calm < CALM_STEPS)) return;
+    s->n_calm = 0;
+    reach = reach_of(d, d->t - d->t_before);
+    if (s->is_found) {
+        /* A method at its bound goes to and fro about it, or comes to rest there. */
+        if (reach == COTREE_F(0.0) || reach > COTREE_F(0.5) * STABLE) s->n_steps += CALM_STEPS;
+    } else if (reach > STABLE) {
+        if (s->n_stiff == 0) s->since = d->t_before;
+        s->n_soft = 0;
+        s->is_found = ++s->n_stiff == STIFF_STEPS;
+    } else if (is_deciding && ++s->n_soft == SOFT_STEPS) {
+        s->n_stiff = s->n_soft = 0;
+    }
+}
+
+void METHOD(watch)(integrator *d, int n)
+{
+    d->stiffness.n = n;
+    d->stiffness.is_found = 0;
+    d->stiffness.since = d->t;
+    d->stiffness.n_steps = 0;
+    d->stiffness.n_stiff = d->stiffness.n_soft = d->stiffness.n_calm = 0;
+}
+
+#endif
 /* Stands at a point, with the first arrays of its workspace. */
-static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void *context, {{ real }} t,
-                           const {{ real }} *y, {{ real }} rtol, {{ real }} atol, {{ real }} *workspace)
+static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void *context,
+                           cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
+                           cotree_real *workspace)
 {
     int i;
     if (n < 0 || !is_finite(t) || !are_tolerances(rtol, atol) || !are_finite(n, y)) {
         return COTREE_BAD_ARGUMENT;
     }
     d->t = d->t_before = t;
-    d->max_step = {{ DBL }}_MAX;
+    d->max_step = COTREE_MAX;
     d->max_steps = 1000000;
     d->n_steps = d->n_rejected = d->n_evaluations = 0;
     d->project = NULL;
-    d->farthest = {{ HUGE_VAL }};
+    d->farthest = COTREE_INFINITY;
     d->atols = NULL;
     d->n = n;
     d->has_rate = 0;
     d->rate = rate;
     d->context = context;
-    d->rtol = fmax{{ f }}(rtol, LEAST_RTOL);
+    d->rtol = COTREE_FMAX(rtol, LEAST_RTOL);
     d->atol = atol;
     d->now = workspace;
     d->before = workspace + n;
@@ -28,33 +59,36 @@ static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void
     for (i = 0; i < STAGES; ++i) d->stages[i] = workspace + (4 + i) * n;
     for (i = 0; i < n; ++i) d->now[i] = y[i];
     d->y = d->now;
-    begin_control(d, 0, 0.0{{ f }});
+    begin_control(d, 0, COTREE_F(0.0));
     return COTREE_OK;
 }
 
-#define FAILURE_FACTOR 0.25{{ f }} /* after a failure of the right-hand side */
+#define FAILURE_FACTOR COTREE_F(0.25) /* after a failure of the right-hand side */
 
 /* Sets out to a time. */
-static void set_goal(integrator *d, {{ real }} t_stop)
+static void set_goal(integrator *d, cotree_real t_stop)
 {
     d->goal = t_stop;
-    d->ahead = t_stop < d->t ? -1.0{{ f }} : 1.0{{ f }};
+    d->ahead = t_stop < d->t ? -COTREE_F(1.0) : COTREE_F(1.0);
 }
 
 /* The caller may have chosen the first step; else it is Hairer's. */
-cotree_status {{ m }}_begin(integrator *d, {{ real }} t_stop)
+cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
 {
-    {{ real }} *const rate = {{ "d->rates" if method.is_implicit else "d->stages[LAST]" }};
-    {{ real }} *const there = {{ "d->right" if method.is_implicit else "d->stages[0]" }};
-    {{ real }} slope, step;
+#if COTREE_IMPLICIT
+    cotree_real *const rate = d->rates, *const there = d->right;
+#else
+    cotree_real *const rate = d->stages[LAST], *const there = d->stages[0];
+#endif
+    cotree_real slope, step;
     cotree_status status = project(d, d->t);
     if (status == COTREE_OK) status = begin_at(d, d->t, d->now, rate);
     if (status != COTREE_OK) return status;
     d->has_rate = 1;
-{% if method.is_implicit %}
+#if COTREE_IMPLICIT
     d->is_first = 1;
-{% endif %}
-    if (d->step > 0.0{{ f }}) return COTREE_OK;
+#endif
+    if (d->step > COTREE_F(0.0)) return COTREE_OK;
     set_goal(d, t_stop);
     step = guess_step(d, d->now, rate, &slope);
     status = begin_at(d, d->t + d->ahead * step, d->trial, there);
@@ -67,16 +101,16 @@ cotree_status {{ m }}_begin(integrator *d, {{ real }} t_stop)
 /* Goes on to the end of the step that was tried. */
 static void accept(integrator *d)
 {
-{% if method.is_implicit %}
-    {{ real }} *const rates = d->rates;
+#if COTREE_IMPLICIT
+    cotree_real *const rates = d->rates;
     d->rates = d->right;
     d->right = rates;
-{% endif %}
+#endif
     d->t = d->t_new;
     ++d->n_steps;
-{% if not method.is_implicit %}
+#if !COTREE_IMPLICIT
     look_for_stiffness(d);
-{% endif %}
+#endif
 }
 
 /* Tries steps until one is accepted. */
@@ -84,15 +118,15 @@ static cotree_status take_step(integrator *d)
 {
     cotree_status trouble = COTREE_STEP_TOO_SMALL;
     d->largest_factor = LARGEST_FACTOR;
-{% if has_two %}
+#if COTREE_TWO_ERRORS
     d->is_believed = 0;
-{% endif %}
-{% if method.is_implicit %}
+#endif
+#if COTREE_IMPLICIT
     d->n_astray = 0;
     trouble = linearise(d);
     if (trouble != COTREE_OK) return trouble;
     trouble = COTREE_STEP_TOO_SMALL;
-{% endif %}
+#endif
     for (plan(d); d->step > smallest_step(d->t); plan(d)) {
         cotree_status status = attempt(d);
         int is_accepted = 0;
@@ -105,8 +139,8 @@ static cotree_status take_step(integrator *d)
             choose_step(d, is_accepted);
             trouble = COTREE_STEP_TOO_SMALL;
         } else {
-            d->step = FAILURE_FACTOR * fabs{{ f }}(d->h);
-            d->largest_factor = 1.0{{ f }};
+            d->step = FAILURE_FACTOR * COTREE_FABS(d->h);
+            d->largest_factor = COTREE_F(1.0);
             trouble = status;
         }
         if (is_accepted) {
@@ -114,22 +148,22 @@ static cotree_status take_step(integrator *d)
             return COTREE_OK;
         }
         ++d->n_rejected;
-{% if not method.is_implicit %}
+#if !COTREE_IMPLICIT
         if (d->rejected != NULL) d->rejected(d->context);
-{% endif %}
+#endif
         if (status == COTREE_RATE_STOPPED) break;
     }
     return trouble;
 }
 
-cotree_status {{ m }}_step(integrator *d, {{ real }} t_stop)
+cotree_status METHOD(step)(integrator *d, cotree_real t_stop)
 {
-    const {{ real }} distance = t_stop - d->t;
+    const cotree_real distance = t_stop - d->t;
     cotree_status status = COTREE_OK;
-    {{ real }} planned;
+    cotree_real planned;
     if (!is_finite(distance)) return COTREE_BAD_ARGUMENT;
-    if (distance == 0.0{{ f }}) return COTREE_OK;
-    if (!d->has_rate || d->step <= 0.0{{ f }}) status = {{ m }}_begin(d, t_stop);
+    if (distance == COTREE_F(0.0)) return COTREE_OK;
+    if (!d->has_rate || d->step <= COTREE_F(0.0)) status = METHOD(begin)(d, t_stop);
     if (status != COTREE_OK) return status;
     planned = d->step;
     d->t_before = d->t;
@@ -143,13 +177,13 @@ cotree_status {{ m }}_step(integrator *d, {{ real }} t_stop)
     return status;
 }
 
-cotree_status {{ m }}_integrate(integrator *d, {{ real }} t_end)
+cotree_status METHOD(integrate)(integrator *d, cotree_real t_end)
 {
     const long n_before = d->n_steps + d->n_rejected;
     while (d->t != t_end) {
         cotree_status status;
         if (d->n_steps + d->n_rejected - n_before >= d->max_steps) return COTREE_TOO_MANY_STEPS;
-        status = {{ m }}_step(d, t_end);
+        status = METHOD(step)(d, t_end);
         if (status != COTREE_OK) return status;
     }
     return COTREE_OK;

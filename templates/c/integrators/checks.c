@@ -1,9 +1,6 @@
-static int is_finite({{ real }} value)
-{
-    return fabs{{ f }}(value) <= {{ DBL }}_MAX;
-}
+static int is_finite(cotree_real value) { return COTREE_FABS(value) <= COTREE_MAX; }
 
-static int are_finite(int n, const {{ real }} *v)
+static int are_finite(int n, const cotree_real *v)
 {
     int i;
     for (i = 0; i < n; ++i) {

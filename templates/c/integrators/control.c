@@ -1,24 +1,43 @@
-{# Control of the step size, for any type of numbers. #}
-{% set has_two = not method.is_implicit and method.errors | length == 2 %}
+static REAL smallest_step(REAL t) { return LEAST_SPACINGS * cotree_abs(t) + COTREE_MIN; }
+
+/* The tolerance of a value of some size. COTREE_MIN: nothing is divided by zero where atol and y
+ * are zero. */
+static inline REAL tolerance(const integrator *d, int i, REAL size)
+{
+    return cotree_fused(ALL(d->rtol), size, ATOL(d, i)) + COTREE_MIN;
+}
+
+/* Returns the root mean square of v by the tolerances at y. */
+static REAL norm(const integrator *d, const REAL *v, const REAL *y)
+{
+    REAL sum = ZERO;
+    int i;
+    for (i = 0; i < N; ++i) {
+        const REAL share = cotree_over(v[i], tolerance(d, i, cotree_abs(y[i])));
+        sum = cotree_fused(share, share, sum);
+    }
+    return cotree_sqrt(sum / COUNT);
+}
+
 /* Step size control, by E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
  * Equations I, second edition, section II.4. Errors are mean squares. */
 
 /* Begins to choose steps, from the size of the first one. */
-static void begin_control(course *on, int lane, {{ real }} step)
+static void begin_control(course *on, int lane, cotree_real step)
 {
     (void)lane;
     LANE(on->step, lane) = step;
     LANE(on->largest_factor, lane) = LARGEST_FACTOR;
-{% if method.is_implicit %}
+#if COTREE_IMPLICIT
     LANE(on->is_first, lane) = HOLDS;
-{% else %}
+#else
     LANE(on->last_error, lane) = LEAST_LAST_ERROR;
-{% endif %}
-{% if has_two %}
-    LANE(on->last_rough, lane) = {{ HUGE_VAL }};
-    LANE(on->last_size, lane) = 1.0{{ f }};
+#endif
+#if COTREE_TWO_ERRORS
+    LANE(on->last_rough, lane) = COTREE_INFINITY;
+    LANE(on->last_size, lane) = COTREE_F(1.0);
     LANE(on->is_believed, lane) = 0;
-{% endif %}
+#endif
 }
 
 /* Chooses where the next step ends. */
@@ -35,17 +54,21 @@ static void plan(integrator *d)
 /* Returns whether the error of the step that was tried is small, and not by chance. */
 static MASK is_passed(integrator *d)
 {
-    const MASK is_small = d->error <= 1.0{{ f }};
-{% if has_two %}
-    /* Below the tolerance nothing is sudden, and the first step has nothing to be compared with. Two
-     * lengths have to agree on an error that may be small by chance: by chance they do not. */
+    const MASK is_small = d->error <= COTREE_F(1.0);
+#if COTREE_TWO_ERRORS
+    /* Below the tolerance nothing is sudden, and the first step has nothing to be compared with.
+     * Two lengths have to agree on an error that may be small by chance: by chance they do not. */
     const course *const on = ON(d);
     const REAL ratio = d->h / on->last_size, square = ratio * ratio, fourth = square * square;
     const REAL expected = SUDDEN * SUDDEN * on->last_rough * (fourth * fourth);
-    const MASK is_sudden = d->rough > cotree_larger(ALL(1.0{{ f }}), expected);
+    const MASK is_sudden = d->rough > cotree_larger(ALL(COTREE_F(1.0)), expected);
     d->is_doubted = is_small & NOT(on->is_believed) & is_sudden;
-{% endif %}
-    return is_small{{ " & NOT(d->is_doubted)" if has_two or method.is_implicit }};
+#endif
+#if COTREE_IMPLICIT || COTREE_TWO_ERRORS
+    return is_small & NOT(d->is_doubted);
+#else
+    return is_small;
+#endif
 }
 
 /* Chooses the size of the next step by the error of the one that was tried. */
@@ -53,36 +76,40 @@ static void choose_step(integrator *d, MASK accepted)
 {
     course *const on = ON(d);
     /* The floor keeps an error of zero from dividing by it. */
-    const REAL error = cotree_log(cotree_larger(ALL(1e-20{{ f }}), d->error));
-{% if method.is_implicit %}
-    const REAL share = cotree_exp(-0.5{{ f }} * EXPONENT * error);
-{% else %}
-    const MASK is_small = d->error <= 1.0{{ f }};
-    const REAL slope = cotree_choose(is_small, ALL(0.5{{ f }} * (0.75{{ f }} * MEMORY - EXPONENT)),
-                                     ALL(-0.5{{ f }} * EXPONENT));
-    const REAL memory = cotree_choose(is_small, 0.5{{ f }} * MEMORY * on->last_error, ZERO);
+    const REAL error = cotree_log(cotree_larger(ALL(COTREE_F(1e-20)), d->error));
+#if COTREE_IMPLICIT
+    const REAL share = cotree_exp(-COTREE_F(0.5) * EXPONENT * error);
+#else
+    const MASK is_small = d->error <= COTREE_F(1.0);
+    const REAL slope =
+        cotree_choose(is_small, ALL(COTREE_F(0.5) * (COTREE_F(0.75) * MEMORY - EXPONENT)),
+                      ALL(-COTREE_F(0.5) * EXPONENT));
+    const REAL memory = cotree_choose(is_small, COTREE_F(0.5) * MEMORY * on->last_error, ZERO);
     const REAL share = cotree_exp(slope * error + memory);
-{% endif %}
+#endif
     REAL factor = cotree_larger(SAFETY * share, ALL(LEAST_FACTOR)), next;
     factor = cotree_smaller(factor, on->largest_factor);
-{% if has_two or method.is_implicit %}
-    factor = cotree_choose(d->is_doubted, ALL({{ "LEAST_FACTOR" if method.is_implicit else "0.5" ~ f }}), factor);
-{% endif %}
+#if COTREE_IMPLICIT
+    factor = cotree_choose(d->is_doubted, ALL(LEAST_FACTOR), factor);
+#endif
+#if COTREE_TWO_ERRORS
+    factor = cotree_choose(d->is_doubted, ALL(COTREE_F(0.5)), factor);
+#endif
     next = cotree_abs(d->h) * factor;
     /* A step that the goal cut short does not shorten the one after it. */
     on->step = cotree_choose(accepted & d->lands, cotree_larger(on->step, next), next);
-    on->largest_factor = cotree_choose(accepted, ALL(LARGEST_FACTOR), ALL(1.0{{ f }}));
-{% if method.is_implicit %}
+    on->largest_factor = cotree_choose(accepted, ALL(LARGEST_FACTOR), ALL(COTREE_F(1.0)));
+#if COTREE_IMPLICIT
     on->is_first &= NOT(accepted);
-{% else %}
+#else
     on->last_error =
         cotree_choose(accepted, cotree_larger(error, ALL(LEAST_LAST_ERROR)), on->last_error);
-{% endif %}
-{% if has_two %}
+#endif
+#if COTREE_TWO_ERRORS
     on->last_rough = cotree_choose(accepted, d->rough, on->last_rough);
     on->last_size = cotree_choose(accepted, d->h, on->last_size);
     on->is_believed = NOT(accepted) & (on->is_believed | d->is_doubted);
-{% endif %}
+#endif
 }
 
 /* Returns a first guess of the first step, by how fast the solution changes where it begins, and
@@ -93,8 +120,8 @@ static REAL guess_step(integrator *d, const REAL *y, const REAL *rate, REAL *slo
     REAL step;
     int i;
     *slope = norm(d, rate, y);
-    step = cotree_choose((size < 1e-5{{ f }}) | (*slope < 1e-5{{ f }}), ALL(1e-6{{ f }}),
-                         0.01{{ f }} * (size / *slope));
+    step = cotree_choose((size < COTREE_F(1e-5)) | (*slope < COTREE_F(1e-5)), ALL(COTREE_F(1e-6)),
+                         COTREE_F(0.01) * (size / *slope));
     step = cotree_smaller(step, cotree_abs(d->goal - ON(d)->t));
     for (i = 0; i < N; ++i) d->trial[i] = y[i] + d->ahead * step * rate[i];
     return step;
@@ -108,13 +135,14 @@ static REAL improve_step(integrator *d, REAL step, const REAL *y, const REAL *ra
     int i;
     for (i = 0; i < N; ++i) d->trial[i] = there[i] - rate[i];
     slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* or the curvature */
-    found = cotree_choose(slope <= 1e-15{{ f }}, cotree_larger(ALL(1e-6{{ f }}), 1e-3{{ f }} * step),
-                          cotree_exp(EXPONENT * cotree_log(0.01{{ f }} / slope)));
-    return cotree_smaller(100.0{{ f }} * step, found);
+    found = cotree_choose(slope <= COTREE_F(1e-15),
+                          cotree_larger(ALL(COTREE_F(1e-6)), COTREE_F(1e-3) * step),
+                          cotree_exp(EXPONENT * cotree_log(COTREE_F(0.01) / slope)));
+    return cotree_smaller(COTREE_F(100.0) * step, found);
 }
 
 /* Steps shorter than this are rounding. */
 static REAL least_first_step(const integrator *d)
 {
-    return 2.0{{ f }} * smallest_step(ON(d)->t);
+    return COTREE_F(2.0) * smallest_step(ON(d)->t);
 }

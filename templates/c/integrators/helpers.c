@@ -1,12 +1,11 @@
-{% include "c/integrators/checks.c.jinja" %}
-
 /* From one on, a relative tolerance accepts steps that are wrong by all that they are. */
-static int are_tolerances({{ real }} rtol, {{ real }} atol)
+static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
-    return rtol >= 0.0{{ f }} && rtol < 1.0{{ f }} && atol >= 0.0{{ f }} && is_finite(atol);
+    return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&
+           is_finite(atol);
 }
 
-static cotree_status evaluate(integrator *d, {{ real }} t, const {{ real }} *y, {{ real }} *dy)
+static cotree_status evaluate(integrator *d, cotree_real t, const cotree_real *y, cotree_real *dy)
 {
     const int result = d->rate(t, y, dy, d->context);
     ++d->n_evaluations;
@@ -14,7 +13,7 @@ static cotree_status evaluate(integrator *d, {{ real }} t, const {{ real }} *y, 
 }
 
 /* The same where a step begins, so that what is not finite is never built on. */
-static cotree_status begin_at(integrator *d, {{ real }} t, const {{ real }} *y, {{ real }} *dy)
+static cotree_status begin_at(integrator *d, cotree_real t, const cotree_real *y, cotree_real *dy)
 {
     const cotree_status status = evaluate(d, t, y, dy);
     if (status == COTREE_OK && !are_finite(N, dy)) return COTREE_RATE_NOT_FINITE;
@@ -22,7 +21,7 @@ static cotree_status begin_at(integrator *d, {{ real }} t, const {{ real }} *y, 
 }
 
 /* Projects the solution, which belongs to t; where that fails, it stays. */
-static cotree_status project(integrator *d, {{ real }} t)
+static cotree_status project(integrator *d, cotree_real t)
 {
     int i;
     if (d->project == NULL) return COTREE_OK;
@@ -33,43 +32,47 @@ static cotree_status project(integrator *d, {{ real }} t)
     return COTREE_OK;
 }
 
-{% if method.is_implicit %}
-/* Tells whether algebraic unknowns that a projection moved by these shares of tolerances were farther
- * from their equations than an estimated error can be trusted, and sets the shares to zero. What is no
- * less after ROUNDS shorter steps is rounding. */
-static int is_astray(integrator *d, {{ real }} *shares)
+#if COTREE_IMPLICIT
+/* Tells whether algebraic unknowns that a projection moved by these shares of tolerances were
+ * farther from their equations than an estimated error can be trusted, and sets the shares to zero.
+ * What is no less after ROUNDS shorter steps is rounding. */
+static int is_astray(integrator *d, cotree_real *shares)
 {
     const int *const places = d->equation.algebraic, n = d->equation.n_algebraic;
-    {{ real }} sum = 0.0{{ f }};
+    cotree_real sum = COTREE_F(0.0);
     int i;
     for (i = 0; i < n; ++i) {
         sum += shares[places[i]] * shares[places[i]];
-        shares[places[i]] = 0.0{{ f }};
+        shares[places[i]] = COTREE_F(0.0);
     }
-    if (!(sum > ({{ real }})N) || d->equation.is_bent == NULL) return 0;
+    if (!(sum > (cotree_real)N) || d->equation.is_bent == NULL) return 0;
     if (!d->equation.is_bent(d->context)) return 0;
     if (++d->n_astray == 1) d->brought = sum;
-    return d->n_astray <= ROUNDS || sum < 0.25{{ f }} * d->brought;
+    return d->n_astray <= ROUNDS || sum < COTREE_F(0.25) * d->brought;
 }
 
-{% endif %}
+#endif
 /* The same for the end of a step, which may be moved so far and no farther. */
-static cotree_status project_end(integrator *d, {{ real }} t)
+static cotree_status project_end(integrator *d, cotree_real t)
 {
     cotree_status status;
-    {{ real }} sum = 0.0{{ f }};
+    cotree_real sum = COTREE_F(0.0);
     int i;
-    if (d->project == NULL{{ " || d->farthest == " ~ HUGE_VAL if not method.is_implicit }}) return project(d, t);
+#if COTREE_IMPLICIT
+    if (d->project == NULL) return project(d, t);
+#else
+    if (d->project == NULL || d->farthest == COTREE_INFINITY) return project(d, t);
+#endif
     for (i = 0; i < N; ++i) d->raw[i] = d->now[i];
     status = project(d, t);
     if (status != COTREE_OK) return status;
     for (i = 0; i < N; ++i) {
-        const {{ real }} size = cotree_larger(fabs{{ f }}(d->now[i]), fabs{{ f }}(d->raw[i]));
+        const cotree_real size = cotree_larger(COTREE_FABS(d->now[i]), COTREE_FABS(d->raw[i]));
         d->trial[i] = (d->now[i] - d->raw[i]) / tolerance(d, i, size);
     }
-{% if method.is_implicit %}
+#if COTREE_IMPLICIT
     if (is_astray(d, d->trial)) return COTREE_PROJECTION_FAILED;
-{% endif %}
+#endif
     for (i = 0; i < N; ++i) sum += d->trial[i] * d->trial[i];
-    return sum > d->farthest * d->farthest * ({{ real }})N ? COTREE_PROJECTION_FAILED : status;
+    return sum > d->farthest * d->farthest * (cotree_real)N ? COTREE_PROJECTION_FAILED : status;
 }

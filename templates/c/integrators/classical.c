@@ -1,0 +1,30 @@
+/* Takes a step by the classical Runge-Kutta method of order four. The three arrays of n
+ * cotree_reals that it writes, the solution at the end first, differ from each other and from
+ * before. */
+static int take_classical_step(cotree_rate_function rate, void *context, int n, cotree_real t,
+                               cotree_real t_next, cotree_real h, const cotree_real *before,
+                               cotree_real *after, cotree_real *trial, cotree_real *slope)
+{
+    /* Where the next stage is, and what it weighs in the sum. */
+    static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
+                                         COTREE_F(0.0)},
+                             weight[4] = {COTREE_F(1.0), COTREE_F(2.0), COTREE_F(2.0),
+                                          COTREE_F(1.0)};
+    const cotree_real middle = COTREE_F(0.5) * (t + t_next);
+    const cotree_real at[4] = {t, middle, middle, t_next};
+    int i, stage;
+    for (i = 0; i < n; ++i) {
+        trial[i] = before[i];
+        after[i] = COTREE_F(0.0);
+    }
+    for (stage = 0; stage < 4; ++stage) {
+        const int status = rate(at[stage], trial, slope, context);
+        if (status != 0) return status;
+        for (i = 0; i < n; ++i) {
+            after[i] += weight[stage] * slope[i];
+            trial[i] = before[i] + share[stage] * h * slope[i];
+        }
+    }
+    for (i = 0; i < n; ++i) after[i] = before[i] + h / COTREE_F(6.0) * after[i];
+    return 0;
+}
