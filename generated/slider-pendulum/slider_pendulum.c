@@ -238,13 +238,13 @@ static const char *const sensitivity_names[1] = {
     "L",
 };
 static const char *const guard_texts[7] = {
-    "mass of edge 'm5' (parameter 'm1')",
-    "mass of edge 'm6' (parameter 'm2')",
-    "entry 1 of inertia of edge 'm6' (parameters 'm2', 'L', 'r')",
-    "entry 2 of inertia of edge 'm6' (parameters 'm2', 'r')",
-    "entry 3 of inertia of edge 'm6' (parameters 'm2', 'L', 'r')",
-    "the inertia that joint 'j1' carries itself (parameter 'm1')",
-    "the inertia that joint 'h2' carries itself (parameters 'm2', 'L', 'r')",
+    "mass of edge 'm5' must not be negative (parameter 'm1')",
+    "mass of edge 'm6' must not be negative (parameter 'm2')",
+    "entry 1 of inertia of edge 'm6' must not be negative (parameters 'm2', 'L', 'r')",
+    "entry 2 of inertia of edge 'm6' must not be negative (parameters 'm2', 'r')",
+    "entry 3 of inertia of edge 'm6' must not be negative (parameters 'm2', 'L', 'r')",
+    "the inertia that joint 'j1' carries itself must be positive (parameter 'm1')",
+    "the inertia that joint 'h2' carries itself must be positive (parameters 'm2', 'L', 'r')",
 };
 static const double parameter_values[8] = SLIDER_PENDULUM_DEFAULTS;
 static const int column_starts[5] = {

@@ -87,7 +87,7 @@ typedef struct cotree_model {
     const cotree_quantity *inputs;
     const cotree_quantity *outputs;
     const char *const *sensitivities;
-    const char *const *guards;
+    const char *const *guards; /* the conditions on parameters, as sentences */
     const double *parameter_values;
     const int *column_starts; /* n_states + 1, of the Jacobian compressed by columns */
     const int *row_indices;   /* n_nonzeros */

@@ -159,8 +159,8 @@ static const char *const sensitivity_names[1] = {
     "k",
 };
 static const char *const guard_texts[2] = {
-    "mass of edge 'm' (parameter 'm')",
-    "the inertia that joint 's' carries itself (parameter 'm')",
+    "mass of edge 'm' must not be negative (parameter 'm')",
+    "the inertia that joint 's' carries itself must be positive (parameter 'm')",
 };
 static const double parameter_values[8] = SPRING_MASS_DAMPER_DEFAULTS;
 static const int column_starts[3] = {
