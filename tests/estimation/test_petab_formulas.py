@@ -61,7 +61,7 @@ def test_time_is_t_and_names_are_listed():
         ("a['x']", r"contains '\['"),
         ("__import__(a)", "no function here"),
         ("open(a)", "no function here"),
-        ("piecewise(1, a)", "calls 'piecewise'"),
+        ("piecewise(1, a)", "gives piecewise 2 arguments"),
         ("a +", "is not an expression"),
         ("piecewise(1, a < b && b < 0 || a > 0, 2)", "mixes && and"),
         ("1" * 5000, "longer than"),

@@ -202,6 +202,7 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         ("B1 a 0 V=V(a) ? 1 : 2\nR1 a 0 1", 2, "no comparison"),
         ("B1 a 0 V=V(a) == 1 ? 1 : 2\nR1 a 0 1", 2, "compare by <"),
         ("B1 a 0 V=min(V(a))\nR1 a 0 1", 2, "gives min 1 arguments, not 2"),
+        ("B1 a 0 V=if(V(a))\nR1 a 0 1", 2, "arguments, not 3"),
         ("B1 a 0 V=" + "(" * 999 + "1" + ")" * 999, 2, "is not an expression"),
         ("S1 a 0 b 0 m", 2, "no .model 'm'"),
         ("S1 a 0 b m", 2, "needs two nodes, two that control it"),

@@ -8,14 +8,14 @@ forms. The result is checked like every expression of a scene.
 from __future__ import annotations
 
 import ast
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from cotree.errors import ExpressionError, brief, nearest
 from cotree.scene.expressions import FUNCTIONS, fill, names_in, read_tree
 
 if TYPE_CHECKING:
     import re
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 #: What readers write before a parenthesis that only groups; no tool has such a function.
 GROUP = "ö"
@@ -97,8 +97,11 @@ class Rewriter(ast.NodeTransformer):
         The functions of the tool: those of scenes, and keys of :data:`FORMS`.
     """
 
+    #: Functions that :meth:`own_call` rewrites, with their number of arguments.
+    own: ClassVar[Mapping[str, int]] = {}
+
     def __init__(self, name: Callable[[str], ast.expr], functions: Iterable[str]) -> None:
-        self._name, self._functions = name, tuple(functions)
+        self._name, self._functions = name, (*functions, *self.own)
 
     def text(self, formula: str) -> str:
         """Rewrite a formula that is spelt as Python does."""
@@ -169,7 +172,7 @@ class Rewriter(ast.NodeTransformer):
             hint = nearest(name, self._functions)
             raise ExpressionError(f"calls '{shown}', which is no function here{hint}")
         form = FORMS.get(name)
-        count = len(names_in(read_tree(form))) if form else FUNCTIONS[name]
+        count = len(names_in(read_tree(form))) if form else {**FUNCTIONS, **self.own}[name]
         if len(args) != count:
             raise ExpressionError(f"gives {name} {len(args)} arguments, not {count}")
         if form is None:

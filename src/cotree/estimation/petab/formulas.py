@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, brief, nearest
@@ -92,6 +92,8 @@ def number_of(expression: str, where: str) -> float | None:
 
 
 class _Rewriter(Rewriter):
+    own: ClassVar = {"piecewise": 3, "pow": 2}
+
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
         if name == "piecewise" and len(args) % 2 == 1 and len(args) > 1:
             result = self.value(args[-1])

@@ -6,7 +6,7 @@ import ast
 import math
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, brief
@@ -43,7 +43,6 @@ _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
     *("u", "uramp", "ceil", "pwr", "limit"),
 )
-_CHOICES = ("if", "ternary_fcn")
 #: A factor in the place of the point, as resistors are printed.
 _PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
@@ -210,10 +209,12 @@ class SpiceFormula(Rewriter):
         Writes a voltage or a current, of the letter, one name or two; without it there are none.
     """
 
+    own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}
+
     def __init__(
         self, scope: Scope, signal: Callable[[str, str, str | None], str] | None = None
     ) -> None:
-        super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS, *_CHOICES, "pow"))
+        super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS))
         self._scope, self._signal = scope, signal
         #: What stands for names, by marks that keep it from being rewritten.
         self._put: dict[str, ast.expr] = {}
@@ -274,7 +275,7 @@ class SpiceFormula(Rewriter):
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
         """Rewrite a choice or a power."""
-        if name in _CHOICES and len(args) == 3:
+        if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
             return self._power(*map(self.value, args))
