@@ -53,30 +53,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Formed:
-    """All stages of a scene up to its C text.
+    """All stages of a scene up to its C text."""
 
-    Attributes
-    ----------
-    first : FirstGraph
-        The first graph, from which the equations were formed.
-    alternatives : tuple of Alternative
-        The formulations tried, the cheapest first.
-    reports : tuple of PassReport
-        Operation counts before and after each pass.
-    context : ModelContext
-        The values that the templates received.
-    text : ModelText
-        The program after its passes, and its C text.
-    times : mapping of str to float
-        Seconds for each stage: formulate, generate.
-    """
-
-    first: FirstGraph
-    alternatives: tuple[Alternative, ...]
-    reports: tuple[PassReport, ...]
-    context: ModelContext
-    text: ModelText
-    times: Mapping[str, float]
+    first: FirstGraph  # the first graph, from which the equations were formed
+    alternatives: tuple[Alternative, ...]  # the formulations tried, the cheapest first
+    reports: tuple[PassReport, ...]  # operation counts before and after each pass
+    context: ModelContext  # the values that the templates received
+    text: ModelText  # the program after its passes, and its C text
+    times: Mapping[str, float]  # seconds for each stage: formulate, generate
 
 
 def draw_graphs(
@@ -249,13 +233,7 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
 
 
 def program_at_rest(layout: Layout, scene: SceneDescription) -> Program:
-    """Form the network of a model at rest, whose scene asks for its operating point.
-
-    Raises
-    ------
-    ModelError, FormulationError
-        If it cannot be formed.
-    """
+    """Form the network of a model at rest, whose scene asks for its operating point."""
     # Sensitivities to initial values are the model's own: a scene at rest has none of these.
     given = [name for name in layout.sensitivities if name in scene.parameters]
     wanted = [row.name for row in layout.states]

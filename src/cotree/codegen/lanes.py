@@ -303,13 +303,6 @@ def lanes_context(
 def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
     """Write the file of a model, and the headers that it includes.
 
-    Parameters
-    ----------
-    model : LanesContext
-        From :func:`lanes_context`.
-    method : str
-        The same method.
-
     Returns
     -------
     mapping of str to str

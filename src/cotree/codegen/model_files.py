@@ -81,25 +81,12 @@ def declarations(files: Mapping[str, str], headers: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class ModelText:
-    """A program and its C text.
+    """A program and its C text."""
 
-    Attributes
-    ----------
-    program : Program
-        The program after its passes.
-    files : mapping of str to str
-        C text by file name.
-    prefix : str
-        Prefix of the names in it.
-    n_written, n_written_in_all : int
-        Operations of the longest C function, and of all.
-    slow_causes : str
-        Sentences on values of the scene that make steps short.
-    """
-
-    program: Program
-    files: Mapping[str, str]
-    prefix: str
+    program: Program  # the program after its passes
+    files: Mapping[str, str]  # C text by file name
+    prefix: str  # prefix of the names in it
+    #: Operations of the longest C function, and of all.
     n_written: int
     n_written_in_all: int
-    slow_causes: str = ""
+    slow_causes: str = ""  # sentences on values of the scene that make steps short

@@ -125,24 +125,12 @@ _EARLY = ("start", "at", "time")
 
 
 class Point(NamedTuple):
-    """The objective and the constraints at one point of the design space.
+    """The objective and the constraints at one point of the design space."""
 
-    Attributes
-    ----------
-    objective : float
-        The quantity to be minimised; the mean over all runs.
-    gradient : ndarray, shape (n_over,)
-        Its derivatives with respect to the design variables.
-    conditions : ndarray, shape (n_runs * n_conditions,)
-        Constraint values (excesses), run by run.
-    slopes : ndarray, shape (n_runs * n_conditions, n_over)
-        Their derivatives.
-    """
-
-    objective: float
-    gradient: Array
-    conditions: Array
-    slopes: Array
+    objective: float  # the quantity to be minimised; the mean over all runs
+    gradient: Array  # its derivatives with respect to the design variables
+    conditions: Array  # constraint values (excesses), run by run
+    slopes: Array  # their derivatives
 
 
 class Evaluation:

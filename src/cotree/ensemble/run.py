@@ -182,10 +182,6 @@ def run_ensemble(
     attributes : mapping of str to object
         What the Dataset tells about the model, beside its settings.
 
-    Returns
-    -------
-    xarray.Dataset
-
     Raises
     ------
     MemberError
@@ -329,13 +325,7 @@ def make_plan(
     outputs: Sequence[str] | None,
     lanes: int | None,
 ) -> Plan:
-    """Check what members share, and choose their method.
-
-    Raises
-    ------
-    ModelError, SolveError
-        If a setting is not accepted.
-    """
+    """Check what members share, and choose their method."""
     wanted = _outputs(model, outputs)
     if lanes is not None:
         check_count(lanes, "lanes")

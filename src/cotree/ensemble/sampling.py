@@ -35,18 +35,10 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """A distribution of one column.
+    """A distribution of one column."""
 
-    Attributes
-    ----------
-    quantiles : callable
-        From probabilities to values.
-    told : list of object
-        Its kind and numbers, as JSON takes them.
-    """
-
-    quantiles: Callable[[Any], Any]
-    told: list[Any]
+    quantiles: Callable[[Any], Any]  # from probabilities to values
+    told: list[Any]  # its kind and numbers, as JSON takes them
 
 
 def read_distribution(given: Any, name: str, own: Callable[[], float]) -> Distribution:
@@ -152,17 +144,10 @@ _MOST = 2**30
 
 @dataclass(frozen=True, eq=False)
 class Samples(Mapping[str, "FloatArray"]):
-    """Members that were drawn; a mapping of names to arrays of shape (n,).
+    """Members that were drawn; a mapping of names to arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    columns : mapping of str to ndarray
-        The values.
-    origin : mapping of str to object
-        How they were drawn: method, seed and distributions. Results tell it.
-    """
-
-    columns: Mapping[str, FloatArray]
+    columns: Mapping[str, FloatArray]  # the values
+    #: How they were drawn: method, seed and distributions. Results tell it.
     origin: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> FloatArray:
@@ -274,13 +259,7 @@ def sample(
 
 
 def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
-    """Give the value that a model or scene has for a parameter or the start of a state.
-
-    Raises
-    ------
-    ParameterError
-        If it has none.
-    """
+    """Give the value that a model or scene has for a parameter or the start of a state."""
     if isinstance(source, SceneDescription):
         row = source.parameters.get(name)
         if row is not None and not row.is_derived:

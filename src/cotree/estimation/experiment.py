@@ -36,41 +36,22 @@ _PARENTHESES = re.compile(r"(.*\S)\s+\(([^()]*)\)\s*\Z", re.DOTALL)
 
 @dataclass(frozen=True)
 class Column:
-    """A column of numbers.
+    """A column of numbers."""
 
-    Attributes
-    ----------
-    name, unit : str
-        Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
-    values : ndarray, shape (n,)
-        Values in this unit; missing ones are nan.
-    """
-
+    #: Name and unit: ``angle`` and ``deg`` for ``angle [deg]``.
     name: str
     unit: str
-    values: Array
+    values: Array  # values in this unit; missing ones are nan
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of numbers as functions of time.
+    """Columns of numbers as functions of time."""
 
-    Attributes
-    ----------
-    where : str
-        Origin of the data, for messages.
-    rows : sequence of str
-        Designation of each row, for messages, such as "line 5".
-    t : ndarray, shape (n,)
-        Increasing times, [s].
-    columns : mapping of str to Column
-        The other columns by name.
-    """
-
-    where: str
-    rows: Sequence[str]
-    t: Array
-    columns: Mapping[str, Column]
+    where: str  # origin of the data, for messages
+    rows: Sequence[str]  # designation of each row, for messages, such as "line 5"
+    t: Array  # increasing times, [s]
+    columns: Mapping[str, Column]  # the other columns by name
 
     def column(self, name: str) -> Column:
         """Return a column by its name with or without the unit."""

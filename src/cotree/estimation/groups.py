@@ -212,22 +212,13 @@ _SHORTEST = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """Predicted quantities for some points in parameter space and all rows of a group.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n_thetas, n)
-        Values.
-    slopes : ndarray, shape (n_thetas, n, n_estimated)
-        Derivatives with respect to the values of the estimated parameters, not their logarithms;
-        empty if not requested.
-    messages : tuple of str
-        For each point, why a run failed, or an empty string.
-    """
+    """Predicted quantities for some points in parameter space and all rows of a group."""
 
     values: Array
+    #: Derivatives with respect to the values of the estimated parameters, not their logarithms;
+    #: empty if not requested.
     slopes: Array
-    messages: tuple[str, ...]
+    messages: tuple[str, ...]  # for each point, why a run failed, or an empty string
 
 
 class Group:

@@ -41,32 +41,20 @@ _LONGEST = 50  # characters of an output name derived from a column name
 
 @dataclass
 class Observed:
-    """The observables, noise and inputs of an experiment in terms of its model.
+    """The observables, noise and inputs of an experiment in terms of its model."""
 
-    Attributes
-    ----------
-    outputs : dict of str to str
-        The state or output that each column measures.
-    noise : dict of str to str
-        The output that gives the standard deviation of a column, if that is an expression.
-    deviations : dict of str to str
-        The estimated parameter that is the standard deviation of a column.
-    columns : dict of str to str
-        The column that holds the standard deviation of a column.
-    inputs : dict of str to object
-        Inputs given as numbers, tables or functions.
-    expressions : dict of str to str
-        Inputs given as expressions.
-    new : set of str
-        Parameters in expressions that the scene does not have.
-    """
-
+    #: The state or output that each column measures.
     outputs: dict[str, str] = field(default_factory=dict)
+    #: The output that gives the standard deviation of a column, if that is an expression.
     noise: dict[str, str] = field(default_factory=dict)
+    #: The estimated parameter that is the standard deviation of a column.
     deviations: dict[str, str] = field(default_factory=dict)
+    #: The column that holds the standard deviation of a column.
     columns: dict[str, str] = field(default_factory=dict)
+    #: Inputs given as numbers, tables or functions.
     inputs: dict[str, Any] = field(default_factory=dict)
-    expressions: dict[str, str] = field(default_factory=dict)
+    expressions: dict[str, str] = field(default_factory=dict)  # inputs given as expressions
+    #: Parameters in expressions that the scene does not have.
     new: set[str] = field(default_factory=set)
 
 
@@ -283,13 +271,7 @@ class Observer:
 
 
 def signal(column: str, where: str, t: Array, values: Array) -> tuple[Array, Array]:
-    """Convert a column of the data to an input table, without missing values.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two values.
-    """
+    """Convert a column of the data to an input table, without missing values."""
     present = np.isfinite(values)
     if present.sum() < 2:
         raise ParameterError(

@@ -79,27 +79,16 @@ class CProject:
 
 @dataclass(frozen=True)
 class Kit:
-    """Options of a C project besides the model.
+    """Options of a C project besides the model."""
 
-    Attributes
-    ----------
-    integrator : str
-        Names in ``METHODS``, separated by commas: the methods that are compiled in, the one that
-        runs by default first. A method with steps of one length stands alone.
-    real : str
-        The type of numbers, ``double`` or ``float``.
-    prefix : str
-        What names in C and files begin with; the name of the scene where it is empty.
-    has_wrapper : bool
-        Whether there is a header for C++ besides.
-    is_single : bool
-        Whether all C stands in one header and one source, without build files.
-    """
-
+    #: Names in ``METHODS``, separated by commas: the methods that are compiled in, the one that
+    #: runs by default first. A method with steps of one length stands alone.
     integrator: str = "dopri5"
-    real: str = "double"
+    real: str = "double"  # the type of numbers, ``double`` or ``float``
+    #: What names in C and files begin with; the name of the scene where it is empty.
     prefix: str = ""
-    has_wrapper: bool = False
+    has_wrapper: bool = False  # whether there is a header for C++ besides
+    #: Whether all C stands in one header and one source, without build files.
     is_single: bool = False
 
     def methods(self) -> list[str]:
@@ -107,13 +96,7 @@ class Kit:
         return [name.strip() for name in self.integrator.split(",")]
 
     def target(self) -> Target:
-        """Give the target of the type.
-
-        Raises
-        ------
-        CodegenError
-            If there is none.
-        """
+        """Give the target of the type."""
         if self.real not in BY_REAL:
             raise CodegenError(
                 f"there is no type '{self.real}' of numbers: give {' or '.join(BY_REAL)}"
@@ -281,55 +264,28 @@ _APART = frozenset({"prepare"})
 
 @dataclass(frozen=True)
 class MethodContext:
-    """A kernel as a member function.
+    """A kernel as a member function."""
 
-    Attributes
-    ----------
-    name : str
-        Its name; in C it follows the model's.
-    doc : str
-        What its results are.
-    arguments : list of str
-        Declarations.
-    checks : list of tuple of str
-        An array and the length that it needs, each.
-    given : list of str
-        What the kernel is called with.
-    """
-
-    name: str
-    doc: str
-    arguments: list[str]
-    checks: list[tuple[str, str]]
-    given: list[str]
+    name: str  # its name; in C it follows the model's
+    doc: str  # what its results are
+    arguments: list[str]  # declarations
+    checks: list[tuple[str, str]]  # an array and the length that it needs, each
+    given: list[str]  # what the kernel is called with
 
 
 @dataclass(frozen=True)
 class KitContext:
-    """The values that the templates of build files receive.
+    """The values that the templates of build files receive."""
 
-    Attributes
-    ----------
-    title, prefix, upper, generator : str
-        As in the model's context.
-    sources : list of str
-        C files of the library.
-    headers : list of str
-        Headers that are installed.
-    methods : list of MethodContext
-        Kernels, for the header for C++.
-    parameters : bool
-        Whether there are parameters.
-    """
-
+    #: As in the model's context.
     title: str
     prefix: str
     upper: str
     generator: str
-    sources: list[str]
-    headers: list[str]
-    methods: list[MethodContext]
-    parameters: bool
+    sources: list[str]  # C files of the library
+    headers: list[str]  # headers that are installed
+    methods: list[MethodContext]  # kernels, for the header for C++
+    parameters: bool  # whether there are parameters
 
 
 def kit_files(

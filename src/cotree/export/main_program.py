@@ -49,108 +49,57 @@ _OF_START = (
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers of a run that says nothing else.
+    """The numbers of a run that says nothing else."""
 
-    Attributes
-    ----------
-    t_end : float
-        End time, [s].
-    rtol, atol : float
-        Tolerances.
-    step : float or None
-        Length of all steps of a method of ``FIXED``, [s].
-    """
-
-    t_end: float
+    t_end: float  # end time, [s]
+    #: Tolerances.
     rtol: float
     atol: float
-    step: float | None = None
+    step: float | None = None  # length of all steps of a method of ``FIXED``, [s]
 
 
 @dataclass(frozen=True)
 class MainContext:
-    """The values that the template of the main program receives.
+    """The values that the template of the main program receives."""
 
-    Attributes
-    ----------
-    title, name_literal, prefix, upper, generator : str
-        As in the model's context.
-    integrator : str
-        The first method.
-    methods : list of str
-        All that are compiled in.
-    implicit : list of str
-        Those among them that take a Jacobian.
-    t_end, rtol, atol : str
-        C literals.
-    has_rtol : bool
-        Whether something is solved to a relative tolerance.
-    stops : list of str
-        A C initialiser for each time, or each row of times with a period, where something has a
-        kink: the first time, the period or zero, and one where none come before the first.
-    has_sensitivities : bool
-        Whether the unknowns are states and sensitivities, or states alone.
-    seeds : list of int
-        Positions of the sensitivity parameters, -1 for initial values.
-    start : list of str
-        Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
-        for others.
-    start_tables : StartTables or None
-        Tables of a start that C finds: it has to satisfy more than the initial values say.
-    guess : list of str
-        Lines of C literals: guesses of it, if it needs any.
-    n_constraints : int
-        Number of constraints, with their rates and the norms of quaternions.
-    n_algebraic : int
-        Number of algebraic unknowns among the states.
-    n_events : int
-        Number of events.
-    is_strict : bool
-        Whether constraints are dependent, so that rates are taken on them.
-    step : str
-        Length of all steps; empty where the step size is controlled.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too.
-    sizes : list of str
-        Lines of C literals: the factor of each state's absolute tolerance, if any.
-    least_size : str
-        The least of these, where it is below one.
-    held : list of str
-        Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
-        where they depend on none.
-    most_steps : int
-        Steps that a run takes at most without an event or a stop.
-    """
-
+    #: As in the model's context.
     title: str
     name_literal: str
     prefix: str
     upper: str
     generator: str
-    integrator: str
-    methods: list[str]
-    implicit: list[str]
+    integrator: str  # the first method
+    methods: list[str]  # all that are compiled in
+    implicit: list[str]  # those among them that take a Jacobian
+    #: C literals.
     t_end: str
     rtol: str
     atol: str
-    has_rtol: bool
+    has_rtol: bool  # whether something is solved to a relative tolerance
+    #: A C initialiser for each time, or each row of times with a period, where something has a
+    #: kink: the first time, the period or zero, and one where none come before the first.
     stops: list[str]
     max_step: str
-    has_sensitivities: bool
-    seeds: list[int]
+    has_sensitivities: bool  # whether the unknowns are states and sensitivities, or states alone
+    seeds: list[int]  # positions of the sensitivity parameters, -1 for initial values
+    #: Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
+    #: for others.
     start: list[str]
+    #: Tables of a start that C finds: it has to satisfy more than the initial values say.
     start_tables: StartTables | None
-    guess: list[str]
-    n_constraints: int
-    n_algebraic: int
-    n_events: int
-    is_strict: bool
-    step: str
-    is_extended: bool
-    sizes: list[str]
-    least_size: str
+    guess: list[str]  # lines of C literals: guesses of it, if it needs any
+    n_constraints: int  # number of constraints, with their rates and the norms of quaternions
+    n_algebraic: int  # number of algebraic unknowns among the states
+    n_events: int  # number of events
+    is_strict: bool  # whether constraints are dependent, so that rates are taken on them
+    step: str  # length of all steps; empty where the step size is controlled
+    is_extended: bool  # whether algebraic unknowns are integrated, too
+    sizes: list[str]  # lines of C literals: the factor of each state's absolute tolerance, if any
+    least_size: str  # the least of these, where it is below one
+    #: Lines of a one for each parameter that numbers of the text depend on, else a zero; empty
+    #: where they depend on none.
     held: list[str]
-    most_steps: int
+    most_steps: int  # steps that a run takes at most without an event or a stop
 
     def conditions(self, model: ModelContext) -> dict[str, bool]:
         """Return the values of the macros that its plain C is selected by."""

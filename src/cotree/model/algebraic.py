@@ -70,11 +70,6 @@ class Algebraic:
         -------
         ndarray, shape (n,)
             The rates there.
-
-        Raises
-        ------
-        UnsolvedError
-            If Newton's method does not get there.
         """
         # Exponentials may overflow on the way: what is not finite is told by the tests. As a
         # decorator this would be one object of all threads before NumPy 2.
@@ -155,11 +150,6 @@ class Algebraic:
         """Give the Jacobian at a solution, and what solves with its last block.
 
         The Jacobian is a buffer that the next call may change.
-
-        Raises
-        ------
-        UnsolvedError
-            If that block is singular.
         """
         matrix = self._jacobian(t, y)
         try:

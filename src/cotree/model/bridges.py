@@ -24,24 +24,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Rates:
-    """The function (x, u, p) -> dx/dt at one time.
-
-    Attributes
-    ----------
-    model : CompiledModel
-        The model.
-    linearizer : callable
-        Returns its linearizer.
-    t : float
-        The time, [s].
-    names : tuple of str
-        The parameters among its arguments, those that the model was compiled with sensitivities
-        to; the others keep the values of the scene.
-    """
+    """The function (x, u, p) -> dx/dt at one time."""
 
     model: CompiledModel
-    linearizer: Callable[[], Linearizer]
-    t: float
+    linearizer: Callable[[], Linearizer]  # returns its linearizer
+    t: float  # the time, [s]
+    #: The parameters among its arguments, those that the model was compiled with sensitivities to;
+    #: the others keep the values of the scene.
     names: tuple[str, ...]
 
     @property
@@ -119,18 +108,7 @@ def rates_of(
 
 
 def casadi_function(rates: Rates) -> Any:
-    """Make a ``casadi.Callback`` with arguments x, u and p, and result dx.
-
-    Parameters
-    ----------
-    rates : Rates
-        The function.
-
-    Raises
-    ------
-    ParameterError
-        If the package is missing.
-    """
+    """Make a ``casadi.Callback`` with arguments x, u and p, and result dx."""
     try:
         casadi: Any = import_module("casadi")
     except ImportError:
@@ -221,11 +199,6 @@ def jax_function(rates: Rates) -> Any:
 
     It may be compiled, mapped over points and differentiated, forwards and backwards, once: its
     derivatives are values of C, which JAX cannot differentiate any further.
-
-    Parameters
-    ----------
-    rates : Rates
-        The function.
 
     Raises
     ------

@@ -33,15 +33,7 @@ _CALLS = (
 
 
 def model_text(model: Any, methods: Sequence[str]) -> str:
-    """Describe a model in a few lines.
-
-    Parameters
-    ----------
-    model : cotree.Model
-        The model.
-    methods : sequence of str
-        Methods of integration.
-    """
+    """Describe a model in a few lines."""
     return labelled(f"{type(model).__name__} {model.layout.name}", _lines(model, methods))
 
 

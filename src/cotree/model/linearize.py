@@ -54,14 +54,9 @@ _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A change of states, inputs and parameters.
+    """A change of states, inputs and parameters."""
 
-    Attributes
-    ----------
-    y, u, p : ndarray, shapes (n_states,), (n_inputs,) and (n_parameters,)
-        Components of the direction; those of algebraic unknowns are recomputed and ignored.
-    """
-
+    #: Components of the direction; those of algebraic unknowns are recomputed and ignored.
     y: Array
     u: Array
     p: Array

@@ -244,28 +244,14 @@ _INVOLVED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The unknowns and the equations of one search.
-
-    Attributes
-    ----------
-    at : Moment
-        The model, with parameters and inputs before the search.
-    y : ndarray, shape (n_states,)
-        States before the search.
-    unknowns : tuple of (str, int)
-        Kind (``y``, ``u`` or ``p``) and index of each unknown.
-    rows : tuple of int
-        Indices of the equations among rates, outputs and constraints.
-    targets : ndarray, shape (n_rows,)
-        Prescribed values.
-    """
+    """The unknowns and the equations of one search."""
 
     linearizer: Linearizer
-    at: Moment
-    y: Array
-    unknowns: tuple[tuple[str, int], ...]
-    rows: tuple[int, ...]
-    targets: Array
+    at: Moment  # the model, with parameters and inputs before the search
+    y: Array  # states before the search
+    unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
+    rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints
+    targets: Array  # prescribed values
     names: tuple[str, ...] = field(default=())
 
     @property

@@ -63,24 +63,12 @@ _IMPLICIT_FIRST = (
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """States and sensitivities that one method gives, to compare.
-
-    Attributes
-    ----------
-    method : str
-        The method.
-    rtol : float
-        Its relative tolerance.
-    y : ndarray, shape (n_states, n_t)
-        States.
-    s : ndarray, shape (n_states, n_parameters, n_t)
-        Their sensitivities.
-    """
+    """States and sensitivities that one method gives, to compare."""
 
     method: str
-    rtol: float
-    y: Array
-    s: Array
+    rtol: float  # its relative tolerance
+    y: Array  # states
+    s: Array  # their sensitivities
 
     def distance(self, other: Solution | Result) -> tuple[float, float]:
         """Return the error of another solution, of its states and of its sensitivities.
@@ -173,11 +161,6 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
     -------
     Reference
         The first two that agree to 1e-10, or else the two of all that agree best.
-
-    Raises
-    ------
-    SolveError
-        If no two agree to 1e-6.
     """
     solutions: list[Solution] = []
     pairs: list[Reference] = []
@@ -336,11 +319,6 @@ class BenchRow:
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
     """Give the fastest row, with those that are within its noise, one of each method.
-
-    Parameters
-    ----------
-    rows : iterable of BenchRow
-        Rows with times.
 
     Returns
     -------

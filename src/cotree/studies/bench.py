@@ -102,15 +102,9 @@ def _noise(seconds: Sequence[float]) -> float:
 
 
 class Task(Protocol):
-    """A task that is timed.
+    """A task that is timed."""
 
-    Attributes
-    ----------
-    seconds : list of float
-        The times taken so far, [s].
-    """
-
-    seconds: list[float]
+    seconds: list[float]  # the times taken so far, [s]
 
     def run(self) -> bool:
         """Do it once; a time counts where it succeeds."""

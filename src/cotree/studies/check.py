@@ -368,21 +368,13 @@ def _say_nothing(text: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """The runs that are made before differences are formed.
+    """The runs that are made before differences are formed."""
 
-    Attributes
-    ----------
-    experiment : Experiment
-        The experiment from which differences are formed.
-    with_s, with_s_loose : Result
-        Runs with sensitivities, at the tolerances and at looser ones.
-    tight, loose : Result
-        The same runs of the experiment.
-    """
-
-    experiment: Experiment
+    experiment: Experiment  # the experiment from which differences are formed
+    #: Runs with sensitivities, at the tolerances and at looser ones.
     with_s: Result
     with_s_loose: Result
+    #: The same runs of the experiment.
     tight: Result
     loose: Result
 

@@ -136,24 +136,12 @@ def _check_size(value: int, what: str, least: int, most: int) -> None:
 
 
 def check_animation(path: Path) -> str:
-    """Return the suffix of an animation's file.
-
-    Raises
-    ------
-    SceneError
-        If it is unknown.
-    """
+    """Return the suffix of an animation's file."""
     return check_suffix(path, _SUFFIXES, "animate into")
 
 
 def check_moving(scene: SceneDescription) -> None:
-    """Refuse a scene without a multibody part.
-
-    Raises
-    ------
-    SceneError
-        If there is none.
-    """
+    """Refuse a scene without a multibody part."""
     if not scene.mechanics.edges:
         raise SceneError(
             f"scene '{scene.name}' has no bodies or joints in space to be watched: only multibody "

@@ -67,18 +67,10 @@ class WatchedModel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Evenly spaced times of a run.
+    """Evenly spaced times of a run."""
 
-    Attributes
-    ----------
-    times : ndarray, shape (n_frames,)
-        Of the run, [s].
-    pause : float
-        Time between frames of the animation, [s].
-    """
-
-    times: Array
-    pause: float
+    times: Array  # of the run, [s]
+    pause: float  # time between frames of the animation, [s]
 
     @property
     def speed(self) -> float:
@@ -104,11 +96,6 @@ def choose_frames(
         happened, and others slower or faster by 1, 2 or 5 times a power of ten.
     n_bodies : int
         How many bodies each frame has.
-
-    Raises
-    ------
-    SceneError
-        If a number makes no sense.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
         raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
