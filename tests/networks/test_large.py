@@ -129,6 +129,7 @@ def test_the_fastest_decay_of_a_sparse_jacobian():
     """A pulse at the end of a diffusion whose rates are known: 4 / (R C) in the limit."""
     from scipy.sparse import csc_matrix
 
+    from cotree import Settings
     from cotree.solvers.problem import Problem
 
     matrix = csc_matrix(rc_ladder_matrix(N))
@@ -138,7 +139,7 @@ def test_the_fastest_decay_of_a_sparse_jacobian():
         n_states=N,
         n_sensitivities=0,
         z0=np.ones(N),
-        t_span=(0.0, 10.0),
+        settings=Settings(t_span=(0.0, 10.0)),
         sparse_jacobian=lambda t, y: matrix,
     )
     assert "40 times the shortest decay" in integrate(problem).message

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.scene.settings import Settings
 from cotree.solvers.problem import Problem
 
 if TYPE_CHECKING:
@@ -13,6 +14,19 @@ if TYPE_CHECKING:
 
 STIFFNESS, DAMPING = 40.0, 1.0
 X0, V0 = 0.3, -1.0
+
+
+#: Fields of a problem that are settings of a run.
+OF_SETTINGS = {"t_span", "t_eval", "rtol", "atol", "error_test_sensitivities"}
+OF_SETTINGS |= {"max_steps", "max_events", "time_limit"}
+
+
+def problem_of(fields: dict[str, Any]) -> Problem:
+    """Make a problem of its fields and settings."""
+    settings = Settings(**{name: fields[name] for name in fields if name in OF_SETTINGS})
+    return Problem(
+        settings=settings, **{name: fields[name] for name in fields if name not in OF_SETTINGS}
+    )
 
 
 def oscillator_rhs(t: float, z: FloatArray) -> FloatArray:
@@ -39,7 +53,7 @@ def oscillator(t_eval: FloatArray | None = None, **changes: object) -> Problem:
         "t_eval": t_eval,
         "names": ("x", "v"),
     }
-    return Problem(**(fields | changes))  # type: ignore[arg-type]
+    return problem_of(fields | changes)
 
 
 def _motion(t: FloatArray, k: complex, c: complex) -> np.ndarray:
@@ -74,7 +88,7 @@ def scalar(f, jacobian=None, z0=1.0, **changes: object) -> Problem:
         "atol": 1e-8,
         "names": ("x",),
     }
-    return Problem(**(fields | changes))  # type: ignore[arg-type]
+    return problem_of(fields | changes)
 
 
 def robertson_rhs(t: float, z: FloatArray) -> FloatArray:
@@ -105,7 +119,7 @@ def robertson(t_end: float, **changes: object) -> Problem:
         "atol": 1e-13,
         "names": ("A", "B", "C"),
     }
-    return Problem(**(fields | changes))  # type: ignore[arg-type]
+    return problem_of(fields | changes)
 
 
 def shared_buffer(problem: Problem):

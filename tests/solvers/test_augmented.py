@@ -46,10 +46,10 @@ def test_differences_of_a_quadratic():
 
 
 def test_tolerances_of_sensitivities():
-    problem = oscillator(rtol=1e-6, atol=np.array([1e-8, 1e-9]))
+    problem = oscillator(rtol=1e-6, atol=1e-8, sizes=np.array([1.0, 0.1]))
     rtol, atol = augmented_tolerances(problem)
     assert rtol == 1e-6
-    assert np.array_equal(atol, [1e-8, 1e-9] * 3)
+    np.testing.assert_allclose(atol, [1e-8, 1e-9] * 3, rtol=1e-15)  # a product rounds
 
 
 def test_tolerances_without_sensitivities_in_the_error_test():

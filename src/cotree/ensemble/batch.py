@@ -249,7 +249,8 @@ class BlockInC:
             address = engine.ffi.cast("uintptr_t", getattr(engine.lib, f"cotree_job_{name}"))
             setattr(c, name, ffi.cast(ffi.typeof(getattr(c, name)), int(address)))
         c.memory = int(engine.lib.cotree_job_memory(job))
-        c.max_steps, c.time_limit = problem.max_steps or 0, problem.time_limit or 0.0
+        settings = problem.settings
+        c.max_steps, c.time_limit = settings.max_steps or 0, settings.time_limit or 0.0
         c.n_full = problem.size
         c.is_watched, c.are_asked_for = self.pattern.is_watched, self.pattern.is_searched
         if self.pattern.is_watched:
@@ -277,7 +278,7 @@ class BlockInC:
 
     def _set_given(self) -> None:
         """Fill in the inputs in place of the scene's, at the wanted times."""
-        c, signals, times = self.batch, self.pattern.signals, self.pattern.problem.t_eval
+        c, signals, times = self.batch, self.pattern.signals, self.pattern.problem.settings.t_eval
         assert times is not None  # a plan gives them
         by_position = signals.by_position
         c.n_given = len(by_position)
@@ -342,8 +343,8 @@ class Worker:
         self._asked: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
-        assert problem.t_eval is not None  # a plan gives them
-        n_t, m, n_y = len(problem.t_eval), problem.n_sensitivities, len(model.outputs)
+        assert problem.settings.t_eval is not None  # a plan gives them
+        n_t, m, n_y = len(problem.settings.t_eval), problem.n_sensitivities, len(model.outputs)
         n_y = n_y if members.batch.n_outputs else 0
         c = self._worker = self._ffi.new("cotree_worker *")
         c.batch, c.member = members.batch, -1

@@ -179,7 +179,7 @@ def _refusal(pattern: Pattern) -> str:
     problem = pattern.problem
     if pattern.signals.by_position:
         return "inputs are given in place of the scene's"
-    if problem.t_eval is None or not len(problem.t_eval):
+    if problem.settings.t_eval is None or not len(problem.settings.t_eval):
         return "no times are wanted"
     if len(problem.breakpoints):
         return "rates have kinks or jumps at known times"

@@ -96,8 +96,8 @@ def spent_sentence(
     """
     reason = _reason(problem, job, ended)
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
-    assert problem.t_eval is not None  # a plan gives them
-    t, z = problem.t_eval[: len(kept)], kept
+    assert problem.settings.t_eval is not None  # a plan gives them
+    t, z = problem.settings.t_eval[: len(kept)], kept
     # As in a run by itself, the last point is one of those that are looked at.
     if not (len(t) and t[-1] == float(job.t)):
         t, z = np.append(t, float(job.t)), np.vstack([z, last])
@@ -110,7 +110,7 @@ def _reason(problem: Problem, job: Any, ended: int) -> str:
     if ended == EVENTS_SPENT:
         return verdict("spends", [], detail=job.most_events)
     if ended == STEPS_SPENT:
-        assert problem.max_steps is not None  # it is spent
-        return steps_spent(problem.max_steps)
-    assert problem.time_limit is not None  # likewise
-    return time_spent(problem.time_limit)
+        assert problem.settings.max_steps is not None  # it is spent
+        return steps_spent(problem.settings.max_steps)
+    assert problem.settings.time_limit is not None  # likewise
+    return time_spent(problem.settings.time_limit)

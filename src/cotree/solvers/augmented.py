@@ -174,23 +174,22 @@ class Tolerances:
 
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
         places = problem.integrated if is_left is None else problem.integrated[is_left]
-        self._atol = np.asarray(problem.atol) if np.ndim(problem.atol) else float(problem.atol)
+        self._atol = problem.settings.atol
         # Block 0 of z holds the states, and block k their sensitivities to parameter k - 1.
         self._block, self._state = np.divmod(places, max(1, problem.n_states))
-        self._is_tested = problem.error_test_sensitivities
+        self._is_tested = problem.settings.error_test_sensitivities
         self._share = 1.0 if self._is_tested else _share(problem)
 
     def rtol_of(self, problem: Problem) -> float:
         """Give the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
-        return max(problem.rtol / self._share, RTOL_FLOOR)
+        return max(problem.settings.rtol / self._share, RTOL_FLOOR)
 
     def of(self, problem: Problem) -> FloatArray:
         """Give the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
-        scales, atol = problem.scales, self._atol
+        scales = problem.scales
+        atol: Any = self._atol
         if problem.sizes is not None:
-            atol = atol * problem.sizes
-        if not isinstance(atol, float):
-            atol = atol[..., self._state]
+            atol = (atol * problem.sizes)[..., self._state]
         if not self._is_tested:
             return np.where(self._block > 0, UNTESTED, atol / self._share)
         if scales is None:
@@ -205,8 +204,8 @@ class Tolerances:
 
 def tested_rtol(problem: Problem) -> float:
     """Return the relative tolerance of the error test, at least ``RTOL_FLOOR``."""
-    share = 1.0 if problem.error_test_sensitivities else _share(problem)
-    return max(problem.rtol / share, RTOL_FLOOR)
+    share = 1.0 if problem.settings.error_test_sensitivities else _share(problem)
+    return max(problem.settings.rtol / share, RTOL_FLOOR)
 
 
 def _share(problem: Problem) -> float:

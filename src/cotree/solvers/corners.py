@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def corner_times(problem: Problem) -> FloatArray:
     """List start, breakpoints inside the span, and end, in the order of the run."""
-    start, end = map(float, problem.t_span)
+    start, end = map(float, problem.settings.t_span)
     if not len(problem.breakpoints):
         return np.array([start, end])
     low, high = min(start, end), max(start, end)
@@ -63,7 +63,7 @@ def turning(problem: Problem, t: float, entry: int) -> str:
         The place of the sensitivity in z.
     """
     what = describe_entry(problem, entry)
-    if t == problem.t_span[0]:
+    if t == problem.settings.t_span[0]:
         return (
             f"{what} does not exist: a source has a corner at the start, t = {t:.10g}, that moves "
             "with the parameter; begin the run before it, or compile without this sensitivity"

@@ -62,10 +62,10 @@ class Evaluator:
         self.not_finite = ""
         self._last_jacobian: Any = None
         # Of the whole span, until the first segment is opened.
-        self._bounds = sorted(problem.t_span)
+        self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
-        if problem.time_limit is not None:
-            self._deadline = time.perf_counter() + problem.time_limit
+        if problem.settings.time_limit is not None:
+            self._deadline = time.perf_counter() + problem.settings.time_limit
         # A step takes tens of evaluations, or the length of z where the solver differences a
         # Jacobian. SciPy's step loops have no end where the step size itself becomes nan.
         self._per_step = 10_000 + 100 * problem.size
@@ -77,7 +77,7 @@ class Evaluator:
         # segment's last step, nor one that ends at its start by the first: both sides of a jump
         # would meet in one step, and the error test would shrink it to nothing.
         # The times of jumps are themselves rounded, hence the margin.
-        low, high = self.problem.t_span
+        low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
         margin = min(SAME * size, 0.25 * abs(end - start))
         margin = math.copysign(margin, end - start)
@@ -218,7 +218,7 @@ class Evaluator:
         return self._last_jacobian.copy()
 
     def _check_budgets(self) -> None:
-        limit = self.problem.time_limit
+        limit = self.problem.settings.time_limit
         if limit is not None and time.perf_counter() > self._deadline:
             raise IntegrationStopError(BUDGET_SPENT, time_spent(limit))
         if self.nfev > self._allowed:

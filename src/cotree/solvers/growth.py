@@ -79,7 +79,7 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     large as ever in the last one, and grows there faster than any power of time below the seventh.
     The range is at least the size below which the absolute tolerance decides.
     """
-    n, start = problem.n_states, float(problem.t_span[0])
+    n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:
         return ""
     # The start may not be among the times that were asked for.
@@ -87,7 +87,7 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     y = np.abs(np.column_stack([problem.z0[:n], trajectory.z[:n]]))
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
     with np.errstate(all="ignore"):
-        floor = problem.state_atol / problem.rtol
+        floor = problem.state_atol / problem.settings.rtol
         # The unknowns that the run began with may have been guesses.
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf

@@ -50,7 +50,8 @@ _OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
 
 
 def _times_of(problem: Problem) -> tuple[Any, ...]:
-    return problem.t_span, problem.t_eval, problem.breakpoints, problem.scale, problem.max_step
+    t_span, t_eval = problem.settings.t_span, problem.settings.t_eval
+    return t_span, t_eval, problem.breakpoints, problem.scale, problem.max_step
 
 
 class Job:
@@ -126,7 +127,7 @@ class Job:
         self._places = problem.integrated[is_left]  # positions in z
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
-        c.n, c.atol = len(self._places), problem.least_atol
+        c.n, c.atol = len(self._places), problem.settings.atol
         # Correctors do not go back to what happens within a step.
         c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
@@ -175,7 +176,7 @@ class Job:
         self.rescue.problem, self.rescue.complaint = problem, ""
         if not self._has_newton and problem.singular is not None:
             # Off constraints that depend on each other there are no rates: C projects points first.
-            c.is_strict = int(bool(problem.singular(problem.t_span[0], problem.z0)))
+            c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._put("p", native.model.p)
         self._put("k", native.model.k)
         if native.n_inputs:
@@ -194,7 +195,7 @@ class Job:
         self._looks_from: int | None = None
         if self._at_once:
             bound = most_rows(self._width)
-            c.most_events = min(problem.max_events or bound, bound)
+            c.most_events = min(problem.settings.max_events or bound, bound)
         # Last, since the size follows from all that is filled in.
         if is_timed:
             self._arrays["memory"].fill(0.0)
@@ -245,13 +246,13 @@ class Job:
             c.is_end_sharp = int(corners[-1] in problem.breakpoints)
         c.max_step = min(problem.max_step, sys.float_info.max)
         self._let_turn(problem, corners)
-        if problem.t_eval is None:
+        if problem.settings.t_eval is None:
             return
-        c.n_wanted = len(problem.t_eval)
+        c.n_wanted = len(problem.settings.t_eval)
         # Nobody changes the times of a problem, so that the same array needs no look.
-        if problem.t_eval is not self._wanted:
-            self._wanted = problem.t_eval
-            self._put("wanted", np.asarray(problem.t_eval, dtype=float))
+        if problem.settings.t_eval is not self._wanted:
+            self._wanted = problem.settings.t_eval
+            self._put("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
         """Take some steps; see ``COTREE_JOB_DONE`` and its like.

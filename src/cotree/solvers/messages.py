@@ -47,14 +47,14 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
     """
     sentences = [f"{method} reached t = {t:.10g}."]
     if reason:
-        end = problem.t_span[1]
+        end = problem.settings.t_span[1]
         sentences = [f"{method} stopped at t = {t:.10g} of {end:.10g}: {reason}."]
     if reason == ROUNDING_LEVEL:
         sentences.append(_rounding_of_time(problem, t))
     rtol = tested_rtol(problem)
-    if rtol > problem.rtol:
+    if rtol > problem.settings.rtol:
         sentences.append(
-            f"rtol = {problem.rtol:.3g} is below what double precision can test; "
+            f"rtol = {problem.settings.rtol:.3g} is below what double precision can test; "
             f"{RTOL_FLOOR:.3g} was used."
         )
     return [sentence for sentence in sentences if sentence]
@@ -94,7 +94,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
-    start, end = problem.t_span
+    start, end = problem.settings.t_span
     y = np.array(z[: problem.n_states])
     why = _undefined(problem, t, y)
     if why:
@@ -124,7 +124,7 @@ def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
 
 def _rounding_of_time(problem: Problem, t: float) -> str:
     """Report that rounding of a large t, not the motion, made steps short; empty otherwise."""
-    spacing, (start, end) = float(np.spacing(abs(t))), problem.t_span
+    spacing, (start, end) = float(np.spacing(abs(t))), problem.settings.t_span
     if spacing <= _FINE * abs(end - start):
         return ""
     return (

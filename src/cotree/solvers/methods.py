@@ -154,6 +154,8 @@ def _dependent(problem: Problem) -> str:
 
     Stages of Rosenbrock methods are off the constraints, which then contradict each other.
     """
-    edges = () if problem.singular is None else problem.singular(problem.t_span[0], problem.z0)
+    edges = (
+        () if problem.singular is None else problem.singular(problem.settings.t_span[0], problem.z0)
+    )
     names = ", ".join(f"'{edge}'" for edge in edges)
     return f"constraints of {names} are dependent at the start" if edges else ""

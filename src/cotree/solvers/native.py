@@ -277,7 +277,7 @@ def run_job(
     until : int, optional
         A number of steps after which the job waits.
     """
-    with Progress(method, problem.t_span) as progress:
+    with Progress(method, problem.settings.t_span) as progress:
         begin = time.perf_counter() - spent
         status, reason, is_waiting = _advance(job, problem, begin, progress, until)
         if status == BUDGET_SPENT:
@@ -289,7 +289,8 @@ def _advance(
     job: Job, problem: Problem, begin: float, progress: Progress, until: int | None
 ) -> tuple[int, str, bool]:
     """Give the status, the reason of a failure, and whether the job waits."""
-    limit, others = problem.max_steps, problem.steps_taken
+    settings, others = problem.settings, problem.steps_taken
+    limit, time_limit = settings.max_steps, settings.time_limit
     assert problem.native is not None  # or there were no job
     steps = 1 if problem.native.functions else _FIRST_STEPS  # Python's functions may take long
     while True:
@@ -317,10 +318,10 @@ def _advance(
         # Checked after events, which end a run whatever is left of the budget of steps.
         if limit is not None and others + job.job.n_steps >= limit:
             return BUDGET_SPENT, steps_spent(limit), False
-        if problem.time_limit is not None and now - begin > problem.time_limit:
-            return BUDGET_SPENT, time_spent(problem.time_limit), False
+        if time_limit is not None and now - begin > time_limit:
+            return BUDGET_SPENT, time_spent(time_limit), False
         # So many steps as fill a tenth of a second: Ctrl-C and the time limit are seen soon
         # enough, and the way into C and back costs nothing beside them.
-        rest = _GLANCE if problem.time_limit is None else problem.time_limit - (now - begin)
+        rest = _GLANCE if time_limit is None else time_limit - (now - begin)
         rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))

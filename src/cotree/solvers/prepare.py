@@ -216,18 +216,11 @@ class Preparation:
             n_states=n,
             n_sensitivities=m,
             z0=np.zeros(n * (1 + m)),
-            t_span=settings.t_span,
-            t_eval=settings.t_eval,
-            rtol=settings.rtol,
-            atol=settings.atol,
-            error_test_sensitivities=settings.error_test_sensitivities,
+            settings=settings,
             scale=max(map(abs, settings.t_span)),
             names=model.states,
             parameters=model.sensitivities,
             max_step=math.inf if settings.max_step is None else settings.max_step,
-            max_steps=settings.max_steps,
-            max_events=settings.max_events,
-            time_limit=settings.time_limit,
             constraints=model.constraints if self._is_held else (),
             n_algebraic=layout.n_algebraic,
             places=places_of(model),
@@ -253,7 +246,7 @@ class Preparation:
         ModelError
             If a value is not accepted, or there is no start.
         """
-        model, t_span = self.model, self._template.t_span
+        model, t_span = self.model, self.settings.t_span
         initial = read_mapping(initial, "initial")
         p = model.parameter_array(parameters)
         signals, samples = _with_samples(model, p, self._signals, t_span)
@@ -311,7 +304,7 @@ class Preparation:
             found["max_step"] = model.longest_step(p, inputs)
         if not self._has_corners:
             return found
-        t_span, scale = self._template.t_span, self._template.scale
+        t_span, scale = self.settings.t_span, self._template.scale
         corners = model.corners(p, t_span, inputs, signals.breakpoints)
         return found | {
             "scale": max(scale, corners.scale),

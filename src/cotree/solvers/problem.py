@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cotree.dag.time_events import Corners
 from cotree.errors import SolveError
+from cotree.records import changed
 from cotree.solvers.budgets import most_rows
-from cotree.tolerances import rtol_fault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.model.kernels import NativeModel
+    from cotree.scene.settings import Settings
     from cotree.solvers.base import FloatArray
     from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.jumps import ModelEvents
@@ -72,15 +73,9 @@ class Problem:
         Number of parameters whose sensitivities are integrated.
     z0 : ndarray, shape (n_states * (1 + n_sensitivities),)
         Initial states and sensitivities.
-    t_span : tuple of float
-        Start and end, [s]; the end may lie before the start.
-    t_eval : ndarray or None
-        Times of the wanted values, sorted in the direction of ``t_span``, [s]; None keeps the
-        solver's own steps.
-    rtol : float
-        Relative tolerance; one below ``RTOL_FLOOR`` is raised to it, and the message says so.
-    atol : float or ndarray, shape (n_states,)
-        Absolute tolerance, [state unit].
+    settings : Settings
+        Span, times, tolerances and budgets. An rtol below ``RTOL_FLOOR`` is raised to it, and the
+        message says so. What its other fields name is in the fields of the problem.
     sizes : ndarray, shape (n_states,), or None
         Factors of the absolute tolerances of states. For the content of a storage, the factor is
         the change of the content per unit of the variable that follows from it. None for one.
@@ -88,8 +83,6 @@ class Problem:
         Sizes of the parameters, by which absolute tolerances of sensitivities are divided: the
         effect of a change of a parameter by its own size is then tested as the states are. None
         for one.
-    error_test_sensitivities : bool
-        Whether sensitivities take part in the error test.
     breakpoints : sequence of float
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
         no pulse between two of them is stepped over. Those outside the span are ignored; where an
@@ -102,12 +95,8 @@ class Problem:
         Names of the states and of the parameters of sensitivity, for messages; empty for none.
     max_step : float
         The longest step, [s]; a breakpoint or an output may cut it shorter.
-    time_limit : float or None
-        Budget of wall-clock time, [s].
-    max_steps, max_events : int or None
-        Budgets of steps, and of events that happen; what happens at one time happens together.
     steps_taken : int
-        Steps of that budget that other runs have taken before this one.
+        Steps of the budget that other runs have taken before this one.
     held : HeldConstraints or None
         The constraints that C holds the motion to; None where nothing constrains z.
     constraints : tuple of str
@@ -156,22 +145,15 @@ class Problem:
     n_states: int
     n_sensitivities: int
     z0: FloatArray
-    t_span: tuple[float, float]
-    t_eval: FloatArray | None = None
-    rtol: float = 1e-8
-    atol: float | FloatArray = 1e-10
+    settings: Settings
     sizes: FloatArray | None = None
     scales: FloatArray | None = None
-    error_test_sensitivities: bool = True
     breakpoints: Sequence[float] | FloatArray = ()
     scale: float = 0.0
     shifts: Corners = field(default_factory=Corners.none)
     names: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     max_step: float = float("inf")
-    time_limit: float | None = None
-    max_steps: int | None = None
-    max_events: int | None = None
     steps_taken: int = 0
     held: HeldConstraints | None = None
     constraints: tuple[str, ...] = ()
@@ -190,6 +172,10 @@ class Problem:
     reach: Callable[[float, FloatArray], None] | None = None
     shared: Shared | None = None
 
+    def with_settings(self, **values: Any) -> Problem:
+        """Return the problem with some other settings, which are not checked."""
+        return changed(self, settings=changed(self.settings, **values))
+
     @property
     def most_rows(self) -> int:
         """Return how many steps are stored at most where no times are asked for."""
@@ -199,16 +185,8 @@ class Problem:
     def state_atol(self) -> FloatArray:
         """Return the absolute tolerance of each state."""
         if self.sizes is None:
-            return np.full(self.n_states, self.atol, dtype=np.float64)
-        return np.asarray(self.atol * self.sizes, dtype=np.float64)
-
-    @property
-    def least_atol(self) -> float:
-        """Return the least absolute tolerance that was given; infinity where there is none."""
-        # Runs of a model have one for all, and have it looked at several times.
-        if isinstance(self.atol, float):
-            return self.atol
-        return float(np.min(self.atol, initial=math.inf))
+            return np.full(self.n_states, self.settings.atol)
+        return np.asarray(self.settings.atol * self.sizes)
 
     @property
     def size(self) -> int:
@@ -232,7 +210,8 @@ class Problem:
     @property
     def direction(self) -> float:
         """Return +1 where time increases, -1 where it decreases."""
-        return 1.0 if self.t_span[1] > self.t_span[0] else -1.0
+        start, end = self.settings.t_span
+        return 1.0 if end > start else -1.0
 
 
 def describe_entry(problem: Problem, index: int) -> str:
@@ -252,19 +231,10 @@ def check_problem(problem: Problem) -> None:
     Raises
     ------
     SolveError
-        If a size, a time, a tolerance, a budget or an initial value cannot be accepted; the
-        message names it.
+        If a size, a breakpoint or an initial value cannot be accepted; the message names it.
     """
     _check_sizes(problem)
-    check_demands(problem)
     check_values(problem)
-
-
-def check_demands(problem: Problem) -> None:
-    """Refuse times, tolerances and budgets; see :func:`check_problem`."""
-    _check_times(problem)
-    _check_tolerances(problem)
-    _check_budgets(problem)
 
 
 def check_values(problem: Problem) -> None:
@@ -274,7 +244,8 @@ def check_values(problem: Problem) -> None:
     times = problem.breakpoints
     if len(times) and not np.isfinite(np.asarray(times, dtype=float)).all():
         raise SolveError("A breakpoint is not finite; give times in seconds.")
-    _check_max_step(problem)  # of the model, where none was asked for
+    if not problem.max_step > 0:  # of the model, where none was asked for; nan is refused, too
+        raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     # A dot product finds nan and infinity in one pass; squares may overflow, too.
     if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
         return
@@ -302,59 +273,3 @@ def _check_sizes(problem: Problem) -> None:
     # The matrix of Newton's method for the unknowns is a block of the Jacobian.
     if problem.n_algebraic and problem.jacobian is None:
         raise SolveError("A problem with algebraic unknowns needs a Jacobian.")
-
-
-def _check_times(problem: Problem) -> None:
-    start, end = problem.t_span
-    if not (np.isfinite(start) and np.isfinite(end)):
-        raise SolveError(f"The time span ({start}, {end}) is not finite.")
-    if start == end:
-        raise SolveError(f"The time span is empty: it starts and ends at t = {start:g}.")
-    if problem.t_eval is None:
-        return
-    times = np.asarray(problem.t_eval, dtype=np.float64)
-    if times.ndim != 1 or times.size == 0:
-        raise SolveError("t_eval must be a sequence of at least one time, or None.")
-    if not np.all(np.isfinite(times)):
-        raise SolveError("t_eval holds a time that is not finite.")
-    outside = times[(times < min(start, end)) | (times > max(start, end))]
-    if outside.size:
-        raise SolveError(
-            f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
-        )
-    # Methods store the outputs in one pass along their steps, so the times follow the run.
-    if np.any(problem.direction * np.diff(times) <= 0):
-        order = "increase" if problem.direction > 0 else "decrease"
-        raise SolveError(f"t_eval must strictly {order}, as the time span does.")
-
-
-def _check_tolerances(problem: Problem) -> None:
-    fault = rtol_fault(problem.rtol)
-    if fault:
-        raise SolveError(f"{fault}.")
-    atol = np.asarray(problem.atol, dtype=np.float64)
-    if atol.shape not in ((), (problem.n_states,)):
-        raise SolveError(
-            f"atol has shape {atol.shape}; give one number or one for each of the "
-            f"{problem.n_states} states."
-        )
-    # With an absolute tolerance of zero, a state that passes zero would have an infinite weight.
-    wrong = np.flatnonzero(~(np.isfinite(atol) & (atol > 0)))
-    if wrong.size:
-        which = f" of {describe_entry(problem, int(wrong[0]))}" if atol.ndim else ""
-        raise SolveError(f"atol{which} is {atol.flat[wrong[0]]}; give a positive finite number.")
-
-
-def _check_max_step(problem: Problem) -> None:
-    if not problem.max_step > 0:  # nan is refused, too
-        raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
-
-
-def _check_budgets(problem: Problem) -> None:
-    # All comparisons are written so that nan is refused, too.
-    _check_max_step(problem)
-    if problem.time_limit is not None and not problem.time_limit > 0:
-        raise SolveError(f"time_limit is {problem.time_limit}; give positive seconds or None.")
-    for name, limit in (("max_steps", problem.max_steps), ("max_events", problem.max_events)):
-        if limit is not None and not limit > 0:
-            raise SolveError(f"{name} is {limit}; give a positive number or None.")

@@ -47,10 +47,10 @@ class Rows:
 
     def begin(self, problem: Problem) -> None:
         """Make room for the rows of a run; those of an earlier one are void."""
-        self._most_room, self._keeps_steps = problem.most_rows, problem.t_eval is None
+        self._most_room, self._keeps_steps = problem.most_rows, problem.settings.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
         first = min(_FIRST_ROWS, self._most_room)
-        wanted = first if problem.t_eval is None else len(problem.t_eval)
+        wanted = first if problem.settings.t_eval is None else len(problem.settings.t_eval)
         if self._room != wanted:
             self._make_room(wanted)
         self._job.times, self._job.values = self._pointers

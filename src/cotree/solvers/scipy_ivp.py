@@ -98,8 +98,8 @@ class _Run:
     def __init__(self, problem: Problem, method: str) -> None:
         self.problem, self.method = problem, method
         self.evaluator = Evaluator(problem)
-        self.progress = Progress(method, problem.t_span)
-        self.t, self.z = float(problem.t_span[0]), np.array(problem.z0, dtype=np.float64)
+        self.progress = Progress(method, problem.settings.t_span)
+        self.t, self.z = float(problem.settings.t_span[0]), np.array(problem.z0, dtype=np.float64)
         self.times: list[float] = []
         self.columns: list[FloatArray] = []
         self.thinning = Thinning()
@@ -109,7 +109,7 @@ class _Run:
     def trajectory(self) -> Trajectory:
         """Integrate from breakpoint to breakpoint, and return what was stored."""
         begin, problem = time.perf_counter(), self.problem
-        if problem.t_eval is None:
+        if problem.settings.t_eval is None:
             self._store_step()
         with self.progress:
             for start, end in segments(problem):
@@ -199,12 +199,12 @@ class _Run:
         self.t, self.z = t, z
         self.evaluator.step_done()
         self.progress.reached(t)
-        if self.problem.t_eval is None and rounding <= _FINE * abs(t - self.times[-1]):
+        if self.problem.settings.t_eval is None and rounding <= _FINE * abs(t - self.times[-1]):
             self._store_step()
 
     def _spent(self) -> IntegrationStopError | None:
         """Return the stop of a run whose budget of steps is spent."""
-        limit = self.problem.max_steps
+        limit = self.problem.settings.max_steps
         if limit is None or self.problem.steps_taken + self.n_steps < limit:
             return None
         return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
@@ -216,10 +216,10 @@ class _Run:
 
     def _wanted(self, start: float, end: float) -> FloatArray:
         """Return the times asked for behind a start, up to an end; the first start belongs."""
-        if self.problem.t_eval is None:
+        if self.problem.settings.t_eval is None:
             return np.zeros(0)
-        times, way = np.asarray(self.problem.t_eval, dtype=float), self.problem.direction
-        is_first = start == self.problem.t_span[0]
+        times, way = np.asarray(self.problem.settings.t_eval, dtype=float), self.problem.direction
+        is_first = start == self.problem.settings.t_span[0]
         after = way * (times - start) >= 0.0 if is_first else way * (times - start) > 0.0
         return times[after & (way * (times - end) <= 0.0)]
 
@@ -268,7 +268,7 @@ class _Segment:
         t, z = self._end if is_end else self._start + s, self.whole(w)
         # Times are rounded; the value at the rounded one follows from the rates.
         rounding = 0.0 if is_end else (t - self._start) - s
-        if rounding and run.problem.t_eval is None:
+        if rounding and run.problem.settings.t_eval is None:
             z += rounding * self.whole(self.rates(s, w))
         if run.method == "Radau" and self._is_turned(before, w):
             run.stop = IntegrationStopError(FAILED, _DAMPED)

@@ -99,15 +99,15 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
         return first
-    limit, taken = problem.time_limit, problem.steps_taken + first.statistics.n_steps
+    limit, taken = problem.settings.time_limit, problem.steps_taken + first.statistics.n_steps
     limit = None if limit is None else limit - first.statistics.seconds
-    is_spent = problem.max_steps is not None and taken >= problem.max_steps
+    is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
     # Samples of a function are those of one integration alone.
     if refusal("ida", problem) or problem.reach is not None:
         return first
-    second = _solve(changed(problem, time_limit=limit, steps_taken=taken), "ida")
+    second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
     if second.status != 0:
         return changed(first, message=f"{first.message} Nor did ida: {second.message}")
     return changed(
@@ -123,7 +123,7 @@ def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:
     # Only the explicit steppers of the engine watch the stability of their steps.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, choice.method)
-    successor = Succession(_solve, probe_steps(problem.rtol))
+    successor = Succession(_solve, probe_steps(problem.settings.rtol))
     return _solve(problem, choice.method, successor, choice.begun)
 
 
@@ -242,7 +242,7 @@ def _choose(problem: Problem) -> Choice:
 
 def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
     """Choose by the rates of modes; the explicit method, or one for stiff problems."""
-    span = abs(problem.t_span[1] - problem.t_span[0])
+    span = abs(problem.settings.t_span[1] - problem.settings.t_span[0])
     # The number of time constants of the fastest damped mode in the span.
     count = span * rates.decay
     most = "at most " if rates.is_bound else ""
@@ -329,7 +329,7 @@ class Probe:
         # Algebraic unknowns, and the samples of a function, are those of one integration alone.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
-        start, first = (float(problem.t_span[0]), problem.z0), None
+        start, first = (float(problem.settings.t_span[0]), problem.z0), None
         bound = bound_of_decay(problem, *start)
         if not self._is_mild(bound):
             first = fastest_decay(problem, [start])
@@ -343,7 +343,7 @@ class Probe:
 
     def _is_mild(self, decay: float) -> bool:
         """Tell whether an explicit method may follow modes that decay at a rate."""
-        start, end = self._problem.t_span
+        start, end = self._problem.settings.t_span
         return abs(end - start) * decay <= _STIFF_TIME_CONSTANTS
 
     def _by_eigenvalues(
@@ -364,7 +364,7 @@ class Probe:
         if isinstance(attempt, str):  # no compiler can build its engine
             return []
         self.begun = attempt
-        attempt.take_steps(probe_steps(self._problem.rtol))
+        attempt.take_steps(probe_steps(self._problem.settings.rtol))
         return [(float(attempt.job.job.t), attempt.job.z.copy())]
 
 
@@ -377,18 +377,18 @@ def probe_steps(rtol: float) -> int:
 
 def _smallest_tolerance(problem: Problem) -> float:
     """Give the smaller of both tolerances, at least a rounding unit."""
-    return max(min(problem.rtol, problem.least_atol), float(np.finfo(np.float64).eps))
+    return max(min(problem.settings.rtol, problem.settings.atol), float(np.finfo(np.float64).eps))
 
 
 def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]]:
     """Return the start and a point a few loose steps later."""
-    span = problem.t_span
+    span = problem.settings.t_span
     if problem.reach is not None:
         # Samples are taken by the run itself, from states that are as accurate as it is.
         start, end = corner_times(problem)[:2].tolist()
         span = start, end
-    rtol = max(problem.rtol, _PROBE_RTOL)
-    probe = changed(problem, t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span)
+    rtol = max(problem.settings.rtol, _PROBE_RTOL)
+    probe = problem.with_settings(t_eval=None, rtol=rtol, max_steps=_PROBE_STEPS, t_span=span)
     trajectory = _solve(probe, method)
     if not trajectory.t.size:
         return []

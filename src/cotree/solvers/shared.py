@@ -71,4 +71,4 @@ class Shared:
 
 def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
     """Give what the jobs of one model and its settings differ in, besides values and functions."""
-    return engine, row.name, is_extended, problem.t_eval is None
+    return engine, row.name, is_extended, problem.settings.t_eval is None

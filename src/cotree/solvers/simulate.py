@@ -106,7 +106,7 @@ def run_values(
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())
-    t = problem.t_span[0]
+    t = problem.settings.t_span[0]
     warn_of_result(
         problem,
         trajectory,

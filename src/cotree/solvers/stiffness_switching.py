@@ -166,7 +166,7 @@ def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
     if problem.events is None:
         return ""
     values = np.abs(problem.events.values(t, z))
-    near = np.flatnonzero(values <= _AT_ZERO * float(np.min(problem.atol)))
+    near = np.flatnonzero(values <= _AT_ZERO * float(np.min(problem.settings.atol)))
     if not near.size:
         return ""
     name = problem.events.rows[int(near[0])].name
@@ -178,41 +178,37 @@ def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
 
 def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Problem | None:
     """Return the problem of the rest of the run; None if a budget is spent."""
-    wanted = problem.t_eval
+    own = problem.settings
+    wanted = own.t_eval
     if wanted is not None:
         # Points are stored in the order of t_eval, so the rest of it is still wanted.
         wanted = wanted[len(first.t) :]
         # Without any wanted point left the end is asked for, to have something to integrate to.
-        wanted = wanted if len(wanted) else np.array([problem.t_span[1]])
+        wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
     # Only to be checked: `steps_taken` counts these steps in the budget of the rest.
-    if problem.max_steps is not None:
-        steps = problem.max_steps - taken
-    if problem.max_events is not None:
-        events = problem.max_events - len(first.events)
-    if problem.time_limit is not None:
-        limit = problem.time_limit - work.seconds
+    if own.max_steps is not None:
+        steps = own.max_steps - taken
+    if own.max_events is not None:
+        events = own.max_events - len(first.events)
+    if own.time_limit is not None:
+        limit = own.time_limit - work.seconds
     if any(left is not None and left <= 0 for left in (steps, events, limit)):
         return None
-    return replace(
-        problem,
-        z0=z,
-        t_span=(t, problem.t_span[1]),
-        t_eval=wanted,
-        steps_taken=taken,
-        max_events=events,
-        time_limit=limit,
+    rest = problem.with_settings(
+        t_span=(t, own.t_span[1]), t_eval=wanted, max_events=events, time_limit=limit
     )
+    return replace(rest, z0=z, steps_taken=taken)
 
 
 def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
     """Put two trajectories together: the second begins where the first ends."""
     skipped = 0
-    if problem.t_eval is None:
+    if problem.settings.t_eval is None:
         # Where every step is stored, the second run repeats the point where the first one ended.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
-    elif len(first.t) == len(problem.t_eval) and second.status == 0:
+    elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
         skipped = len(second.t)  # the end of the run, which nobody asked for
     t, z = second.t[skipped:], second.z[:, skipped:]
     return replace(

@@ -57,7 +57,9 @@ class SundialsAid:
         c.sundials, c.corrector = engine.functions, row.corrector
         # What is left of the sensitivities' equations changes with the states. Where no test sees
         # it, the iteration takes at least a given number of corrections.
-        c.are_followed = problem.n_sensitivities > 0 and not problem.error_test_sensitivities
+        c.are_followed = (
+            problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
+        )
         if problem.n_algebraic and not row.keeps_algebraic:
             # What is left after an elimination has no pattern.
             c.lower = c.upper = n - problem.n_algebraic - 1

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.records import changed
 from cotree.solvers.augmented import Tolerances
 
 if TYPE_CHECKING:
@@ -64,4 +63,4 @@ def as_tested(row: Method, problem: Problem) -> Problem:
 
     SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
     """
-    return changed(problem, error_test_sensitivities=True) if row.corrector else problem
+    return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem

@@ -42,11 +42,11 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
         return trajectory
     if is_fine(problem, n_steps):
         return trajectory
-    step = abs(problem.t_span[1] - problem.t_span[0]) / n_steps
+    step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
     # Of a value that passes zero no method has more digits than of what it swings between.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
-    allowed = problem.state_atol + problem.rtol * largest
+    allowed = problem.state_atol + problem.settings.rtol * largest
     with np.errstate(all="ignore"):
         shares = [
             _share(problem, float(trajectory.t[j]), trajectory.z[:, j].copy(), step, allowed)
@@ -76,10 +76,10 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     n_steps : int, or ndarray of int
         Steps of a run, or of several.
     """
-    start, end = problem.t_span
+    start, end = problem.settings.t_span
     # Steps are counted where there is any.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
-    return _spacing(max(abs(start), abs(end))) <= _FINE * problem.rtol * steps
+    return _spacing(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
 
 def _spacing(t: float) -> float:
@@ -92,7 +92,7 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     Of the changes ahead and back the smaller one is taken: a jump of the rates is at one side.
     """
     y = z[: problem.n_states]
-    low, high = sorted(problem.t_span)
+    low, high = sorted(problem.settings.t_span)
     ahead = max(_REACH * step, _spacing(t))
     times = [at for at in (t - ahead, t + ahead) if low <= at <= high]
     try:

@@ -42,7 +42,7 @@ _LEFT_FREE, _N_LOOKED_AT = 10.0, 50
 
 def warn_of_tolerances(problem: Problem) -> None:
     """Warn where the relative tolerance is loose."""
-    _warn(loose_rtol(problem.rtol))
+    _warn(loose_rtol(problem.settings.rtol))
 
 
 def warn_of_result(
@@ -106,7 +106,7 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
     problem, trajectory, redundant
         As for :func:`held`.
     """
-    if trajectory.status == 0 and redundant and problem.rtol > _ROUGH:
+    if trajectory.status == 0 and redundant and problem.settings.rtol > _ROUGH:
         _warn(
             f"constraints are redundant, which {trajectory.statistics.method} follows with errors "
             f"of many tolerances where rtol is above {_ROUGH:g}: give a tighter one"
@@ -131,14 +131,15 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
         return trajectory
-    tolerance = max(problem.rtol, problem.least_atol, _CORRECTED_RTOL)
+    rtol = problem.settings.rtol
+    tolerance = max(rtol, problem.settings.atol, _CORRECTED_RTOL)
     if drift.correction > FARTHEST_CORRECTION * tolerance:
         reason = (
             "the projection onto the constraints moved the states by up to "
             f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have "
-            f"gone on along another branch: give an rtol of {0.1 * problem.rtol:.1g} or less."
+            f"gone on along another branch: give an rtol of {0.1 * rtol:.1g} or less."
         )
-    elif redundant and problem.rtol > (loosest := _loosest(trajectory.statistics.method)):
+    elif redundant and rtol > (loosest := _loosest(trajectory.statistics.method)):
         reason = (
             "constraints are redundant, and with so loose a tolerance steps that leave them come "
             f"back to another motion: give an rtol of {loosest:g} or less."
@@ -162,7 +163,7 @@ def _left_free(
     totals, own = (list(places) for places in zip(*followers, strict=True))
     # The largest size in the whole run counts: near zero no more digits are needed.
     y, atol = trajectory.z[: problem.n_states], problem.state_atol
-    asked = atol[own] + problem.rtol * np.max(np.abs(y[own]), axis=1)
+    asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
     for k in np.unique(np.linspace(0, n - 1, min(n, _N_LOOKED_AT)).astype(int)).tolist():
@@ -170,7 +171,7 @@ def _left_free(
         # The algebraic equation of a variable holds its content, so this derivative is the change
         # of the content per unit of the variable: a capacitance.
         capacity = np.abs(problem.jacobian(t, y[:, k])[own, own])
-        allowed = atol[totals] + problem.rtol * np.abs(y[totals, k])
+        allowed = atol[totals] + problem.settings.rtol * np.abs(y[totals, k])
         left = allowed / np.maximum(capacity, np.finfo(np.float64).tiny)
         i = int(np.argmax(left / asked))
         if left[i] > worst * asked[i]:
@@ -186,7 +187,7 @@ def _left_free(
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
     """Report an absolute tolerance that is large compared with all states of the run."""
     n = problem.n_states - problem.n_algebraic
-    y, atol = trajectory.z[:n], problem.least_atol
+    y, atol = trajectory.z[:n], problem.settings.atol
     # The start often tells already, without a look at all points.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
