@@ -84,7 +84,7 @@ class Evaluated:
         return [] if sizes is None else sizes.tolist()
 
     def is_dependent(self) -> bool:
-        """Tell whether constraints of edges are dependent at the start, or nearly so."""
+        """Return whether constraints of edges are dependent at the start, or nearly so."""
         if not self.program.layout.constraint_edges:
             return False
         # The rank is judged as a run judges it.

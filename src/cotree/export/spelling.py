@@ -169,7 +169,7 @@ def real_symbol(name: str) -> Any:
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
-    """Give SymPy's printer, made to spell each shared subexpression once."""
+    """Return SymPy's printer, made to spell each shared subexpression once."""
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 

@@ -107,7 +107,7 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
 
 
 def _of_bodies(first: FirstGraph) -> Iterator[Term]:
-    """Give mass and inertia of bodies, and the vectors of arms."""
+    """Return mass and inertia of bodies, and the vectors of arms."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
         # The inertia is resolved in the body's axes, an arm in those of its first node.
@@ -123,7 +123,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Give the motion space of each branch, and the effort of its own law along a coordinate."""
+    """Return the motion space of each branch, and the effort of its own law along a coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -135,7 +135,7 @@ def _of_joints(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_elements(first: FirstGraph) -> Iterator[Term]:
-    """Give forces and torques of chords on their second nodes, and those along measures."""
+    """Return forces and torques of chords on their second nodes, and those along measures."""
     _, bases = _clusters(first)
     for action in first.loads.actions:
         name, axes = action.edge.name, bases[action.ancestor]
@@ -147,7 +147,7 @@ def _of_elements(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_constraints(first: FirstGraph) -> Iterator[Term]:
-    """Give the constraints of chords: a measure, or a rate that is not the rate of a measure."""
+    """Return the constraints of chords: a measure, or a rate that is not the rate of a measure."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
         # A constraint on speeds alone has no measure whose rate it would be.
@@ -220,7 +220,7 @@ def balance_terms(first: FirstGraph) -> list[Term]:
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
-    """Give the laws by which variables of networks are determined, and laws that must vanish."""
+    """Return the laws by which variables of networks are determined, and laws that must vanish."""
     rules = network.solved.plan.rules
 
     def named(variable: Variable) -> Node:
@@ -473,7 +473,7 @@ class _Speller:
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
 
     def stand_in(self, variable: Variable, letter: str, place: str) -> Node:
-        """Give the symbol that stands for a variable of a network in terminal equations.
+        """Return the symbol that stands for a variable of a network in terminal equations.
 
         Parameters
         ----------
@@ -532,7 +532,7 @@ class _Speller:
         return f"[{'; '.join(', '.join(entries[i : i + 3]) for i in (0, 3, 6))}]"
 
     def _remember(self, name: str, nodes: Sequence[Node], values: Sequence[Any]) -> None:
-        """Let later terms refer to the components by name, where these are longer than names."""
+        """Make later terms refer to the components by name, where these are longer than names."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
             # SymPy may find a number where the nodes are an expression, as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")

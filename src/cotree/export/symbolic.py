@@ -76,7 +76,7 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
 
 
 def rational(value: float) -> Any:
-    """Give the simplest rational number that reads back as the same double, or the double.
+    """Return the simplest rational number that reads back as the same double, or the double.
 
     Parameters
     ----------
@@ -567,12 +567,12 @@ class SymbolTable:
         return names
 
     def unknowns(self, along: str | None = None) -> list[Any]:
-        """Give the symbols of the unknowns, or those of their sensitivities."""
+        """Return the symbols of the unknowns, or those of their sensitivities."""
         rows = (*self.accelerations, *self.multipliers)
         return [self.symbols[row if along is None else (row, along)] for row in rows]
 
     def known(self, equations: Equations) -> dict[Node, Any]:
-        """Give the SymPy symbol of each symbol of the first graph."""
+        """Return the SymPy symbol of each symbol of the first graph."""
         dag = equations.dag
         known = {state.symbol: self.symbols[state.name] for state in equations.states}
         known |= zip(equations.unknowns, self.unknowns(), strict=True)
@@ -582,7 +582,7 @@ class SymbolTable:
         return known
 
     def known_along(self, equations: Equations, direction: Derivative) -> dict[Node, Any]:
-        """Give the SymPy symbols of one sensitivity graph."""
+        """Return the SymPy symbols of one sensitivity graph."""
         tangents = {state.name: direction.seed[state.symbol] for state in equations.states}
         known = {node: self.symbols[name, direction.name] for name, node in tangents.items()}
         return known | dict(

@@ -374,7 +374,7 @@ def _facts(
 
 
 def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
-    """Give a token in the form of a GUID that follows from all that is compiled."""
+    """Return a token in the form of a GUID: a digest of all that is compiled."""
     text = "\n".join([*choice.kinds, *(f"{name}\n{files[name]}" for name in sorted(files))])
     digest = hashlib.sha256(text.encode()).hexdigest()
     parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
@@ -382,7 +382,7 @@ def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
 
 
 def interval_of(t_end: float) -> float:
-    """Give an interval of communication of the default experiment: a round number, about 1/500."""
+    """Return a round communication interval of the default experiment, about 1/500 of it."""
     if t_end <= 0.0:
         return 1.0
     exponent = math.floor(math.log10(t_end / 500.0))

@@ -95,7 +95,7 @@ class _Names:
         self._given: set[str] = set()
 
     def own(self, name: str) -> str:
-        """Give a name, with a number behind it where it is taken."""
+        """Return a name, with a number appended if it is taken."""
         found, n = name, 2
         while found in self._given:
             found, n = f"{name}_{n}", n + 1
@@ -201,7 +201,7 @@ class _Listing:
         return found
 
     def _reference(self, column: int) -> int:
-        """Give the value reference of a column of the partial derivatives."""
+        """Return the value reference of a column of the partial derivatives."""
         n_outside, n_p = len(self.outside), len(self.layout.parameters)
         if column < self.n:
             return self.firsts[1] + column

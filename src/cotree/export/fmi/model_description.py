@@ -85,7 +85,7 @@ class Description:
         self._add_units(root)
         categories = ElementTree.SubElement(root, "LogCategories")
         for name, about in (
-            ("logEvents", "events that happen"),
+            ("logEvents", "events that were applied"),
             ("logStatusDiscard", "why values cannot be computed"),
             ("logStatusError", "why a call is refused"),
         ):

@@ -30,7 +30,7 @@ class Platform:
     suffix: str  # of libraries
 
     def folder(self, version: int) -> str:
-        """Give the folder of its library."""
+        """Return the folder of its library."""
         return self.name if version == 3 else self.old_name
 
 
