@@ -120,6 +120,24 @@ def test_both_find_the_same(name, monkeypatch):
     assert found.is_chosen == known.is_chosen
 
 
+@pytest.mark.parametrize("initial", [{}, {"C1.v": 1.0, "d(C1.v)/d(c)": 7.0}], ids=["rest", "slope"])
+def test_values_that_python_gives(initial, monkeypatch):
+    """An operating point, and initial values of sensitivities."""
+    scene = contents()
+    scene.simulation(start="operating point")
+    model = scene.compile(["c", "R"])
+    at = Moment(model, 0.0, model.default_parameters)
+    found = python_start.find_start(at, initial)
+    monkeypatch.setattr("cotree.model.start.constrained_start", None)  # which C spares
+    assert np.array_equal(python_start.find_start(at, initial).s, found.s)
+    monkeypatch.undo()
+    monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
+    known = python_start.find_start(at, initial)
+    # Both solve the same equations to rounding.
+    assert np.allclose(found.y, known.y, rtol=1e-12, atol=1e-18)
+    assert np.allclose(found.s, known.s, rtol=1e-12, atol=1e-18)
+
+
 def test_what_has_to_be_mended_is_left_to_python():
     scene = Scene("rod", gravity=[0, -9.81, 0])
     scene.edge("b", "rigid_body", "ground", "C", mass=1.0, initial={"x": 0.5, "y": -1.3})

@@ -51,9 +51,14 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     """
     model = at.model
     initial, slopes = _apart(initial)
-    if model.layout.has_start_equations and not slopes:
-        found = find_in_c(at, initial)
+    if model.layout.has_start_equations:
+        given = None
+        if slopes or model.begins_at_rest:
+            y, s = given_values(at, initial, slopes)
+            given = np.concatenate([y, s.T.ravel()])
+        found = find_in_c(at, initial, given)
         if found is not None:
+            check_followers(model, initial, found.y)
             return found
     start = constrained_start(at, initial, slopes)
     if not model.layout.has_start_equations:
@@ -158,6 +163,26 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
         s[place] = number
 
 
+def given_values(
+    at: Moment, initial: Mapping[str, float], slopes: Mapping[str, float] | None = None
+) -> tuple[Array, Array]:
+    """Return the initial states and sensitivities as given; see :func:`constrained_start`."""
+    model = at.model
+    names, wanted = model.states, model.sensitivities
+    y, s = model.initial_values(at.t, at.p, at.u)
+    for name, value in initial.items():
+        if name not in names:
+            raise ParameterError(_no_state(model, name))
+        i = names.index(name)
+        y[i] = check_number(value, f"initial value of '{name}'")
+        # A run's own value depends on no parameter, only on itself.
+        s[i] = [float(other == name) for other in wanted]
+    # Runs of the states alone are given none.
+    if slopes and wanted:
+        _put_slopes(model, slopes, s)
+    return y, s
+
+
 def constrained_start(
     at: Moment,
     initial: Mapping[str, float],
@@ -179,17 +204,7 @@ def constrained_start(
     """
     model = at.model
     names, wanted = model.states, model.sensitivities
-    y, s = model.initial_values(at.t, at.p, at.u)
-    for name, value in initial.items():
-        if name not in names:
-            raise ParameterError(_no_state(model, name))
-        i = names.index(name)
-        y[i] = check_number(value, f"initial value of '{name}'")
-        # A run's own value depends on no parameter, only on itself.
-        s[i] = [float(other == name) for other in wanted]
-    # Runs of the states alone are given none.
-    if slopes and wanted:
-        _put_slopes(model, slopes, s)
+    y, s = given_values(at, initial, slopes)
     if not model.layout.has_conditions:
         return Start(y, s)
     anew = [names.index(name) for name in initial]

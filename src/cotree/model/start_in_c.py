@@ -58,6 +58,9 @@ class StartInC:
         self._ffi, self._lib = library.ffi, library.lib
         self._kept: list[Any] = [library]
         self.tables = filled_tables(library.ffi, model.layout, self._kept)
+        for content, _ in model.layout.followers:
+            # At an operating point contents follow from voltages.
+            self.tables.given[content] &= not model.begins_at_rest
         self.address = int(self._ffi.cast("uintptr_t", self.tables))
         self.function = int(self._ffi.cast("uintptr_t", self._function(library)))
 
@@ -65,7 +68,9 @@ class StartInC:
         kind = "int (*)(cotree_start_call *)"
         return library.ffi.cast(kind, library.ffi.addressof(library.lib, "cotree_start_once"))
 
-    def find(self, at: Moment, initial: Mapping[str, float]) -> Start | None:
+    def find(
+        self, at: Moment, initial: Mapping[str, float], given: Array | None = None
+    ) -> Start | None:
         """Find the start of a run; None where Python has to, see :func:`find_start`.
 
         Parameters
@@ -74,6 +79,8 @@ class StartInC:
             The model at the start.
         initial : mapping of str to float
             Initial values of states in place of the scene's.
+        given : ndarray, shape (n_states * (1 + n_sensitivities),), optional
+            All initial values and their sensitivities, if they are not the scene's alone.
         """
         model, ffi = at.model, self._ffi
         native = model.native(at.p)
@@ -88,9 +95,14 @@ class StartInC:
         c.p, c.k, c.z = map(self._doubles, (native.p, native.k, z))
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
         c.set, c.values = ffi.from_buffer("int[]", places), self._doubles(values)
+        if given is not None:
+            c.initial = self._doubles(given)
         rows, held = self._inputs(at)
         c.n_replaced, c.replaced = len(held), rows
         if self._lib.cotree_start_once(c) != 0:
+            return None
+        # Differences cannot move values that Python gives.
+        if given is not None and c.is_chosen and m > 0:
             return None
         return Start(z[:n].copy(), z[n:].reshape(m, n).T.copy(), bool(c.is_chosen))
 
@@ -153,19 +165,14 @@ def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
 def start_in_c(model: CompiledModel) -> StartInC | None:
     """Return what finds starts of a model in C; None where Python has to, always."""
     layout = model.layout
-    if model.begins_at_rest or layout.n_algebraic > _MOST_UNKNOWNS:
-        return None
-    if model.backend != "C":
+    if layout.n_algebraic > _MOST_UNKNOWNS or model.backend != "C":
         return None
     library = load_start()
     return None if library is None else StartInC(model, library)
 
 
-def find_in_c(at: Moment, initial: Mapping[str, float]) -> Start | None:
-    """Find a start in C; None where C does not, or a name or a number is not accepted."""
+def find_in_c(at: Moment, initial: Mapping[str, float], given: Array | None = None) -> Start | None:
+    """Find a start in C, see :meth:`StartInC.find`; None where C does not, or of unknown names."""
     found, states = at.model.start_in_c, at.model.states
     is_known = all(name in states for name in initial) and math.isfinite(at.t)
-    # Where a run gives a content and what follows from it, they may contradict each other.
-    if any(states[i] in initial and states[j] in initial for i, j in at.model.layout.followers):
-        return None
-    return found.find(at, initial) if found is not None and is_known else None
+    return found.find(at, initial, given) if found is not None and is_known else None

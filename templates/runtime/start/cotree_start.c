@@ -22,7 +22,7 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
     const int m = run->n_blocks - 1;
     start->run = run;
     start->tables = tables;
-    start->guess = NULL;
+    start->guess = start->initial = NULL;
     start->is_found = NULL;
     start->event_values = NULL;
     start->n_set = 0;
@@ -64,8 +64,9 @@ static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
     const cotree_hybrid *const h = MODEL->hybrid;
-    const int status = MODEL->initial(run->p, run->k, z);
-    int i;
+    int i, status = 0;
+    if (start->initial == NULL) status = MODEL->initial(run->p, run->k, z);
+    for (i = 0; i < N_STATES && start->initial != NULL; ++i) z[i] = start->initial[i];
     if (start->guess != NULL) {
         for (i = N_RATES; i < N_STATES; ++i) z[i] = start->guess[i];
         for (i = 0; h != NULL && i < h->n_events; ++i) {
@@ -83,6 +84,10 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
     const cotree_run *const run = start->run;
     int i, j, status = 0;
+    if (start->initial != NULL) {
+        for (i = N_STATES; i < run->n_full; ++i) s[i - N_STATES] = start->initial[i];
+        return 0;
+    }
     if (N_STATES > 0) status = MODEL->initial_sensitivity(run->p, run->k, s);
     for (i = 0; i < start->n_set && status == 0; ++i) {
         const int state = start->set[i];
@@ -288,6 +293,7 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     run->replaced = call->replaced;
 #endif
     start->guess = call->guess;
+    start->initial = call->initial;
     start->n_set = call->n_set;
     start->set = call->set;
     start->values = call->values;

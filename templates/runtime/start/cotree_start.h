@@ -41,7 +41,7 @@ typedef struct cotree_start_call {
     int n_replaced; /* inputs in place of the model's, but for constraints */
     const cotree_table_input *replaced;
 #endif
-    const cotree_real *guess; /* as of a start */
+    const cotree_real *guess, *initial; /* as of a start */
     int n_set;
     const int *set;
     const cotree_real *values;
@@ -59,6 +59,9 @@ typedef struct cotree_start {
     /* Guesses of algebraic unknowns and modes of friction and stops, n_states; NULL after init: the
      * model's own initial values. */
     const cotree_real *guess;
+    /* All initial states and sensitivities, those that are set among them; NULL after init: the
+     * model's own. */
+    const cotree_real *initial;
     /* Initial values in place of the model's, none after init. */
     int n_set;
     const int *set;            /* n_set: the states */
