@@ -124,13 +124,15 @@ def test_both_find_the_same(name, monkeypatch):
 def test_values_that_python_gives(initial, monkeypatch):
     """An operating point, and initial values of sensitivities."""
     scene = contents()
+    scene.edge("E", "voltage_source", "s", "ground", voltage=3.0)
+    scene.edge("R2", "resistor", "s", "a", resistance="R")
+    scene.edge("R3", "resistor", "b", "ground", resistance="R")
     scene.simulation(start="operating point")
     model = scene.compile(["c", "R"])
-    at = Moment(model, 0.0, model.default_parameters)
-    found = python_start.find_start(at, initial)
-    monkeypatch.setattr("cotree.model.start.constrained_start", None)  # which C spares
-    assert np.array_equal(python_start.find_start(at, initial).s, found.s)
-    monkeypatch.undo()
+    at = Moment(model.kernels, 0.0, model.default_parameters)
+    with monkeypatch.context() as patched:
+        patched.setattr(python_start, "settle_jumps", None)  # C finds the start alone
+        found = python_start.find_start(at, initial)
     monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
     known = python_start.find_start(at, initial)
     # Both solve the same equations to rounding.
