@@ -88,8 +88,8 @@ class Event:
     when: Expression
     direction: int
     set: Mapping[str, Expression]
-    is_stop: bool
-    restitution: Expression | None
+    is_stop: bool = False
+    restitution: Expression | None = None
     is_jump: bool = False
     part: ModePart = ModePart.NONE
 

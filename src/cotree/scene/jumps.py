@@ -253,15 +253,7 @@ class _Rewriting:
                     Expression.of_tree(map_names(tree, lambda own: own or ast.Name(name)), where)
                     for tree in (looked_at, value)
                 )
-                self._events[event] = Event(
-                    event,
-                    when,
-                    direction,
-                    {name: new},
-                    is_stop=False,
-                    restitution=None,
-                    is_jump=True,
-                )
+                self._events[event] = Event(event, when, direction, {name: new}, is_jump=True)
         return ast.Name(self._known[text])
 
     def _new_name(self, text: str) -> str:

@@ -16,6 +16,7 @@ modes become then is chosen in C, for all edges at once, together with those of 
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -28,143 +29,115 @@ from cotree.scene.networks import Port, scalar_ports
 
 if TYPE_CHECKING:
     from cotree.components.terminal import Friction, Stop
-    from cotree.scene.description import Edge, SceneDescription
+    from cotree.scene.description import SceneDescription
 
 
 if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_MODE = Field("mode", "", "which of its laws holds", constant=False)
-_SIDE = Field("side", "", "the sign of its load", constant=False)
+#: A mode: the field that stands for it, its meaning, its name, and its value at the start.
+_ModeRow = tuple[str, str, str, str]
+#: An event: name, condition, direction, role, and the modes that are chosen then.
+_EventRow = tuple[str, str, int, ModePart, Mapping[str, str]]
 
 
 def with_friction(scene: _Scene) -> _Scene:
     """Add mode and events to every edge with dry friction; a scene without any stays itself."""
-    ports = {
-        port.edge.name: port
+    ports = [
+        port
         for port in scalar_ports(scene).values()
         if port.terminal.friction is not None
         and not port.terminal.friction.presser  # those of contacts: see stops
         and "mode" not in port.edge.fields
-    }
-    if not ports:
-        return scene
-    made = copy.copy(scene)
-    made.edges, made.modes, made.events = dict(scene.edges), dict(scene.modes), {}
-    for name, port in ports.items():
-        made.edges[name] = _with_modes(port)
-        mode = mode_name(name)
-        made.modes[mode] = Mode(
-            mode, parse(_at_start(port), f"mode of edge '{name}'"), is_jump=True
-        )
-        if port.terminal.friction.load is not None:  # type: ignore[union-attr]
-            side = side_name(name)
-            made.modes[side] = Mode(side, parse("1", f"side of edge '{name}'"), is_jump=True)
-        for event in _events(port, mode):
-            made.events[event.name] = event
-    made.events.update(scene.events)
-    return made
-
-
-def mode_name(edge: str) -> str:
-    """Name the mode of an edge with dry friction."""
-    return f"{edge}.mode"
-
-
-def side_name(edge: str) -> str:
-    """Name the mode that tells the sign of the load of an edge."""
-    return f"{edge}.side"
-
-
-def _with_modes(port: Port) -> Edge:
-    edge, added = port.edge, [(_MODE, mode_name(port.edge.name))]
-    assert port.terminal.friction is not None
-    if port.terminal.friction.load is not None:
-        added.append((_SIDE, side_name(edge.name)))
-    component = replace(
-        edge.component, fields=(*edge.component.fields, *(field for field, _ in added))
-    )
-    fields = {
-        field.name: parse(name, f"{field.name} of edge '{edge.name}'") for field, name in added
-    }
-    return replace(edge, component=component, fields={**edge.fields, **fields})
-
-
-def _at_start(port: Port) -> str:
-    """Return the mode by the speed at the start; what is at rest there is chosen by the engine."""
-    speed = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
-    assert port.terminal.friction is not None
-    if port.terminal.friction.grip is None:
-        return speed
-    return f"where({port.name}.grip > 0, {speed}, 2)"
-
-
-def _events(port: Port, mode: str) -> list[Event]:
-    friction, name = port.terminal.friction, port.name
-    assert friction is not None
-    row = DOMAINS[port.terminal.domain]
-    speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
-    # Factors that leave of each value what its mode looks at, and zero in all other modes.
-    direction, stuck = mode, f"(1 - {mode}**2)"
-    if friction.grip is not None:
-        direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
-    rows = [
-        ("stops", f"{direction}*{speed}", -1, ModePart.SLIP),
-        ("slips forwards", f"{stuck}*({name}.upper - {force})", -1, ModePart.FORWARD_LIMIT),
     ]
-    if friction.lower is not None:
-        text = f"{stuck}*({force} - {name}.lower)"
-        rows.append(("slips backwards", text, -1, ModePart.BACKWARD_LIMIT))
-    if friction.grip is not None:
-        rows.append(("engages", f"{name}.grip", 0, ModePart.ENGAGED))
-    if friction.load is not None:
-        # While it sticks, no law of sliding takes part.
-        text = f"{mode}**2*{side_name(port.edge.name)}*{name}.load"
-        rows.append(("turns its load", text, -1, ModePart.LOAD))
-    where = f"friction of edge '{port.edge.name}'"
-    return [
-        Event(
-            f"{port.edge.name} {what}",
-            parse(when, where),
-            way,
-            # The mode is chosen together with those of all other edges.
-            {target: parse(target, where)},
-            is_stop=False,
-            restitution=None,
-            part=part,
-        )
-        for what, when, way, part in rows
-        for target in [side_name(port.edge.name) if part is ModePart.LOAD else mode]
-    ]
+    return _with(scene, ports, _friction_modes, _friction_rows, "friction of edge", is_jump=True)
 
 
 def with_stops(scene: _Scene) -> _Scene:
     """Add modes and events to rigid stops and to the friction that these press."""
-    ports = [port for port in scalar_ports(scene).values() if _is_due(port)]
+    ports = [
+        port
+        for port in scalar_ports(scene).values()
+        if (laws := _laws(port)) is not None and f"mode{laws.suffix}" not in port.edge.fields
+    ]
+    return _with(scene, ports, _stop_modes, _stop_rows, "rigid contact of edge", is_jump=False)
+
+
+def _with(
+    scene: _Scene,
+    ports: Sequence[Port],
+    modes_of: Callable[[Port], list[_ModeRow]],
+    rows_of: Callable[[Port], list[_EventRow]],
+    what: str,
+    *,
+    is_jump: bool,
+) -> _Scene:
+    """Add the modes and events of some ports; events of the scene come after theirs."""
     if not ports:
         return scene
     made = copy.copy(scene)
     made.edges, made.modes, made.events = dict(scene.edges), dict(scene.modes), {}
     for port in ports:
-        edge, name = port.edge.name, _holder(port)
-        made.edges[edge] = _with_stop_modes(made.edges[edge], port)
-        for what, doc, start in _modes(port):
-            mode = f"{name}.{what}"
-            made.modes[mode] = Mode(mode, parse(start, f"{doc} of edge '{edge}'"))
-        for event in _stop_events(port):
-            made.events[event.name] = event
+        edge, where = made.edges[port.edge.name], f"{what} '{port.edge.name}'"
+        modes = modes_of(port)
+        added = tuple(Field(field, "", doc, constant=False) for field, doc, _, _ in modes)
+        component = replace(edge.component, fields=(*edge.component.fields, *added))
+        fields = {field: parse(mode, where) for field, _, mode, _ in modes}
+        made.edges[edge.name] = replace(edge, component=component, fields={**edge.fields, **fields})
+        for _, _, mode, start in modes:
+            made.modes[mode] = Mode(mode, parse(start, where), is_jump=is_jump)
+        for name, when, way, part, values in rows_of(port):
+            # Modes are chosen together with those of all other edges.
+            new = {target: parse(text, where) for target, text in values.items()}
+            made.events[name] = Event(name, parse(when, where), way, new, part=part)
     made.events.update(scene.events)
     return made
+
+
+def _friction_modes(port: Port) -> list[_ModeRow]:
+    friction, edge = port.terminal.friction, port.edge.name
+    assert friction is not None
+    # By the speed at the start; what is at rest there is chosen by the engine.
+    start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
+    if friction.grip is not None:
+        start = f"where({port.name}.grip > 0, {start}, 2)"
+    rows = [("mode", "which of its laws holds", f"{edge}.mode", start)]
+    if friction.load is not None:
+        rows.append(("side", "the sign of its load", f"{edge}.side", "1"))
+    return rows
+
+
+def _friction_rows(port: Port) -> list[_EventRow]:
+    friction, name, edge = port.terminal.friction, port.name, port.edge.name
+    assert friction is not None
+    row = DOMAINS[port.terminal.domain]
+    speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
+    mode, side = f"{edge}.mode", f"{edge}.side"
+    # Factors that leave of each value what its mode looks at, and zero in all other modes.
+    direction, stuck = mode, f"(1 - {mode}**2)"
+    if friction.grip is not None:
+        direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
+    own = {mode: mode}
+    upper = f"{stuck}*({name}.upper - {force})"
+    rows: list[_EventRow] = [
+        (f"{edge} stops", f"{direction}*{speed}", -1, ModePart.SLIP, own),
+        (f"{edge} slips forwards", upper, -1, ModePart.FORWARD_LIMIT, own),
+    ]
+    if friction.lower is not None:
+        text = f"{stuck}*({force} - {name}.lower)"
+        rows.append((f"{edge} slips backwards", text, -1, ModePart.BACKWARD_LIMIT, own))
+    if friction.grip is not None:
+        rows.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
+    if friction.load is not None:
+        # While it sticks, no law of sliding takes part.
+        text = f"{mode}**2*{side}*{name}.load"
+        rows.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
+    return rows
 
 
 def _laws(port: Port) -> Stop | Friction | None:
     friction = port.terminal.friction
     return friction if friction is not None and friction.presser else port.terminal.stop
-
-
-def _is_due(port: Port) -> bool:
-    laws = _laws(port)
-    return laws is not None and f"mode{laws.suffix}" not in port.edge.fields
 
 
 def _holder(port: Port, of: str = "") -> str:
@@ -174,51 +147,34 @@ def _holder(port: Port, of: str = "") -> str:
     return port.edge.name if is_alone else port.sibling(of or port.terminal.port)
 
 
-def _modes(port: Port) -> tuple[tuple[str, str, str], ...]:
-    """List modes: name, meaning, and value at the start."""
-    # Within an impact, an impulse is what that changes the speed by.
-    if port.kind is Kind.STOP:
-        return ("mode", "which of its laws holds", "0"), ("impulse", "of the last impact", "0")
-    # Friction without a force is disengaged; its impulse is zero between evaluations.
-    return ("mode", "which of its laws holds", "2"), ("impulse", "asked for in an impact", "0")
-
-
-def _with_stop_modes(edge: Edge, port: Port) -> Edge:
-    laws = _laws(port)
+def _stop_modes(port: Port) -> list[_ModeRow]:
+    laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    rows = [(f"{what}{laws.suffix}", doc, what) for what, doc, _ in _modes(port)]
-    added = tuple(Field(name, "", doc, constant=False) for name, doc, _ in rows)
-    component = replace(edge.component, fields=(*edge.component.fields, *added))
-    fields = {
-        name: parse(f"{_holder(port)}.{what}", f"{doc} of edge '{edge.name}'")
-        for name, doc, what in rows
-    }
-    return replace(edge, component=component, fields={**edge.fields, **fields})
+    # Within an impact, an impulse is what that changes the speed by. Friction without a force is
+    # disengaged; its impulse is zero between evaluations.
+    is_stop = port.kind is Kind.STOP
+    doc = "of the last impact" if is_stop else "asked for in an impact"
+    return [
+        (
+            f"mode{laws.suffix}",
+            "which of its laws holds",
+            f"{holder}.mode",
+            "0" if is_stop else "2",
+        ),
+        (f"impulse{laws.suffix}", doc, f"{holder}.impulse", "0"),
+    ]
+
+
+def _stop_rows(port: Port) -> list[_EventRow]:
+    rows = _limit_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
+    return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
 
 
 #: Name, condition, role, and what it sets.
 _Row = tuple[str, str, ModePart, "dict[str, str]"]
 
 
-def _stop_events(port: Port) -> list[Event]:
-    rows = _stop_rows(port) if port.kind is Kind.STOP else _pressed_rows(port)
-    where = f"{port.edge.component.name} '{port.edge.name}'"
-    return [
-        Event(
-            f"{_holder(port)} {what}",
-            parse(when, where),
-            -1,
-            # Modes are chosen together with those of all other edges.
-            {target: parse(text, where) for target, text in values.items()},
-            is_stop=False,
-            restitution=None,
-            part=part,
-        )
-        for what, when, part, values in rows
-    ]
-
-
-def _stop_rows(port: Port) -> list[_Row]:
+def _limit_rows(port: Port) -> list[_Row]:
     stop, name, holder = port.terminal.stop, port.name, _holder(port)
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
