@@ -34,8 +34,8 @@ LADDER = f"""
 import sys
 sys.path.insert(0, {str(_FOLDER)!r})
 from network_scenes import rc_ladder
-from cotree import spec
-spec.KEEPS = sys.argv[2] == "kept"
+from cotree.build import cache
+cache.KEEPS = sys.argv[2] == "kept"
 rc_ladder(int(sys.argv[1])).compile().simulate((0.0, 10.0), throw=True)
 """
 

@@ -24,7 +24,7 @@ import cffi
 import numpy as np
 
 import cotree
-from cotree import spec
+import cotree.build.cache
 from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
 # What forms and prints programs is measured here: none is taken from the cache.
-spec.KEEPS = False
+cotree.build.cache.KEEPS = False
 
 DECLARATIONS = """
 double time_state(void *, long, double *, double *, double *, double *, double *);

@@ -127,7 +127,7 @@ def _session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COTREE_CACHE_DIR", str(folder / "cache"))
         # Tests change how programs are formed; those of kept programs ask for them.
-        patch.setattr("cotree.spec.KEEPS", False)
+        patch.setattr("cotree.build.cache.KEEPS", False)
         yield
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
 from cotree.errors import Error, ModelError, SolveError
 from cotree.files import target_path
@@ -27,7 +28,7 @@ from cotree.sharing import Kept, forming, locked_cached_property
 from cotree.solvers.methods import METHODS
 from cotree.solvers.prepare import Preparation, kept_for
 from cotree.solvers.simulate import run_values
-from cotree.spec import BuildSpec, pickled
+from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,11 +10,21 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError, brief
+from cotree.errors import CodegenError, SceneError, brief
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from typing import TextIO
+
+
+def template_folder() -> Path:
+    """Find the templates: beside the installed package, or in the source tree."""
+    # An installed package holds a copy of the templates; the source tree has them beside ``src``.
+    package = Path(__file__).resolve().parent
+    for folder in (package / "_templates", package.parents[1] / "templates"):
+        if (folder / "c").is_dir():
+            return folder
+    raise CodegenError(f"the templates are missing from {package}: install cotree again")
 
 
 def read_text(source: str | Path, largest: int) -> str:

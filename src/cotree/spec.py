@@ -8,21 +8,13 @@ again where someone asks for them, as linearization and animation do.
 
 from __future__ import annotations
 
-import hashlib
-import pickle
-import sys
 import time
 import warnings
 from dataclasses import dataclass, field, fields, replace
-from functools import cache, cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from cotree.build import BuildOptions
-from cotree.build.cache import PROGRAM, find_bytes, keep_bytes
-from cotree.codegen.render import template_folder
+from cotree.build.cache import kept
 from cotree.components import OWN
 from cotree.model.loading import load_model
 from cotree.quiet import level_of_user
@@ -39,10 +31,6 @@ if TYPE_CHECKING:
     from cotree.program import Program
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
-
-
-#: Whether programs are kept. Tests that change how they are formed must not find others' there.
-KEEPS = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,25 +60,13 @@ class BuildSpec:
     baumgarte: float = 0.0
     locates_corners: bool = True
 
-    @cached_property
-    def key(self) -> str | None:
-        """Hash of all that the program and its text follow from; None if that is unknown."""
+    @property
+    def key(self) -> object:
+        """All that the program and its text follow from; None if that is unknown."""
         # Laws that a user registered are functions, which cannot be compared.
         if any(edge.statement["type"] not in OWN for edge in self.scene.edges.values()):
             return None
-        asked = (self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners)
-        data = pickled(asked)
-        return None if data is None else hashlib.sha256(_sources() + data).hexdigest()
-
-    def __eq__(self, other: object) -> bool:
-        """Compare what the programs follow from, and the options of the compiler."""
-        if not isinstance(other, BuildSpec) or self.key is None:
-            return self is other
-        return (self.key, self.options) == (other.key, other.options)
-
-    def __hash__(self) -> int:
-        """Return the hash of the program's key."""
-        return hash(self.key or id(self))
+        return self.scene, self.sensitivities, self.tree, self.baumgarte, self.locates_corners
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Without what was formed of it.
@@ -143,14 +119,11 @@ class BuildSpec:
             If no body has the inertia of an edge, or there is no compiler.
         """
         begun = time.perf_counter()
-        key = self.key if KEEPS else None
-        text = find_text(key) if key else None
+        text = kept(self.key, lambda: self.formed.text)
+        # Where the program was kept, nothing was formed.
+        formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
-        if text is None:
-            text, times = self.formed.text, dict(self.formed.times)
-            data = pickled(text) if key else None
-            if key and data:
-                keep_bytes(data, key, PROGRAM)
+        times = dict(formed.times) if formed else times
         for sentence in impossible_inertias(self.scene):
             warnings.warn(sentence, RuntimeWarning, stacklevel=level_of_user())
         begun = time.perf_counter()
@@ -169,32 +142,3 @@ class BuildSpec:
 
         # Only bound here: the network at rest is formed when a start is first asked for.
         return form
-
-
-def pickled(value: object) -> bytes | None:
-    """Pickle a value; None where something in it cannot be."""
-    try:
-        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
-        # Results of external functions are found by a function of Python, which may be anyone's.
-        return None
-
-
-def find_text(key: str) -> ModelText | None:
-    """Return the program kept by a key, or None; a cache that cannot be used counts as empty."""
-    found = find_bytes(key, PROGRAM)
-    # The folder belongs to the user alone, and its libraries are run as they are.
-    return None if found is None else pickle.loads(found)
-
-
-@cache
-def _sources() -> bytes:
-    """Describe cotree's own files: whatever is edited there makes everything anew."""
-    package = Path(__file__).parent
-    # An array that one version of NumPy pickled may not be read by another.
-    rows = [sys.version, np.__version__]
-    for folder, pattern in ((package, "*.py"), (template_folder(), "*.jinja")):
-        for path in sorted(folder.rglob(pattern)):
-            status = path.stat()
-            rows.append(f"{path} {status.st_size} {status.st_mtime_ns}")
-    return "\n".join(rows).encode()

@@ -12,9 +12,9 @@ import pytest
 from c_programs import need
 
 import cotree
-from cotree.codegen.render import template_folder
 from cotree.codegen.runtime import ALL, abi_header
 from cotree.export.c_project import Kit, write_c_project
+from cotree.files import template_folder
 from cotree.pipeline import formulate, generate
 
 if TYPE_CHECKING:

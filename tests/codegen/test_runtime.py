@@ -9,11 +9,11 @@ import subprocess
 import pytest
 
 from cotree.codegen.integrators import STEPPERS, SUNDIALS, engine_files, integrator_files
-from cotree.codegen.render import template_folder
 from cotree.codegen.runtime import ALL, header_text, resolve, with_runtime
 from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
 from cotree.codegen.targets import DOUBLE, SINGLE
 from cotree.errors import CodegenError
+from cotree.files import template_folder
 from cotree.tolerances import LIMITS
 
 RUNTIME = template_folder() / "runtime"

@@ -20,10 +20,11 @@ from cotree.codegen.maps import MapContext
 from cotree.codegen.model_files import cdef, render_model
 from cotree.codegen.node_statements import print_nodes
 from cotree.codegen.printing import Constants, print_expression, print_lines
-from cotree.codegen.render import environment, template_folder
+from cotree.codegen.render import environment
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
+from cotree.files import template_folder
 from cotree.naming import c_comment, c_string
 from cotree.pipeline import formulate, generate
 from cotree.program.passes import run_passes

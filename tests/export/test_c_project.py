@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 from hard_scenes import bennett_loop
 
-from cotree.codegen.render import template_folder
 from cotree.codegen.tableaus import Tableau
 from cotree.errors import CodegenError, ParameterError, SceneError
 from cotree.export.c_project import CProject, Kit, KitContext, write_c_project
 from cotree.export.main_program import MainContext, held_parameters
+from cotree.files import template_folder
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
 from cotree.scene.toml_file import load_scene

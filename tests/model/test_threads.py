@@ -238,7 +238,7 @@ def test_one_thread_makes_and_the_others_wait():
 def test_an_engine_is_built_once(monkeypatch):
     built = []
 
-    def build(files, declarations):
+    def build(code):
         time.sleep(0.01)
         built.append(object())
         return built[-1]

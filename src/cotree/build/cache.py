@@ -1,7 +1,7 @@
 """Cache of compiled libraries: a folder of the user, addressed by all inputs of each library.
 
 A library stands there as ``<key>.so``, an object file that several libraries link as ``<key>.o``,
-a parsed template as ``<key>.template``, and a program with its C text as ``<key>.program``, each
+and C text, with the program that it was printed from, as ``<key>.text``, each
 with its checksum in ``<key>.sha256``. All are published by atomic rename from a private folder, so
 a reader never meets half a file. A file whose checksum does not fit, whatever the reason, counts as
 absent and is made again.
@@ -16,6 +16,7 @@ import contextlib
 import hashlib
 import json
 import os
+import pickle
 import platform
 import re
 import shutil
@@ -24,25 +25,36 @@ import sys
 import sysconfig
 import tempfile
 import time
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
 
 from cotree.errors import BuildError
+from cotree.files import template_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from cotree.build.toolchain import Toolchain
+
+_T = TypeVar("_T")
 
 _VARIABLE = "COTREE_CACHE_DIR"
 _FAILED = "failed"
 _PRIVATE_PREFIX = "cotree-build-"
+#: Files of cotree that texts follow from.
+_SOURCES = {".py", ".jinja", ".c", ".h"}
 # Only these names are ever removed from the folder, which may hold other things.
 _KEY = re.compile(r"[0-9a-f]{64}")
-_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|template|program|sha256|lock)")
-#: The end of the name of a library in the cache, of an object file that several ones link, of a
-#: parsed template, and of a program with its text.
-LIBRARY, OBJECT, TEMPLATE, PROGRAM = ".so", ".o", ".template", ".program"
+_PUBLISHED = re.compile(r"[0-9a-f]{64}\.(so|o|text|sha256|lock)")
+#: The end of the name of a library in the cache, of an object file that several ones link, and of
+#: pickled C text with what it was printed from.
+LIBRARY, OBJECT, TEXT = ".so", ".o", ".text"
+
+#: Whether texts are kept. Tests that change how they are formed must not find others' there.
+KEEPS = True
 # No build takes as long, so the process of a private folder that has not changed for a day is gone.
 _ABANDONED_AFTER = 24.0 * 3600.0
 
@@ -160,20 +172,59 @@ def publish(built: Path, key: str, end: str = LIBRARY) -> Path:
     return library
 
 
-def find_bytes(key: str, end: str) -> bytes | None:
-    """Return the bytes kept by a key, or None; a cache that cannot be used counts as empty."""
+def kept(of: object, make: Callable[[], _T]) -> _T:
+    """Return what a function makes of a value and of cotree's own files, from the folder if there.
+
+    Forming equations and printing C take longer than to load the library that was compiled of them.
+
+    Parameters
+    ----------
+    of : object
+        All that the result follows from; None, or what cannot be pickled, if that is not known.
+    make : callable
+        Makes the result, which is not kept if it cannot be pickled.
+    """
+    data = pickled(of) if KEEPS and of is not None else None
+    if data is None:
+        return make()
+    key = hashlib.sha256(_sources() + data).hexdigest()
+    # A cache that cannot be used counts as empty.
     with contextlib.suppress(BuildError, OSError):
-        found = find_published(key, end)
-        return None if found is None else found.read_bytes()
-    return None
+        path = find_published(key, TEXT)
+        if path is not None:
+            # The folder belongs to the user alone, and its libraries are run as they are.
+            found: _T = pickle.loads(path.read_bytes())
+            return found
+    made = make()
+    data = pickled(made)
+    with contextlib.suppress(BuildError, OSError):
+        if data is not None:
+            with private_directory() as directory:
+                written = directory / "kept"
+                written.write_bytes(data)
+                publish(written, key, TEXT)
+    return made
 
 
-def keep_bytes(data: bytes, key: str, end: str) -> None:
-    """Keep bytes by a key; where the cache cannot be used, nothing is kept and nothing lost."""
-    with contextlib.suppress(BuildError, OSError), private_directory() as directory:
-        written = directory / "kept"
-        written.write_bytes(data)
-        publish(written, key, end)
+def pickled(value: object) -> bytes | None:
+    """Pickle a value; None where something in it cannot be."""
+    try:
+        return pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+    except (pickle.PicklingError, AttributeError, TypeError, RecursionError):
+        # Results of external functions are found by a function of Python, which may be anyone's.
+        return None
+
+
+@cache
+def _sources() -> bytes:
+    """Describe cotree's own files: whatever is edited there makes everything anew."""
+    # An array that one version of NumPy pickled may not be read by another.
+    rows = [sys.version, np.__version__]
+    for folder in (Path(__file__).parents[1], template_folder()):
+        for path in sorted(path for path in folder.rglob("*.*") if path.suffix in _SOURCES):
+            status = path.stat()
+            rows.append(f"{path} {status.st_size} {status.st_mtime_ns}")
+    return "\n".join(rows).encode()
 
 
 @contextlib.contextmanager
@@ -232,7 +283,7 @@ def write_files(files: Mapping[str, str], directory: Path) -> None:
 
 
 def clear_cache() -> int:
-    """Remove libraries, templates, programs, kept sources and remains of interrupted builds.
+    """Remove libraries, texts, kept sources and remains of interrupted builds.
 
     Only files that cotree names are touched, whatever else the folder holds. Libraries that are
     loaded stay usable, and a build under way in another process begins again.

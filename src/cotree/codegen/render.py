@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
+from cotree.files import template_folder
 
 if TYPE_CHECKING:
     import jinja2
@@ -16,16 +16,6 @@ if TYPE_CHECKING:
 
 #: Bytes of C text beyond which no compiler is bothered.
 LARGEST_FILE = 200_000_000
-
-
-def template_folder() -> Path:
-    """Find the templates: beside the installed package, or in the source tree."""
-    # An installed package holds a copy of the templates; the source tree has them beside ``src``.
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "_templates", package.parents[1] / "templates"):
-        if (folder / "c").is_dir():
-            return folder
-    raise CodegenError(f"the templates are missing from {package}: install cotree again")
 
 
 @cache
@@ -44,8 +34,6 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
     """
     import jinja2
 
-    from cotree.codegen.bytecode import KeptBytecode
-
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
         # A name that a context lacks is an error, never an empty text in C.
@@ -53,7 +41,6 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        bytecode_cache=KeptBytecode("html" if is_html else "text"),
         autoescape=is_html,  # what is untrusted and goes into C was escaped in naming.py
     )
     # In the environment, so that imported macros know them as well.

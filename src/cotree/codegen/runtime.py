@@ -12,9 +12,10 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import TYPE_CHECKING
 
-from cotree.codegen.render import render, template_folder
+from cotree.codegen.render import render
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
+from cotree.files import template_folder
 from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION, VERSION
 

@@ -35,7 +35,7 @@ from cotree.ensemble.plan import Block, Plan, Results
 from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, spent_sentence
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
-from cotree.model.shared_code import build_engine
+from cotree.model.shared_code import build_engine, shared_code
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
 from cotree.solvers.base import Drift, FloatArray, Statistics, Trajectory
@@ -75,8 +75,7 @@ ALONE = 100
 @locked_cache
 def load_batch() -> LoadedLibrary:
     """Build and load the loop over members, once."""
-    files = batch_files()
-    library = build_engine(files, batch_declarations(files))
+    library = build_engine(shared_code(batch_files, batch_declarations))
     if library is None:
         raise BuildError("no compiler can build the loop over members")
     return library

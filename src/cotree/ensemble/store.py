@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.render import template_folder
 from cotree.ensemble.dataset import Frame, plain
 from cotree.ensemble.plan import NOT_RUN, Block, Plan, Results
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import SolveError, StoreError, brief
+from cotree.files import template_folder
 from cotree.model.signals import read_signals
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION

@@ -13,7 +13,7 @@ import numpy as np
 from cotree.codegen.integrators import columns_declarations, columns_files
 from cotree.errors import Error, ParameterError
 from cotree.model.arrays import as_array
-from cotree.model.shared_code import build_engine
+from cotree.model.shared_code import build_engine, shared_code
 from cotree.program.kernels import KERNELS
 from cotree.scene.expressions import check_number
 from cotree.sharing import locked_cache
@@ -36,8 +36,7 @@ def is_many(y: Any) -> bool:
 
 @locked_cache
 def _load() -> LoadedLibrary | None:
-    files = columns_files()
-    return build_engine(files, columns_declarations(files))
+    return build_engine(shared_code(columns_files, columns_declarations))
 
 
 def in_columns(

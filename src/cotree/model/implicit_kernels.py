@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, obtain_library
-from cotree.codegen.newton import is_unrolled, newton_context, newton_declarations, render_newton
 from cotree.errors import BuildError
 from cotree.linear.plan import narrow_band
 from cotree.sharing import forming
@@ -39,6 +38,13 @@ def load_newton(program: Program) -> Newton | None:
     toolchain = find_toolchain()
     if toolchain is None:
         return None
+    # Explicit methods need nothing of what prints C.
+    from cotree.codegen.newton import (
+        newton_context,
+        newton_declarations,
+        render_newton,
+    )
+
     # Second derivatives are new nodes of the model's arena, which threads share.
     with forming:
         model = newton_context(program)
@@ -81,6 +87,8 @@ def count_step_work(program: Program) -> StepWork | None:
     layout, plan = program.layout, program.elimination
     if plan is None:
         return None
+    from cotree.codegen.newton import is_unrolled
+
     n, counts = len(layout.states), program.operations
     lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
     is_banded = places is not None

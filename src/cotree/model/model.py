@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from cotree.codegen.context import model_context
-from cotree.codegen.model_files import render_model
 from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters
@@ -304,6 +302,10 @@ class CompiledModel:
         """Hash of its C text, names and default values: equal for models that compute the same."""
         parts = [VERSION, repr(self.layout), *_listed(self.text.files if self.text else {})]
         if self.rest is not None:
+            # Most models have no network at rest, and need nothing of what prints C.
+            from cotree.codegen.context import model_context
+            from cotree.codegen.model_files import render_model
+
             # Its nodes, too, are told apart by the text that would be printed for them.
             program = self.rest.program
             parts += [repr(program.layout), *_listed(render_model(model_context(program)))]

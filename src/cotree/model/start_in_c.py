@@ -13,7 +13,7 @@ import numpy as np
 
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
 from cotree.model.consistent import Start
-from cotree.model.shared_code import build_engine
+from cotree.model.shared_code import build_engine, shared_code
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ _MOST_UNKNOWNS = 200
 @locked_cache
 def load_start() -> LoadedLibrary | None:
     """Build and load the start, once; None without a compiler."""
-    files = start_files()
-    return build_engine(files, start_declarations(files))
+    return build_engine(shared_code(start_files, start_declarations))
 
 
 class StartInC:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 from cotree.build import abandon
 from cotree.codegen.integrators import SUNDIALS, engine_declarations, engine_files
 from cotree.errors import Error
-from cotree.model.shared_code import build_engine
+from cotree.model.shared_code import SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
 from cotree.solvers.methods import METHODS
 from cotree.solvers.sundials_library import library_path, open_sundials
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from cotree.build import LoadedLibrary
 
@@ -57,7 +57,7 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
     if steppers:
         # The text is rendered here and not in the thread: two threads that run Python share the
         # interpreter, and the compiler would start later.
-        _text_of(steppers[0])
+        _code_of(steppers[0])
         thread = threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine")
         _ahead.append(thread)
         thread.start()
@@ -101,15 +101,14 @@ def load_engine(stepper: str) -> Engine | str:
 
 
 @locked_cache
-def _text_of(stepper: str) -> Mapping[str, str]:
-    return engine_files(stepper)
+def _code_of(stepper: str) -> SharedCode:
+    return shared_code(engine_files, engine_declarations, stepper)
 
 
 @locked_cache
 def _opened(stepper: str, path: str) -> Engine | str:
     """Build an engine, and open the library of SUNDIALS that a path names, if any."""
-    files = _text_of(stepper)
-    library = build_engine(files, engine_declarations(files, stepper))
+    library = build_engine(_code_of(stepper))
     if library is None:
         return "no compiler can build its engine"
     if not path:

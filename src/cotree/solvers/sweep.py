@@ -8,7 +8,7 @@ import numpy as np
 
 from cotree.codegen.integrators import sweep_declarations, sweep_files
 from cotree.errors import BuildError, SolveError
-from cotree.model.shared_code import build_engine
+from cotree.model.shared_code import build_engine, shared_code
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
@@ -74,8 +74,7 @@ def sweep(
 @locked_cache
 def load_sweep() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
-    files = sweep_files()
-    return build_engine(files, sweep_declarations(files))
+    return build_engine(shared_code(sweep_files, sweep_declarations))
 
 
 def _in_c(

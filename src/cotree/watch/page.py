@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.codegen.render import environment, template_folder
+from cotree.codegen.render import environment
+from cotree.files import template_folder
 from cotree.version import VERSION
 from cotree.watch.picture import MARGIN, decimals, place_camera
 
