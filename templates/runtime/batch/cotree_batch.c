@@ -117,6 +117,9 @@ static int begin_member(cotree_worker *w)
     job->values = batch->values + i * (size_t)job->n_wanted * (size_t)batch->n_full;
     job->records = w->records;
     job->most_records = w->most_records;
+#if COTREE_HAS_CONSTRAINTS
+    job->crossings = NULL; /* members share those of the pattern */
+#endif
     job->memory = w->memory;
     memset(w->memory, 0, batch->memory); /* no data of the previous member remain */
     return batch->are_asked_for ? 0 : set_member_data(w);
