@@ -378,17 +378,12 @@ class Model:
         # The library was compiled before; the first run of a method compiles its engine.
         own = values["times"]
         own["compile"] += model.times.get("compile", 0.0)
-        return filled(
-            Result,
-            {
-                **values,
-                "times": {**model.times, **own},
-                "model": model,
-                "settings": changed(
-                    preparation.settings, parameters=parameters, initial=initial or {}
-                ),
-            },
+        values["times"] = {**model.times, **own}
+        values["model"] = model
+        values["settings"] = changed(
+            preparation.settings, parameters=parameters, initial=initial or {}
         )
+        return filled(Result, values)
 
     def _prepared(self, given: Mapping[str, Any]) -> tuple[Model, Preparation]:
         """Prepare runs with some settings; the scene gives those that are left open."""

@@ -60,7 +60,7 @@ def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) 
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
         with without_warnings():  # a message says the same
-            results.put(member, simulate(plan.model, settings, {}))
+            results.put(member, simulate(plan.model, settings))
     except Error as error:
         results.fail(member, FAILED, str(error))
     results.seconds[member] += time.perf_counter() - begun
@@ -138,7 +138,7 @@ def _runs(model: CompiledModel, settings: Settings, members: Members) -> list[Ru
     found = []
     for row in _extremes(members):
         with contextlib.suppress(Error), without_warnings():
-            found.append(simulate(model, settings_of(model, settings, members.columns, row), {}))
+            found.append(simulate(model, settings_of(model, settings, members.columns, row)))
     return found
 
 
@@ -164,7 +164,7 @@ def _first_success(model: CompiledModel, settings: Settings, members: Members) -
     for row in members.rows[:_TRIED].tolist():
         try:
             with without_warnings():
-                return simulate(model, settings_of(model, settings, members.columns, row), {})
+                return simulate(model, settings_of(model, settings, members.columns, row))
         except Error as error:
             reasons.add(str(error))
     if len(reasons) == 1:
@@ -176,7 +176,7 @@ def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
     """Run, and pass on the warnings that hold for members, too: all but that of the trial's end."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        run = simulate(model, settings, {})
+        run = simulate(model, settings)
     for said in caught:
         if str(said.message) != run.message:
             warnings.warn(str(said.message), said.category, stacklevel=level_of_user())

@@ -52,7 +52,7 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
     wanted = _times(t, jumps)
     try:
         with without_warnings():
-            found = simulate(model, replace(settings, t_eval=wanted, throw=False), record.units)
+            found = simulate(model, replace(settings, t_eval=wanted, throw=False))
     except Error:
         return record
     return found if _agrees(record, found, jumps) else record

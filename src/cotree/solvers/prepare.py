@@ -227,6 +227,7 @@ class Preparation:
             n_observed=n_observed(model),
             shared=Shared(is_repeatable=not self.asks_python),
         )
+        self._inputs = _native_inputs(model, self._signals)
         self._has_sparse = _has_sparse_jacobian(model)
         # The start of runs that give no initial values, where no value of a parameter changes it.
         self._start: Start | None = None
@@ -261,6 +262,7 @@ class Preparation:
             reach(t_span[0], start.z)
             at = Moment(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
+        inputs = _native_inputs(model, signals) if samples else self._inputs
         z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
         values = {
             **vars(self._template),
@@ -270,7 +272,7 @@ class Preparation:
             "reach": reach,
             **corners,
             **self._functions(p, u, held),
-            **_native(model, p, signals),
+            "native": filled(Native, {"model": model.native(p), **inputs}),
         }
         problem = filled(Problem, values)
         if problem.events is not None:
@@ -460,11 +462,8 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
     return len(model.layout.row_indices) <= _LARGEST_SHARE * n * n
 
 
-def _native(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return the native form of the problem."""
-    native = model.native(p)
-    assert native is not None  # models in Python are refused
+def _native_inputs(model: CompiledModel, signals: ReplacedInputs) -> dict[str, Any]:
+    """Return what the native form of a problem has of the inputs."""
     # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
-    known = {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}
-    return {"native": filled(Native, {"model": native, **known})}
+    return {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}

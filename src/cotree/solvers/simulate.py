@@ -36,21 +36,8 @@ if TYPE_CHECKING:
     from cotree.solvers.prepare import Preparation
 
 
-def simulate(
-    model: CompiledModel,
-    settings: Settings,
-    units: Mapping[str, str],
-) -> RunRecord:
+def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
     """Integrate a model.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    settings : Settings
-        Settings of the run.
-    units : mapping of str to str
-        Unit of each state, output and input.
 
     Raises
     ------
@@ -60,8 +47,9 @@ def simulate(
         If the method is unknown or cannot take what it is given, or, with ``throw``, if the
         integration fails.
     """
-    values = run_values(prepared(model, settings), settings.parameters, settings.initial)
-    return filled(RunRecord, {**values, "units": units})
+    return filled(
+        RunRecord, run_values(prepared(model, settings), settings.parameters, settings.initial)
+    )
 
 
 def run_values(
