@@ -20,13 +20,12 @@ from cotree.scene.checks import (
     Dimensions,
     alone,
     dimension_of_unit,
-    entries,
     inertia_faults,
     stated_units,
     stated_values,
     tiny_masses,
 )
-from cotree.scene.expressions import Expression
+from cotree.scene.expressions import Expression, entries
 from cotree.scene.parameters import in_order, parameter_values
 from cotree.units import Dimension, same_dimension, unit_text
 

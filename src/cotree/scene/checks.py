@@ -18,7 +18,7 @@ import numpy as np
 
 from cotree.components import Shape
 from cotree.dag.nodes import Dag
-from cotree.scene.expressions import Expression, FieldValue, dotted, table_of
+from cotree.scene.expressions import Expression, FieldValue, dotted, entries, table_of
 from cotree.scene.fields import initial_units
 from cotree.scene.graphs import motion_spaces
 from cotree.scene.parameters import parameter_values
@@ -142,15 +142,6 @@ def dimension_of_unit(text: str) -> Dimension | None:
     """Return the dimension of a unit that a field or result states; None where it states none."""
     unit = stated_unit(text)
     return None if unit is None else unit.dimension
-
-
-def entries(value: FieldValue | None) -> Iterator[Expression]:
-    """List the expressions of a field: one, three, or three rows of three."""
-    if isinstance(value, Expression):
-        yield value
-    else:
-        for item in value or ():
-            yield from entries(item)
 
 
 def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:

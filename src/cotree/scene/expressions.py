@@ -436,6 +436,15 @@ class Expression:
 FieldValue = Expression | tuple[Expression, ...] | tuple[tuple[Expression, ...], ...]
 
 
+def entries(value: FieldValue | None) -> Iterator[Expression]:
+    """List the expressions of a field: one, three, or three rows of three."""
+    if isinstance(value, Expression):
+        yield value
+    else:
+        for item in value or ():
+            yield from entries(item)
+
+
 @lru_cache(maxsize=1024)
 def _vanishes(expression: Expression) -> bool:
     """Return whether an expression folds to zero for any values of its names."""

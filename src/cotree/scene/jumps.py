@@ -33,6 +33,7 @@ from cotree.scene.events import Event, Mode
 from cotree.scene.expressions import (
     COMPARISONS,
     Expression,
+    entries,
     fill,
     map_names,
     map_tree,
@@ -95,14 +96,7 @@ def _acting(scene: SceneDescription) -> list[Expression]:
 
 def _of_edge(edge: Edge) -> list[Expression]:
     """List the expressions in the fields of an edge."""
-    return [item for value in edge.fields.values() for item in _expressions(value)]
-
-
-def _expressions(value: Any) -> list[Expression]:
-    """List the expressions of a field."""
-    if isinstance(value, Expression):
-        return [value]
-    return [item for part in value for item in _expressions(part)]
+    return [item for value in edge.fields.values() for item in entries(value)]
 
 
 class _Rewriting:

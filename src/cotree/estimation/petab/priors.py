@@ -101,32 +101,40 @@ class Prior:
         self._family = row.kind.removeprefix("parameterScale").removeprefix("log").lower()
         self._name, self._bounds = estimated.name, (self._scaled.lower[0], self._scaled.upper[0])
 
+    def _deviation(self, theta: float) -> tuple[float, float]:
+        """Return what the density is of, the logarithm where it is one, and its derivative."""
+        if self._is_on_scale:
+            return theta, 1.0
+        given = np.array([theta])
+        x, slope = float(self._scaled.values(given)[0]), float(self._scaled.slopes(given)[0])
+        if not self._is_log:
+            return x, slope
+        return (math.log(x), slope / x) if x > 0.0 else (math.nan, 0.0)
+
     def log_density(self, theta: float) -> tuple[float, float]:
         """Compute the logarithm of the density and its derivative with respect to ``theta``."""
-        x, slope = self._stated(theta)
-        if self._is_log and not x > 0.0:
+        z, z_slope = self._deviation(theta)
+        if math.isnan(z):
             return -math.inf, 0.0
-        z, z_slope = (math.log(x), slope / x) if self._is_log else (x, slope)
-        # A density of the logarithm becomes one of the value by the factor 1/x.
-        factor, factor_slope = (-z, -z_slope) if self._is_log else (0.0, 0.0)
         if self._family == "uniform":
             is_inside = self._a <= z <= self._b
             return (-math.log(self._b - self._a) if is_inside else -math.inf), 0.0
         r = (z - self._a) / self._b
         if self._family == "normal":
-            value = -0.5 * r * r - math.log(self._b * math.sqrt(2.0 * math.pi))
-            return value + factor, -r / self._b * z_slope + factor_slope
-        value = -abs(r) - math.log(2.0 * self._b)
-        return value + factor, -math.copysign(bool(r), r) / self._b * z_slope + factor_slope
+            value, slope = -0.5 * r * r - math.log(self._b * math.sqrt(2.0 * math.pi)), -r
+        else:
+            value, slope = -abs(r) - math.log(2.0 * self._b), -math.copysign(bool(r), r)
+        # A density of the logarithm becomes one of the value by the factor 1/x.
+        factor = float(self._is_log)
+        return value - factor * z, (slope / self._b - factor) * z_slope
 
     def squares(self, theta: float) -> list[tuple[float, float]]:
-        """Return residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
+        """Compute residuals for least-squares methods and their slopes; see :meth:`Priors.rows`."""
         if self._family == "uniform":
             return []
-        x, slope = self._stated(theta)
-        if self._is_log and not x > 0.0:
+        z, along = self._deviation(theta)
+        if math.isnan(z):
             return [(math.nan, 0.0)]
-        z, along = (math.log(x), slope / x) if self._is_log else (x, slope)
         r, r_slope = (z - self._a) / self._b, along / self._b
         if self._family == "normal":
             # The factor 1/x of a log-normal density only shifts the square.
@@ -163,13 +171,6 @@ class Prior:
             values = np.exp(values)
         with np.errstate(invalid="ignore"):
             return self._scaled.scaled(values[:, None])[:, 0]
-
-    def _stated(self, theta: float) -> tuple[float, float]:
-        """Return the quantity that the prior describes, and its derivative by ``theta``."""
-        if self._is_on_scale:
-            return theta, 1.0
-        given = np.array([theta])
-        return float(self._scaled.values(given)[0]), float(self._scaled.slopes(given)[0])
 
 
 def sample_starts(
