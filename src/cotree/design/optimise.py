@@ -145,11 +145,15 @@ def optimise(
     guess = check_mapping(guess, "guess")
     read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess)
     model, found = variant_of(system, described, goals.quantities, names)
-    given: dict[str, Any] = {"parameters": parameters, "initial": initial, "inputs": inputs}
-    own = {word: check_mapping(values, word) for word, values in given.items()}
-    common = settings_from(
-        described.defaults, {"t_span": t_span, "method": solver, **own, **settings}
-    )
+    given: dict[str, Any] = {
+        "t_span": t_span,
+        "method": solver,
+        "parameters": check_mapping(parameters, "parameters"),
+        "initial": initial,
+        "inputs": inputs,
+        **settings,
+    }
+    common = settings_from(described.defaults, given)
     scenarios = _scenarios(common, runs, names)
     evaluation = Evaluation(model, goals, found, names, scenarios)
     scales = read_scales(dict(over), _known(model, common), guess)

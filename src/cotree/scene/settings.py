@@ -23,6 +23,7 @@ import numpy.typing as npt
 from cotree.errors import ParameterError, SceneError, SolveError, check_known, nearest
 from cotree.naming import check_path, check_text
 from cotree.scene.expressions import Expression, check_number, parse
+from cotree.scene.given import check_mapping
 from cotree.tolerances import rtol_fault
 
 FloatArray = npt.NDArray[np.float64]
@@ -150,13 +151,6 @@ def _wanted(value: Any, name: str) -> bool:
     return value
 
 
-def read_mapping(value: Any, name: str) -> Mapping[str, Any]:
-    """Accept a mapping; None stands for an empty one."""
-    if value is not None and not isinstance(value, Mapping):
-        raise ParameterError(f"{name} must be a mapping of names to values")
-    return value or {}
-
-
 def _longest_step(value: Any, name: str) -> float | None:
     if value is None or value == math.inf:
         return None if value is None else math.inf
@@ -237,7 +231,7 @@ class Settings:
         "Initial values of states in place of the scene's; they depend on no parameter, unless "
         'their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``: a run can continue '
         "from the end of another one.",
-        read_mapping,
+        check_mapping,
         in_scenes=False,
     )
     inputs: Mapping[str, Any] = _setting(
@@ -247,7 +241,7 @@ class Settings:
         "are compiled into the model at their first use. Parameters that the model does not have, "
         "such as gains, get their values by ``parameters``; for sensitivities to them compile "
         "``scene.with_inputs(...)``.",
-        read_mapping,
+        check_mapping,
         in_scenes=False,
     )
     sensitivities: bool = _setting(
@@ -271,7 +265,7 @@ class Settings:
         {},
         "Sizes of parameters in place of their values: ``atol`` divided by them is that of their "
         "sensitivities. One if a value is zero, and for initial values.",
-        read_mapping,
+        check_mapping,
         in_scenes=False,
     )
     max_step: float | None = _setting(

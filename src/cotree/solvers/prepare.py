@@ -22,7 +22,8 @@ from cotree.model.signals import Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.records import filled
 from cotree.scene.expressions import check_number
-from cotree.scene.settings import in_python, read_mapping
+from cotree.scene.given import check_mapping
+from cotree.scene.settings import in_python
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.functions import Functions
 from cotree.solvers.held_constraints import HeldConstraints
@@ -248,7 +249,7 @@ class Preparation:
             If a value is not accepted, or there is no start.
         """
         model, t_span = self.model, self.settings.t_span
-        initial = read_mapping(initial, "initial")
+        initial = check_mapping(initial, "initial")
         p = model.parameter_array(parameters)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
