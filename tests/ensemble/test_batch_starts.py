@@ -75,9 +75,9 @@ def test_members_of_a_closed_loop_never_ask_python(monkeypatch, wanted):
     def refuse(*_):
         raise AssertionError
 
-    for name in ("_give", "_answer", "_problem"):
+    for name in ("_prepare_member", "_resolve", "_problem"):
         monkeypatch.setattr(Worker, name, refuse)
-    monkeypatch.setattr(BlockInC, "run_alone", refuse)
+    monkeypatch.setattr(BlockInC, "rerun_single", refuse)
     monkeypatch.setattr("cotree.solvers.prepare.find_start", refuse)
     block = run_block(plan, rows, threads=2)
     assert (block.status == 0).all(), block.messages

@@ -186,12 +186,12 @@ def test_a_member_whose_planned_pivots_vanish_leaves_its_lane(monkeypatch):
     """The scalar engine exchanges rows where a mode grows as fast as the pivot has it."""
     left = []
 
-    def takes_back(block):
+    def requeue_rejected(block):
         left.append(np.flatnonzero(block.ended == LEFT).tolist())
         return by_rule(block)
 
-    by_rule = BlockInC.takes_back
-    monkeypatch.setattr(BlockInC, "takes_back", takes_back)
+    by_rule = BlockInC.requeue_rejected
+    monkeypatch.setattr(BlockInC, "requeue_rejected", requeue_rejected)
     longest = 0.0625  # which is then the length of nearly all steps
     vanishing = 1.0 / (longest * float(ROSENBROCK["rodas5"].gamma))
     scene = cotree.Scene("pivot")

@@ -1,20 +1,14 @@
-"""A block of members as C takes it, and what comes out of it.
+"""The members of a block, run in C.
 
-In: a ``Pattern`` and rows. Out: a ``cotree_batch`` that workers share, and a ``Block``.
+In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from one counter, and the results of
+a member depend on the plan and its row alone: not on the number of threads, the order of rows, or
+the other members.
 
-In: a ``Plan`` and rows. Out: a ``Block``. Threads take members from one counter, and what comes out
-of a member depends on nothing but the plan and its row: not on the number of threads, nor on the
-order of rows, nor on who else is in the block.
-
-For those who run members in another way (in vectors, say): C gives all that a member needs by its
-number, in the ``cotree_batch`` of ``templates/runtime/batch/cotree_batch.h``. A function
-``lanes(worker)`` in it is called by each worker in place of the loop over single members. It takes
-members with ``cotree_batch_take``, begins each with ``prepare`` (which fills in prepared values and
-the start), writes its points to ``values`` at the member's number, fills in ``n_kept``,
-``n_steps``, ``seconds`` and ``ended``, and ends it with ``finish``, which evaluates its outputs.
-What it cannot bring to an end it leaves as ``COTREE_MEMBER_LEFT``: these members are then run one
-at a time, from their start, with all that a failure needs to be told. It looks at ``is_stopped``
-now and then.
+Lanes run members in vectors: each worker calls the function ``lanes`` of ``cotree_batch.h`` in
+place of the loop over single members. It takes members with ``cotree_batch_take``, starts each with
+``prepare``, writes its points to ``values`` and its ending to ``n_kept``, ``n_steps``, ``seconds``
+and ``ended``, and evaluates its outputs with ``finish``. Members that it leaves as
+``COTREE_MEMBER_LEFT`` are then run one at a time, from their start.
 """
 
 from __future__ import annotations
@@ -24,6 +18,7 @@ import sys
 import threading
 import weakref
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +27,7 @@ from cotree.codegen.integrators import batch_declarations, batch_files
 from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.pattern import Pattern, Unfit, find_pattern, own_values, problem_of, tolerances
 from cotree.ensemble.plan import Block, Plan, Results
-from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, spent_sentence
+from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, budget_message
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
 from cotree.model.shared_code import build_engine, shared_code
@@ -50,12 +45,13 @@ from cotree.solvers.trust import held
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from threading import Event
 
     import numpy.typing as npt
 
     from cotree.build import LoadedLibrary
+    from cotree.solvers.held_constraints import HeldConstraints
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
 
@@ -69,7 +65,7 @@ LEFT = 10  # the budgets that are spent stand between
 _WATCHED_IN_LANES = 4 * LIMITS.most_stiff_steps
 
 # In Python, of members that were run by themselves.
-ALONE = 100
+RERUN = 100
 
 
 @locked_cache
@@ -82,31 +78,9 @@ def load_batch() -> LoadedLibrary:
 
 
 class BlockInC:
-    """The members of a block; it is mutable, and shared by the workers that run it.
+    """The members of a block, shared by the workers that run it.
 
-    Parameters
-    ----------
-    pattern : Pattern
-        What they share.
-    rows : ndarray, shape (n_members, n_columns)
-        What each sets.
-
-    Attributes
-    ----------
-    pattern : Pattern
-        As given.
-    rows : ndarray, shape (n_members, n_columns)
-        As given.
-    library : LoadedLibrary
-        The loop over members.
-    ended : ndarray of int, shape (n_members,)
-        How members ended in C.
-    batch : cotree_batch
-        The structure.
-    results : Results
-        What comes out.
-    lanes : LoadedLanes or str
-        The lanes that members run in; or why they run one at a time.
+    ``ended`` says how members ended in C, and ``lanes`` in which they run, or why in none.
     """
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
@@ -129,95 +103,80 @@ class BlockInC:
         self.batch.is_stopped = 1
 
     def fail(self, member: int, message: str) -> None:
-        """Put in a member that cannot begin."""
+        """Record a member that cannot begin."""
         self.ended[member] = REFUSED
         self.results.fail(member, STATUS_FAILED, message)
 
-    def spend(self, member: int, message: str) -> None:
-        """Put in a member whose budget is spent."""
+    def mark_budget_exceeded(self, member: int, message: str) -> None:
+        """Record a member whose budget is spent."""
         self.results.steps[member] = self.n_steps[member]
         self.results.fail(member, BUDGET_SPENT, message)
 
-    def run_alone(self, member: int, method: str = "", note: str = "") -> None:
-        """Run a member by itself, where C has not brought it to its end.
-
-        Parameters
-        ----------
-        member : int
-            Its place.
-        method : str
-            Another method than that of the plan.
-        note : str
-            What is said of a member that succeeds so.
-        """
+    def rerun_single(self, member: int, method: str = "", note: str = "") -> None:
+        """Run a member as ``simulate`` does, with a note if it succeeds, by another method if given."""
         plan = self.pattern.plan
         if method:
             plan = replace(plan, settings=replace(plan.settings, method=method))
-        self.ended[member] = ALONE
+        self.ended[member] = RERUN
         run_member(plan, self.rows[member].tolist(), self.results, member)
         if self.results.status[member] == 0:
             self.results.messages[member] = note
 
     def check(self, member: int, problem: Problem) -> None:
-        """Look at a member that is done as a run by itself is looked at; run it so if it fails.
+        """Run a member that is done once more, by itself, if that would report a failure.
 
         Its times may be too late for its steps, or constraints may not have held it.
         """
-        if self.ended[member] not in (DONE, STOPPED):
-            return
-        n, plan = self.n_kept[member], self.pattern.plan
-        t, z = np.asarray(plan.settings.t_eval, dtype=float)[:n], self.results.z[member, :n].T
-        work = Statistics(self.pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
-        correction = float(self.corrections[member])
-        drift = None if problem.held is None else Drift((), np.zeros((0, n)), correction)
-        run = Trajectory(t, z, 0, "", work, drift)
-        redundant = redundancy(plan.model, problem.held, run)
-        # Reactions that are not unique have no sensitivities.
-        is_left_out = redundant > 0 and problem.n_sensitivities > 0 and bool(plan.outputs)
-        if held(problem, timely(problem, run), redundant).status != 0 or is_left_out:
-            self.run_alone(member)
+        if self.ended[member] in (DONE, STOPPED):
+            run = timely(problem, self._trajectory(member))
+            if not self._is_held(problem, run, lambda: problem.held):
+                self.rerun_single(member)
 
     def block(self, workers: Sequence[Worker]) -> Block:
-        """Give what came out, once all workers are done."""
-        results, is_done = self.results, (self.ended == DONE) | (self.ended == STOPPED)
+        """Return the results, once all workers are done."""
+        results, pattern, problem = self.results, self.pattern, self.pattern.problem
+        is_done = (self.ended == DONE) | (self.ended == STOPPED)
         results.steps[is_done] = self.n_steps[is_done]
-        # Those that were prepared in Python have been looked at.
-        if self.pattern.is_timed and not self.pattern.is_searched:
-            is_late = is_done & ~is_fine(self.pattern.problem, self.n_steps)
-            for member in np.flatnonzero(is_late).tolist():
-                self.run_alone(member)
-            is_done &= ~is_late
-        if self.pattern.problem.held is not None and not self.pattern.is_searched:
-            for member in np.flatnonzero(is_done).tolist():
-                if not self._is_held(member):
-                    self.run_alone(member)
-                    is_done[member] = False
-        results.succeed(is_done)
+        # Those that were prepared in Python have been checked.
+        is_good = is_done.copy()
+        if pattern.is_timed and not pattern.is_searched:
+            is_good &= is_fine(problem, self.n_steps)
+        if problem.held is not None and not pattern.is_searched:
+            for member in np.flatnonzero(is_good).tolist():
+                run, constraints = self._trajectory(member), partial(self._constraints, member)
+                is_good[member] = self._is_held(problem, run, constraints)
+        for member in np.flatnonzero(is_done & ~is_good).tolist():
+            self.rerun_single(member)
+        results.succeed(is_good)
         for worker in workers:
-            rows = worker.happened()
-            if len(rows) == 0:
-                continue
-            results.add_happened(rows[is_done[rows[:, 0].astype(np.intp)]])
+            rows = worker.event_records()
+            results.add_events(rows[is_good[rows[:, 0].astype(np.intp)]])
         return results.block()
 
-    def _is_held(self, member: int) -> bool:
-        """Return whether constraints held a member that is done, as :meth:`check` does."""
-        pattern, plan = self.pattern, self.pattern.plan
-        problem, n = pattern.problem, self.n_kept[member]
-        is_exact = problem.n_sensitivities > 0 and bool(plan.outputs)
-        t, z = np.asarray(plan.settings.t_eval, dtype=float)[:n], self.results.z[member, :n].T
-        work = Statistics(pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
-        run = Trajectory(t, z, 0, "", work, Drift((), np.zeros((0, n)), self.corrections[member]))
-        redundant = 0
+    def _trajectory(self, member: int) -> Trajectory:
+        n, t_eval = self.n_kept[member], self.pattern.plan.settings.t_eval
+        t, z = np.asarray(t_eval, dtype=float)[:n], self.results.z[member, :n].T
+        work = Statistics(self.pattern.row.name, 0, 0, 0, int(self.n_steps[member]), 0.0)
+        drift = Drift((), np.zeros((0, n)), float(self.corrections[member]))
+        return Trajectory(t, z, 0, "", work, drift)
+
+    def _constraints(self, member: int) -> HeldConstraints | None:
+        p = own_values(self.pattern, self.rows[member : member + 1]).p[0]
+        plan = self.pattern.plan
+        return prepared(plan.model, plan.settings).projection(p)
+
+    def _is_held(
+        self, problem: Problem, run: Trajectory, constraints: Callable[[], HeldConstraints | None]
+    ) -> bool:
+        """Return whether a run succeeded, and constraints held it."""
+        # Reactions that are not unique have no sensitivities.
+        is_exact, redundant = problem.n_sensitivities > 0 and bool(self.pattern.plan.outputs), 0
         if is_exact or held(problem, run, 1).status != 0:
-            p = own_values(pattern, self.rows[member : member + 1]).p[0]
-            redundant = redundancy(
-                plan.model, prepared(plan.model, plan.settings).projection(p), run
-            )
+            redundant = redundancy(self.pattern.plan.model, constraints(), run)
         return held(problem, run, redundant).status == 0 and not (is_exact and redundant)
 
-    def takes_back(self) -> bool:
-        """Let members that lanes have left be run one at a time; tell whether there are any."""
+    def requeue_rejected(self) -> bool:
+        """Requeue members that lanes have left, for scalar runs; return whether there are any."""
         is_left = self.ended == LEFT
         if not is_left.any():
             return False
@@ -226,7 +185,7 @@ class BlockInC:
         return True
 
     def buffer(self, pointer: Any) -> Any:
-        """Give the memory of an array that :meth:`pointer` was made of."""
+        """Return the memory of an array that :meth:`pointer` was made of."""
         ffi = self.library.ffi
         address = ffi.cast("uintptr_t", pointer)
         return next(ffi.buffer(p) for p in self._kept if ffi.cast("uintptr_t", p) == address)
@@ -301,10 +260,10 @@ class BlockInC:
         self.ended = np.where(own.is_refused, REFUSED, WAITS).astype(np.intc)
         c.ended = self.pointer(self.ended, "int")
         for member in np.flatnonzero(own.is_refused).tolist():
-            self.run_alone(member)
+            self.rerun_single(member)
 
     def _set_results(self) -> None:
-        """Make room for what comes out."""
+        """Allocate the results."""
         c, results, n = self.batch, self.results, len(self.rows)
         plan = self.pattern.plan
         places = [plan.model.outputs.index(name) for name in plan.outputs]
@@ -322,7 +281,7 @@ class BlockInC:
 
 
 # Results of cotree_batch_work.
-_EMPTY, _GLANCE, _ROOM, _ASK, _STOPPED, _GIVE = range(6)
+_NONE_LEFT, _TIME_OVER, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
 class Worker:
@@ -339,7 +298,7 @@ class Worker:
         self._ffi, self._pattern = members.library.ffi, members.pattern
         self._kept: dict[str, Any] = {}
         # The member that was prepared last, with its problem; and the job of all that are.
-        self._asked: tuple[int, Problem] | None = None
+        self._prepared: tuple[int, Problem] | None = None
         self._job: Job | None = None
         problem, model = self._pattern.problem, self._pattern.plan.model
         assert problem.settings.t_eval is not None  # a plan gives them
@@ -366,10 +325,10 @@ class Worker:
             self._width = 2 + m + 2 * problem.n_states
             # The most records of one step: C returns where there is no room for as many.
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
-            self._make_room()
+            self._grow_records()
 
-    def go_on(self, glance: float) -> bool:
-        """Run members until something is to be done here, or for some time; tell if any is left.
+    def advance(self, glance: float) -> bool:
+        """Run members until Python has to act, or for some time; return whether any is left.
 
         Parameters
         ----------
@@ -379,24 +338,24 @@ class Worker:
         c, members = self._worker, self._members
         members.batch.glance = glance
         result = self._lib.cotree_batch_work(c)
-        if result != _GLANCE and result != _ROOM:
+        if result != _TIME_OVER and result != _NO_SPACE:
             self._check_last()
-        if result == _ROOM:
-            self._make_room()
-        elif result == _GIVE:
-            self._give(int(c.member))
-        elif result == _ASK:
-            self._answer(int(c.member))
-        elif result in (_EMPTY, _STOPPED):
+        if result == _NO_SPACE:
+            self._grow_records()
+        elif result == _PREPARE:
+            self._prepare_member(int(c.member))
+        elif result == _UNFINISHED:
+            self._resolve(int(c.member))
+        elif result in (_NONE_LEFT, _STOPPED):
             self._lib.cotree_batch_close(c)
             return False
         return True
 
-    def happened(self) -> FloatArray:
-        """Give the events of the members that it ran: member, event, time and its derivatives."""
+    def event_records(self) -> FloatArray:
+        """Return the events of the members that it ran: member, event, time and its derivatives."""
         return self._happened[: int(self._worker.n_happened)]
 
-    def _give(self, member: int) -> None:
+    def _prepare_member(self, member: int) -> None:
         """Prepare a member: its start, its corners, its tolerances."""
         c, members = self._worker, self._members
         try:
@@ -408,10 +367,10 @@ class Worker:
             return
         if refusal(self._pattern.row.name, problem):
             # A run by itself has another method that stands in.
-            members.run_alone(member)
+            members.rerun_single(member)
             c.member = -1
             return
-        self._asked = member, problem
+        self._prepared = member, problem
         if self._job is None:
             self._job = self._pattern.job_of(problem)
         else:
@@ -420,45 +379,45 @@ class Worker:
         c.asked = self._ffi.cast("cotree_job *", address)
 
     def _check_last(self) -> None:
-        """Look at a member that was prepared here, once it is done, as a run by itself does."""
-        if self._asked is None or int(self._worker.member) == self._asked[0]:
+        """Check a member that was prepared here, once it is done."""
+        if self._prepared is None or int(self._worker.member) == self._prepared[0]:
             return
-        member, problem = self._asked
-        self._asked = None
+        member, problem = self._prepared
+        self._prepared = None
         self._members.check(member, problem)
 
-    def _answer(self, member: int) -> None:
-        """See to a member that has not come to its end."""
+    def _resolve(self, member: int) -> None:
+        """Resolve a member that has not reached its end."""
         members, ended = self._members, int(self._members.ended[member])
-        if ended == STIFF and self._goes_on(member):
+        if ended == STIFF and self._run_stiff(member):
             return
         if ended in (STEPS_SPENT, EVENTS_SPENT, TIME_SPENT):
             self._spend(member, ended)
         elif ended != STIFF:
-            members.run_alone(member)
+            members.rerun_single(member)
         self._worker.member = -1
 
     def _spend(self, member: int, ended: int) -> None:
-        """Put in a member whose budget is spent."""
+        """Record a member whose budget is spent."""
         c, members, engine = self._worker, self._members, self._pattern.engine.library
         address = int(self._ffi.cast("uintptr_t", self._ffi.addressof(c, "job")))
         engine.lib.cotree_job_sync(engine.ffi.cast("cotree_job *", address))
         problem = self._problem_in_work(member)
         kept = members.results.z[member, : members.n_kept[member]].copy()
         method = self._pattern.row.name
-        said = spent_sentence(problem, method, c.job, ended, kept, self._last_point())
-        members.spend(member, said)
+        said = budget_message(problem, method, c.job, ended, kept, self._last_point())
+        members.mark_budget_exceeded(member, said)
 
     def _last_point(self) -> FloatArray:
-        """Give where the member in work stands."""
+        """Return the last point of the member in work."""
         size = self._pattern.problem.size
         return np.frombuffer(self._ffi.buffer(self._worker.job.z, 8 * size)).copy()
 
     def _problem_in_work(self, member: int) -> Problem:
-        return self._asked[1] if self._asked is not None else self._problem(member)
+        return self._prepared[1] if self._prepared is not None else self._problem(member)
 
-    def _goes_on(self, member: int) -> bool:
-        """Run a member that is stiff with another method; tell where it is to go on by itself."""
+    def _run_stiff(self, member: int) -> bool:
+        """Run a stiff member with another method; return True if it goes on with its own."""
         c, members = self._worker, self._members
         problem, z = self._problem_in_work(member), self._last_point()
         job, method = c.job, self._pattern.row.name
@@ -471,20 +430,20 @@ class Worker:
             f"{other} ran it, since it is stiff: from t = {float(job.stiff_since):.6g} on steps of "
             f"{method} were as short as stability asks."
         )
-        members.run_alone(member, other, note)
+        members.rerun_single(member, other, note)
         if members.results.status[member] == STATUS_FAILED:
             c.watched_from = sys.maxsize
             return True
         return False
 
     def _problem(self, member: int) -> Problem:
-        """Give the problem of a member."""
+        """Return the problem of a member."""
         plan, row = self._pattern.plan, self._members.rows[member].tolist()
         own = settings_of(plan.model, plan.settings, plan.columns, row)
         return problem_of(plan, own.parameters, own.initial)
 
-    def _make_room(self) -> None:
-        """Make more room for events; existing ones stay."""
+    def _grow_records(self) -> None:
+        """Enlarge the arrays of events; existing ones stay."""
         c = self._worker
         n_records = int(c.job.n_records)
         # Both grow by what one of them lacks: the events of one member, and those of all.
@@ -500,7 +459,7 @@ class Worker:
         c.happened, c.most_happened = self._point("happened", happened), len(happened)
 
     def _aligned(self, name: str, n_bytes: int) -> Any:
-        """Make room that begins at a multiple of 64 bytes, as vectors need."""
+        """Allocate memory that begins at a multiple of 64 bytes, as vectors need."""
         room = np.zeros(n_bytes // 8 + 8)
         first = -room.ctypes.data % 64 // 8
         return self._point(name, room[first:])
@@ -548,7 +507,7 @@ def run_block(
     wanted = usable_cores() if threads is None else max(1, threads)
     workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
     _drive(workers, members, stop)
-    if members.takes_back():
+    if members.requeue_rejected():
         _drive(workers, members, stop)
     return members.block(workers)
 
@@ -580,14 +539,14 @@ def pattern_of(plan: Plan) -> Pattern | Unfit:
 
 
 def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> None:
-    """Let workers run members until none is left, or the ensemble is stopped."""
+    """Run members by workers until none is left, or the ensemble is stopped."""
     if stop is not None and stop.is_set():
         members.stop()
     errors: list[BaseException] = []
 
     def work(worker: Worker) -> None:
         try:
-            while worker.go_on(_INTERVAL):
+            while worker.advance(_INTERVAL):
                 pass
         except BaseException as error:
             errors.append(error)
@@ -622,9 +581,9 @@ def _await(threads: Sequence[threading.Thread], members: BlockInC, stop: Event |
 
 
 def _drive_here(worker: Worker, members: BlockInC, stop: Event | None) -> None:
-    """Let one worker run members in this thread, which C gives back now and then."""
+    """Run members by one worker in this thread; C returns now and then."""
     try:
-        while worker.go_on(_INTERVAL):
+        while worker.advance(_INTERVAL):
             if stop is not None and stop.is_set():
                 members.stop()
     except KeyboardInterrupt:

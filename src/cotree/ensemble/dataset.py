@@ -472,7 +472,7 @@ class Collected(Results):
         self.status[there], self.messages[there] = block.status, block.messages
         self.steps[there], self.seconds[there] = block.steps, block.seconds
         own = block.happened
-        self.add_happened(np.column_stack([own.member + first, own.event, own.t, own.s]))
+        self.add_events(np.column_stack([own.member + first, own.event, own.t, own.s]))
         self.done += int(np.count_nonzero(block.status != NOT_RUN))
         self.reasons.add(first, block.status, block.messages)
 

@@ -159,7 +159,7 @@ class Results:
         self.slopes[member, :reached] = found[:reached]
         self._happened.append(_happened(run, member, self._events, m))
 
-    def add_happened(self, rows: FloatArray) -> None:
+    def add_events(self, rows: FloatArray) -> None:
         """Add events, a row each: member, event, time, and the derivatives of the time."""
         self._happened.append(rows)
 

@@ -74,7 +74,7 @@ class Reasons:
 STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 
 
-def spent_sentence(
+def budget_message(
     problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
     """Say where a member stopped, and which state grew meanwhile.
