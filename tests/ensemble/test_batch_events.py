@@ -13,7 +13,7 @@ from cotree.scene.settings import Settings
 @pytest.mark.compiler
 def test_events_are_not_read_from_room_that_was_given_up(monkeypatch):
     """Times of a few members were whatever stood in memory that the worker had freed."""
-    whole, given_up = Worker._make_room, []
+    whole, given_up = Worker._grow_records, []
 
     def make_room(worker):
         before = worker._kept.get("records")
@@ -22,7 +22,7 @@ def test_events_are_not_read_from_room_that_was_given_up(monkeypatch):
             before[:] = np.nan
             given_up.append(before)
 
-    monkeypatch.setattr(Worker, "_make_room", make_room)
+    monkeypatch.setattr(Worker, "_grow_records", make_room)
     ball = cotree.load("bouncing-ball").compile(["e"])
     plan = Plan(ball.kernels, Settings((0.0, 3.0), np.linspace(0.0, 3.0, 3), "dopri5"), ("e",))
     rows = np.linspace(0.3, 0.9, 150)[:, np.newaxis]

@@ -113,7 +113,7 @@ class BlockInC:
         self.results.fail(member, BUDGET_SPENT, message)
 
     def rerun_single(self, member: int, method: str = "", note: str = "") -> None:
-        """Run a member as ``simulate`` does, with a note if it succeeds, by another method if given."""
+        """Run a member as ``simulate`` does, perhaps by another method; a success has the note."""
         plan = self.pattern.plan
         if method:
             plan = replace(plan, settings=replace(plan.settings, method=method))
