@@ -112,7 +112,7 @@ def test_what_is_no_grid_is_refused(axes, told):
 def test_columns_that_the_model_does_not_have_are_refused(name, told):
     model = cotree.load("slider-pendulum").compile()
     with pytest.raises(ParameterError, match=told):
-        check_columns(["L", name], model, {"k": 50.0}, {"j1.s": 0.1})
+        check_columns(["L", name], model.kernels, {"k": 50.0}, {"j1.s": 0.1})
 
 
 def test_derived_parameters_and_inputs_are_no_columns():
