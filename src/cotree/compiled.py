@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import threading
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -94,8 +93,7 @@ class Model:
         self.inputs, self.outputs = kernels.inputs, kernels.outputs
         self.sensitivities = kernels.sensitivities
         self._kept: Kept[tuple[Model, Preparation]] = Kept(_MOST_KEPT)
-        self._variants: dict[object, Model] = {}
-        self._lock = threading.RLock()
+        self._variants: Kept[Model] = Kept(_MOST_VARIANTS)
 
     @property
     def spec(self) -> BuildSpec:
@@ -592,15 +590,13 @@ class Model:
         gains = new_names(scene, expressions, known)
         texts = {name: parse(text, "input").text.strip() for name, text in expressions.items()}
         key = frozenset(texts.items()), tuple(gains)
-        with self._lock:
-            model = self._variants.pop(key, None)
-            if model is None:
-                values = {name: known[name] for name in gains}
-                other = with_inputs(scene, expressions, values, "input")
-                model = compile_spec(self.spec.of(other))
-            self._variants[key] = model  # the one used last is last
-            if len(self._variants) > _MOST_VARIANTS:
-                del self._variants[next(iter(self._variants))]
+
+        def compile() -> Model:
+            values = {name: known[name] for name in gains}
+            other = with_inputs(scene, expressions, values, "input")
+            return compile_spec(self.spec.of(other))
+
+        model = self._variants.of(key, compile)
         rest = {name: value for name, value in given.items() if name not in expressions}
         return model, replace(settings, inputs=rest)
 

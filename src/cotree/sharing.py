@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import threading
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
@@ -37,46 +36,38 @@ def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 class Kept(Generic[_T]):
-    """The last few things that were made, by what they were made for.
+    """Values of the keys asked for last, as ``functools.lru_cache`` keeps them.
 
-    Parameters
-    ----------
-    most : int
-        How many are kept. The oldest one that nobody has asked for again makes room.
+    Threads that ask at the same time may each make one, and one of them is kept.
     """
 
     def __init__(self, most: int) -> None:
-        self._most, self._lock = most, threading.Lock()
-        self._kept: dict[Hashable, _Entry[_T]] = {}
+        self._found = functools.lru_cache(most)(_Asked.made)
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Give what was made for a key, or make it.
-
-        Threads that ask at the same time may each make one: it takes no lock, and one of them is
-        kept.
-        """
-        found = self._kept.get(key)  # looked up once: the key of a run is long
-        if found is not None:
-            found.is_asked_for = True
-            return found.value
-        made = make()
-        with self._lock:
-            while len(self._kept) >= self._most:
-                oldest = next(iter(self._kept))
-                entry = self._kept.pop(oldest)
-                if entry.is_asked_for:
-                    entry.is_asked_for = False
-                    self._kept[oldest] = entry  # behind the others, until its turn comes again
-            self._kept[key] = _Entry(made)
-        return made
+        """Return the value of a key, or make it."""
+        found: _T = self._found(_Asked(key, make))
+        return found
 
 
-@dataclass
-class _Entry(Generic[_T]):
-    """One thing that was made, and whether anybody has asked for it since its turn to leave."""
+class _Asked:
+    """A key, and what makes its value; equal by the key alone."""
 
-    value: _T
-    is_asked_for: bool = False
+    __slots__ = ("key", "make")
+
+    def __init__(self, key: Hashable, make: Callable[[], Any]) -> None:
+        self.key, self.make = key, make
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Asked) and self.key == other.key
+
+    def made(self) -> Any:
+        make = self.make
+        del self.make  # a key that is kept holds nothing else
+        return make()
 
 
 class locked_cached_property(functools.cached_property[_T]):  # a decorator, as its base is
