@@ -1,8 +1,7 @@
 """The pattern of an ensemble, which its members share: for C, a job that never runs.
 
-In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by one.
-
-In: a ``Pattern``, and the rows of a block. Out: parameters, initial values and tolerances.
+In: a ``Plan``. Out: a ``Pattern``, or the reason why members have to run one by one. From it and
+the rows of a block follow parameters, initial values and tolerances of members.
 """
 
 from __future__ import annotations

@@ -1,16 +1,18 @@
 """Uncertainty of estimates: covariance, standard errors, intervals and correlations.
 
-In: derivatives of the predictions, at the estimates and at nearby points. Out: directions along
-which parameters can change together without changing any prediction, and sentences about them.
+In: derivatives of the predictions, at the estimates and at nearby points. Out: covariances and
+quantiles; directions along which parameters can change together without changing any prediction,
+and sentences about them.
+
 Directions are first expressed in relative changes, in which an identifiable product of powers has
 integer exponents, then in absolute changes, in which an identifiable sum has integer coefficients.
 Either is accepted only if it also holds at the other points, since near the estimates alone every
 curved manifold looks like a plane.
 
-In: a matrix J at the estimates with the Fisher information J^T J. The covariance is the inverse of
-the information (the Cramer-Rao bound), from a singular value decomposition of J in relative units.
-Parameters that are involved in an undetermined direction have infinite standard errors; the others
-are not affected.
+Where J is a matrix at the estimates with the Fisher information J^T J, the covariance is the
+inverse of the information (the Cramer-Rao bound), from a singular value decomposition of J in
+relative units. Parameters that are involved in an undetermined direction have infinite standard
+errors; the others are not affected.
 
 If standard deviations of the noise are estimated along with the parameters, maximum likelihood
 underestimates them. Variances are therefore multiplied by n/(n - p), with n values of unknown noise

@@ -5,7 +5,8 @@ steps that factor ``shift M - J`` and solve with the factors, where M is one on 
 other unknowns and zero elsewhere. Values are known at run time only: the code that takes the steps
 checks their results.
 
-In: a pattern, compressed by columns. Out: the bandwidths, and the places of the unknowns.
+For banded factors: the bandwidths of a pattern that is compressed by columns, and the places of the
+unknowns.
 """
 
 from __future__ import annotations

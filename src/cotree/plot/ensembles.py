@@ -1,9 +1,7 @@
 """Ensembles: bands over time, families of curves, and heat maps over grids.
 
-In: a Dataset, of which nothing but names, dimensions and arrays is asked. Out: ``Variable``.
-
-In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`.
-Members that failed are nan and are left out.
+In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it, of which names, dimensions and
+arrays are read. Out: a matplotlib `Figure`. Members that failed are nan and are left out.
 """
 
 from __future__ import annotations

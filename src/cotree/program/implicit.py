@@ -1,12 +1,10 @@
 """Kernels that implicit methods need: second derivatives, and derivatives by time.
 
-In: a program after its passes. Out: two kernels. The first computes at a point what the second
+In: a program after its passes. Out: three kernels. The first computes at a point what the second
 needs there; the second is linear in a direction of the states, and a method takes it once a stage.
 Along the direction v it is d(J s + f_p)/dx v of every parameter: the mechanism of sensitivities,
-run twice.
-
-In: a program after its passes. Out: the derivatives of the rates of states and sensitivities by
-time at a fixed state, with the scene's own inputs varying in time.
+run twice. The third gives the derivatives of the rates of states and sensitivities by time at a
+fixed state, with the scene's own inputs varying in time.
 """
 
 from __future__ import annotations

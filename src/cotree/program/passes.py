@@ -1,26 +1,30 @@
 """Passes: one program to another with the same values, and a report of what each saved.
 
-Assumes that nothing is prepared yet. Guarantees that no kernel but ``prepare`` computes a value of
-parameters only: each reads it as a prepared value. Pieces that steps hold stand behind these, and
-are zero until someone holds them.
+They run in the order of :data:`RECIPE`. Each assumes and guarantees:
 
-Assumes nothing. Guarantees the same values to rounding. A reciprocal is formed where a kernel
-divides by the same value more than once, or by a value of parameters only, whose reciprocal
-``prepare`` then forms once for all calls. Other divisions stay.
-
-Assumes nothing. Guarantees the same values to a rounding of the last place. Taken together are
-angles that depend on no sine themselves; those of parameters only stay, since ``prepare`` has them.
-
-Assumes that nothing is prepared yet. Guarantees as many operations at most, and the same values but
-for the rounding of sums, whose terms are added in another order. Sums that end no earlier that way
-stay, and so do all of a kernel that has other things to do while it waits. So do those of
-residuals: currents through large conductances cancel in the order in which they were formed; in
-another one, what rounding left of them has stopped rodas5 at tolerances of 1e-11.
-
-Assumes nothing. Guarantees the same operations with the same values. Values that were formed first
-stand first otherwise, and all that the path could have been overlapped with is done before it
-begins, farther away than a processor looks ahead. Where the order of needs keeps more values alive,
-which then pass through memory, that costs more than it gains.
+reciprocals
+    Assumes nothing. The same values to rounding. A reciprocal is formed where a kernel divides by
+    the same value more than once, or by a value of parameters only, whose reciprocal ``prepare``
+    then forms once for all calls. Other divisions stay.
+sines
+    Assumes nothing. The same values to a rounding of the last place. Sines and cosines of angles
+    that depend on no sine themselves are taken together; those of parameters only stay, since
+    ``prepare`` has them.
+balance
+    Assumes that nothing is prepared yet. As many operations at most, and the same values but for
+    the rounding of sums, whose terms are added in another order. Sums that end no earlier that way
+    stay, and so do all of a kernel that has other things to do while it waits. So do those of
+    residuals: currents through large conductances cancel in the order in which they were formed; in
+    another one, what rounding left of them has stopped rodas5 at tolerances of 1e-11.
+stage
+    Assumes that nothing is prepared yet. No kernel but ``prepare`` computes a value of parameters
+    only: each reads it as a prepared value. Pieces that steps hold stand behind these, and are zero
+    until a run sets them.
+order
+    Assumes nothing. The same operations with the same values. A kernel whose time is that of one
+    long path of operations is written in the order in which the path needs values, so that other
+    operations overlap with it. Where that keeps more values alive, which then pass through memory,
+    values stay in the order in which they were formed.
 """
 
 from __future__ import annotations

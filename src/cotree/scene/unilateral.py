@@ -1,16 +1,13 @@
 """Modes and events of dry friction and of rigid stops.
 
-In: a scene with edges that stick and slide. Out: the same scene, in which each of them has a mode,
-``EDGE.mode``, that tells which of its laws holds, and events where that may change: where its speed
-passes through zero, where its force passes a limit, and where it engages or lets go. What the modes
-become then is chosen in C, for all edges at once; see
-``templates/runtime/events/cotree_friction.c``.
+In: a scene with edges that stick and slide, or with rigid stops. Out: the same scene, in which each
+of them has a mode, ``EDGE.mode``, and events where it may change.
 
-In: a scene with rigid stops. Out: the same scene, in which each of them has a mode, ``EDGE.mode``,
-that tells which limit holds it; the impulse of its last impact, ``EDGE.impulse``; and events: where
-a gap closes, where an impact ends in rest, and where the force of a limit would pull. What the
-modes become then is chosen in C, for all edges at once, together with those of dry friction; see
-``templates/runtime/events/cotree_stops.c``.
+The mode of dry friction states which of its laws holds. Its events are zeros of its speed, limits
+of its force, and places where it engages or disengages. The mode of a stop states which limit holds
+it; the impulse of its last impact is ``EDGE.impulse``. Its events are gaps that close, impacts that
+end in rest, and forces of a limit that would pull. The modes that follow are chosen in C, for all
+edges at once; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Sensitivities against finite differences over a range of step sizes.
 
-In: a model, times and settings. Out: states and outputs, or their central differences, as arrays.
-
 In: a model compiled with sensitivities. Out: a report with the deviation over the step size for
 each of them, and whether it is as small as rounding and integration errors allow.
 """
