@@ -11,7 +11,7 @@ import ast
 from typing import TYPE_CHECKING, ClassVar
 
 from cotree.errors import ExpressionError, brief, nearest
-from cotree.scene.expressions import FUNCTIONS, fill, names_in, read_tree
+from cotree.scene.expressions import FUNCTIONS, fill, read_tree, shared_tree
 
 if TYPE_CHECKING:
     import re
@@ -172,13 +172,15 @@ class Rewriter(ast.NodeTransformer):
             hint = nearest(name, self._functions)
             raise ExpressionError(f"calls '{shown}', which is no function here{hint}")
         form = FORMS.get(name)
-        count = len(names_in(read_tree(form))) if form else {**FUNCTIONS, **self.own}[name]
+        nodes = ast.walk(shared_tree(form)) if form else ()
+        uses = [node.id for node in nodes if isinstance(node, ast.Name) and node.id in "abc"]
+        count = len(set(uses)) if form else {**FUNCTIONS, **self.own}[name]
         if len(args) != count:
             raise ExpressionError(f"gives {name} {len(args)} arguments, not {count}")
         if form is None:
             return ast.Call(ast.Name(name), args, [])
         tree = fill(form, *args)
-        # A form may hold an argument several times, so that nested calls would grow without bound.
-        if len(ast.unparse(tree)) > _LONGEST:
+        # Nested calls of what holds an argument several times would grow without bound.
+        if len(uses) > count and len(ast.unparse(tree)) > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")
         return tree

@@ -337,12 +337,13 @@ def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
     return map_tree(tree, change)
 
 
-_form = lru_cache(maxsize=256)(read_tree)
+#: Parses a text once, to a tree that is not to be changed.
+shared_tree = lru_cache(maxsize=1024)(read_tree)
 
 
 def fill(form: str, *trees: ast.expr) -> ast.expr:
     """Put trees in the place of a, b and c in an expression or a condition."""
-    return map_names(_form(form), dict(zip("abc", trees, strict=False)).__getitem__)
+    return map_names(shared_tree(form), dict(zip("abc", trees, strict=False)).__getitem__)
 
 
 _LONGEST = 4000  # characters; keeps the parser's own recursion bounded

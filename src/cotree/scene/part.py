@@ -16,7 +16,7 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, SceneError, brief
 from cotree.naming import RESERVED
 from cotree.scene.edge import Edge, make_edge
-from cotree.scene.expressions import Expression, map_names, parse, read_tree, table_scope
+from cotree.scene.expressions import Expression, map_names, parse, shared_tree, table_scope
 from cotree.scene.fields import Input, make_input
 from cotree.scene.parameters import Parameter, make_parameter
 from cotree.scene.tables import LookupTable, parse_signal
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
 #: What counts a whole scene, and no part of it.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
-
-
-_tree = lru_cache(maxsize=1024)(read_tree)
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ class Renaming:
     def text(self, text: str, where: str) -> str:
         """Rename what an expression is made of."""
         try:
-            return ast.unparse(map_names(_tree(text), self.name))
+            return ast.unparse(map_names(shared_tree(text), self.name))
         except SceneError as error:
             raise SceneError(f"{where} {error}") from None
 

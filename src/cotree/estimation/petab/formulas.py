@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, brief, nearest
 from cotree.readers.formulas import GROUP, Rewriter, python_text
-from cotree.scene.expressions import fill, parse, read_tree
+from cotree.scene.expressions import fill, parse, shared_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -76,7 +76,7 @@ class Formula:
 
     def _rewritten(self, meaning: Callable[[str], str]) -> str:
         def tree(name: str) -> ast.expr:
-            return read_tree("t" if name == _TIME else meaning(name))
+            return shared_tree("t" if name == _TIME else meaning(name))
 
         return _Rewriter(tree, _FUNCTIONS).text(self._text)
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.errors import ExpressionError, brief, nearest
 from cotree.readers.formulas import FORMS, is_condition
-from cotree.scene.expressions import map_tree, name_tree, number_tree, read_tree
+from cotree.scene.expressions import map_tree, name_tree, number_tree, shared_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -58,9 +58,6 @@ def name(identifier: str) -> Term:
     return Term(name_tree(identifier))
 
 
-_form = cache(read_tree)
-
-
 @dataclass
 class TermMaker:
     """Combines terms, and cuts off parts that have become too large."""
@@ -70,7 +67,7 @@ class TermMaker:
 
     def form(self, form: str, *terms: Term) -> Term:
         """Put terms in the place of a, b and c in an expression, or in a condition."""
-        return self._filled(_form(form), dict(zip("abc", terms, strict=False)))
+        return self._filled(shared_tree(form), dict(zip("abc", terms, strict=False)))
 
     def _filled(self, tree: ast.expr, given: Mapping[str, Term]) -> Term:
         if not isinstance(tree, (ast.BinOp, ast.UnaryOp, ast.Call, ast.Compare, ast.BoolOp)):

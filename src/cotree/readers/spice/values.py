@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, brief
 from cotree.readers.formulas import GROUP, Rewriter, python_text
-from cotree.scene.expressions import FUNCTIONS, fill, parse, read_tree
+from cotree.scene.expressions import FUNCTIONS, fill, parse, shared_tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -248,7 +248,7 @@ class SpiceFormula(Rewriter):
         if self._length > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
         mark = f"{GROUP}{len(self._put)}"
-        self._put[mark] = read_tree(text)
+        self._put[mark] = shared_tree(text)
         return mark
 
     def _signal_text(self, word: str) -> str:
