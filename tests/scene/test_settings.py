@@ -56,6 +56,8 @@ def test_settings_are_passed_on():
         ("t_eval", [0.0, 99.0]),
         ("t_eval", [1.0, 0.5]),
         ("t_eval", 0.5),
+        ("t_eval", 1),
+        ("t_eval", True),
         ("method", 4),
         ("rtol", 2.0),
         ("rtol", True),
@@ -75,6 +77,10 @@ def test_what_makes_no_sense_is_refused_by_name(name, value):
         (cotree.ModelError, cotree.SolveError), match=name.replace("t_span", "span")
     ):
         cotree.Settings(**{name: value})
+
+
+def test_times_may_be_a_number_of_points():
+    assert cotree.Settings((0.0, 2.0), np.int64(5)).t_eval.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
 def test_none_and_infinity_are_no_budget():

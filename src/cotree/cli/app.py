@@ -209,8 +209,6 @@ def run_scene(
     ] = None,
 ) -> None:
     """Integrate a scene and print its end state and sensitivities."""
-    import numpy as np
-
     from cotree.solvers.engine import build_ahead
 
     # Files are checked before the run, whose results would be lost otherwise.
@@ -231,8 +229,7 @@ def run_scene(
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
     # Without a number of points the result has those at which the integration stepped.
-    times = None if points is None else np.linspace(0.0, end, points)
-    result = model.simulate((0.0, end), times, **settings)
+    result = model.simulate((0.0, end), points, **settings)
     # The report comes before the files, so that it is there even where one of them cannot be
     # written.
     typer.echo(run_report(described, model, result, values))

@@ -131,11 +131,12 @@ def run_members(
     from cotree.ensemble.dataset import check_xarray
     from cotree.ensemble.members import read_members
     from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
-    from cotree.ensemble.trial import times_of
+    from cotree.ensemble.trial import POINTS
 
     check_xarray()
     given = {
         "t_span": t_span,
+        "t_eval": POINTS if t_eval is None else t_eval,
         "method": method,
         "parameters": parameters,
         "initial": initial,
@@ -144,7 +145,6 @@ def run_members(
         **settings,
     }
     shared = settings_from(model._defaults, given)
-    shared = replace(shared, t_eval=times_of(t_eval, shared.t_span))
     execution = Execution(threads, executor, store, progress, on_error)
     check_execution(execution)
     rows = read_members(members)

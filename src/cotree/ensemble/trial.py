@@ -11,12 +11,12 @@ import contextlib
 import time
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cotree.ensemble.plan import Block, Plan, Results
-from cotree.errors import Error, SolveError, brief
+from cotree.errors import Error
 from cotree.quiet import level_of_user, without_warnings
 from cotree.solvers.evaluate import FAILED
 from cotree.solvers.methods import METHODS, method_row
@@ -83,9 +83,6 @@ def settings_of(
 #: Times of an ensemble that asks for none, evenly over the span.
 POINTS = 101
 
-# A bound on what a slip may ask for.
-_MOST_POINTS = 10_000_000
-
 # A trial goes on so many steps beyond those by which a method is chosen.
 _TRIAL_STEPS = 10
 
@@ -94,22 +91,6 @@ _OTHERWISE = "dop853"
 
 # How many members are tried where the scene's own values do not run.
 _TRIED = 3
-
-
-def times_of(t_eval: Any, t_span: tuple[float, float]) -> Any:
-    """Give the times of an ensemble: those asked for, or as many evenly over the span."""
-    first, last = t_span
-    if isinstance(t_eval, (int, np.integer)) and not isinstance(t_eval, bool):
-        if t_eval < 2:
-            raise SolveError(f"t_eval is {t_eval}: give at least 2 points, or times")
-        if t_eval > _MOST_POINTS:
-            raise SolveError(f"t_eval is {t_eval}: give at most {_MOST_POINTS} points")
-        return np.linspace(first, last, int(t_eval))
-    if t_eval is not None and np.ndim(t_eval) == 0:
-        raise SolveError(
-            f"t_eval is {brief(repr(t_eval))}: give a whole number of points, or times"
-        )
-    return np.linspace(first, last, POINTS) if t_eval is None else t_eval
 
 
 def tried_settings(model: CompiledModel, settings: Settings, members: Members) -> Settings:

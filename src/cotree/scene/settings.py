@@ -91,6 +91,10 @@ def _unchecked(value: Any, name: str) -> Any:
     return value
 
 
+# A bound on what a slip may ask for.
+_MOST_POINTS = 10_000_000
+
+
 def _span(value: Any, name: str) -> tuple[float, float]:
     try:
         start, end = value
@@ -102,9 +106,18 @@ def _span(value: Any, name: str) -> tuple[float, float]:
     return start, end
 
 
-def _times(value: Any, name: str) -> FloatArray | None:
+def _times(value: Any, name: str) -> FloatArray | int | None:
     if value is None:
         return None
+    if isinstance(value, int) and not isinstance(value, bool):
+        if not 2 <= value <= _MOST_POINTS:
+            raise SolveError(
+                f"{name} is {value}: give at least 2 points and at most {_MOST_POINTS} points, "
+                "or times"
+            )
+        return value
+    if np.ndim(value) == 0:
+        raise SolveError(f"{name} is {value!r}: give a whole number of points, or times")
     try:
         times = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -193,8 +206,9 @@ class Settings:
     )
     t_eval: Any = _setting(  # noqa: RUF009 - a field
         None,
-        "Times to report, shape (n_t,), [s]. By default the solver's own steps, of which every "
-        "second, fourth, ... is stored if all of them would take more than 256 MiB.",
+        "Times to report, shape (n_t,), [s], or their number, evenly over the span. By default the "
+        "solver's own steps, of which every second, fourth, ... is stored if all of them would "
+        "take more than 256 MiB.",
         _times,
     )
     method: str = _setting(
@@ -306,6 +320,8 @@ class Settings:
     def __post_init__(self) -> None:
         for name, row in ROWS.items():
             object.__setattr__(self, name, row.check(in_python(getattr(self, name)), name))
+        if isinstance(self.t_eval, int):
+            object.__setattr__(self, "t_eval", np.linspace(*self.t_span, self.t_eval))
         _check_order(self.t_span, self.t_eval)
 
     def keys(self) -> tuple[str, ...]:
