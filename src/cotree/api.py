@@ -255,8 +255,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         """Write the scene to a TOML file, whole or not at all.
 
         It loads to the same scene, whatever this one was read from; comments and order of a scene
-        file are kept. Types of
-        :func:`cotree.register_component` are named in it, and must be registered where it is read.
+        file are kept. Types of :func:`cotree.register_component` are named in it, and must be
+        registered where it is read.
 
         Parameters
         ----------
