@@ -35,29 +35,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BuildSpec:
-    """All that a model is compiled from.
+    """All that a model is compiled from."""
 
-    Attributes
-    ----------
-    scene : SceneDescription
-        The scene, which nobody changes afterwards.
-    sensitivities : tuple of str
-        Parameters and states to take sensitivities to.
-    tree : None, sequence of str, or mapping of domain to sequence of str
-        The branches; None chooses them.
-    options : BuildOptions
-        The user's choices for the compiler.
-    baumgarte : float
-        Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
-    locates_corners : bool
-        Whether runs locate the corners of rates, in place of leaving them to the error test.
-    """
-
-    scene: SceneDescription
-    sensitivities: tuple[str, ...] = ()
-    tree: TreeChoice = None
+    scene: SceneDescription  # the scene, which nobody changes afterwards
+    sensitivities: tuple[str, ...] = ()  # parameters and states to take sensitivities to
+    tree: TreeChoice = None  # the branches; None chooses them
+    #: The user's choices for the compiler.
     options: BuildOptions = field(default_factory=BuildOptions)
+    #: Rate, [1/s], at which violated constraints decay; zero leaves them to projection.
     baumgarte: float = 0.0
+    #: Whether runs locate the corners of rates, in place of leaving them to the error test.
     locates_corners: bool = True
 
     @property

@@ -35,13 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A program whose model and start are made once, when something first asks for them.
-
-    Attributes
-    ----------
-    program : Program
-        The program.
-    """
+    """A program whose model and start are made once, when something first asks for them."""
 
     program: Program
 
@@ -102,11 +96,6 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
     rtol, atol : float
         Relative and absolute tolerance.
 
-    Raises
-    ------
-    SceneError
-        For the first that is not accepted.
-
     Warns
     -----
     RuntimeWarning
@@ -164,13 +153,7 @@ def check_prefix(prefix: str) -> str:
 
 
 def check_range(program: Program, target: Target) -> None:
-    """Refuse parameters whose values the type of numbers does not reach.
-
-    Raises
-    ------
-    CodegenError
-        For the first one.
-    """
+    """Refuse parameters whose values the type of numbers does not reach."""
     layout = program.layout
     for row, value in zip(layout.parameters, layout.parameter_values, strict=True):
         if not target.holds(value):
@@ -258,11 +241,6 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
         Name of the method.
     is_dependent : bool
         Whether the constraints are dependent at the start.
-
-    Raises
-    ------
-    CodegenError
-        If they are.
     """
     if is_dependent:
         raise CodegenError(
@@ -272,13 +250,7 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
 
 
 def check_start(evaluated: Evaluated, start: Start | None) -> None:
-    """Refuse sensitivities where an expression jumps right at the start.
-
-    Raises
-    ------
-    SolveError
-        As :meth:`cotree.solvers.jumps.ModelEvents.check_start`.
-    """
+    """Refuse sensitivities where an expression jumps right at the start."""
     layout = evaluated.program.layout
     is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
     # Without sensitivities, or without jumping expressions, the start may lie on a jump.

@@ -250,13 +250,7 @@ class CompiledModel:
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
 
     def check_parameters(self, p: Any) -> None:
-        """Refuse parameters that the model's guards refuse.
-
-        Raises
-        ------
-        ParameterError
-            For the first guard that is violated.
-        """
+        """Refuse parameters that the model's guards refuse."""
         self._prepare(p)
 
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -563,24 +557,12 @@ class StatesOnly(CompiledModel):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A model at one time, with its parameters and inputs.
-
-    Attributes
-    ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Time, [s].
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    u : ndarray, shape (n_inputs,), or None
-        Inputs in place of the scene's.
-    """
+    """A model at one time, with its parameters and inputs."""
 
     model: CompiledModel
-    t: float
-    p: Array
-    u: Array | None = None
+    t: float  # time, [s]
+    p: Array  # parameters
+    u: Array | None = None  # inputs in place of the scene's
 
     @property
     def inputs(self) -> Array:

@@ -61,13 +61,7 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def stiffness_note(job: Any) -> str:
-    """Say what an explicit method found out about stiffness; empty where that is nothing.
-
-    Parameters
-    ----------
-    job : cotree_job
-        Its job in C.
-    """
+    """Say what an explicit method found out about stiffness; empty where that is nothing."""
     if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
         return ""
     return (

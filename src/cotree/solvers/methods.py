@@ -24,39 +24,23 @@ _MOST_REDUCED = 2000
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the table of methods.
+    """One row of the table of methods."""
 
-    Attributes
-    ----------
-    name : str
-        The user's name for it.
-    family : str
-        "cotree", "scipy", "sundials" or, of SUNDIALS' integrators that have vectors of their own
-        for sensitivities, "correctors".
-    implicit : bool
-        Whether it uses a Jacobian.
-    multistep : bool
-        Whether a step builds on those before.
-    instead : str
-        The method that stands in where C cannot run this one; of correctors and SciPy's methods,
-        for which none does, the method that the refusal names.
-    stepper : str
-        The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
-        SciPy's.
-    keeps_algebraic : bool
-        Whether C always integrates algebraic unknowns, and never solves for them at each
-        evaluation.
-    corrector : int
-        The number that SUNDIALS gives to the corrector of sensitivities with vectors of their own.
-    """
-
-    name: str
+    name: str  # the user's name for it
+    #: "cotree", "scipy", "sundials" or, of SUNDIALS' integrators that have vectors of their own for
+    #: sensitivities, "correctors".
     family: str
-    implicit: bool
-    multistep: bool
+    implicit: bool  # whether it uses a Jacobian
+    multistep: bool  # whether a step builds on those before
+    #: The method that stands in where C cannot run this one; of correctors and SciPy's methods, for
+    #: which none does, the method that the refusal names.
     instead: str = ""
+    #: The unit of C that takes its steps, a name in ``codegen.integrators.STEPPERS``; empty for
+    #: SciPy's.
     stepper: str = ""
+    #: Whether C always integrates algebraic unknowns, and never solves for them at each evaluation.
     keeps_algebraic: bool = False
+    #: The number that SUNDIALS gives to the corrector of sensitivities with vectors of their own.
     corrector: int = 0
 
 

@@ -93,33 +93,15 @@ def can_extend(row: Method, problem: Problem) -> bool:
 
 @dataclass(eq=False)
 class Attempt:
-    """An integration in C that has begun; it is mutable, and belongs to one run.
-
-    Attributes
-    ----------
-    problem : Problem
-        The problem.
-    row : Method
-        The method.
-    engine : Engine
-        Its engine.
-    job : Job
-        The job, which may have taken some steps.
-    is_extended : bool
-        Whether it integrates algebraic unknowns, too.
-    compiling : float
-        Seconds that the C of the method took.
-    ended : Ended or None
-        The outcome of the steps that were taken so far; None before any.
-    """
+    """An integration in C that has begun; it is mutable, and belongs to one run."""
 
     problem: Problem
-    row: Method
+    row: Method  # the method
     engine: Engine
-    job: Job
-    is_extended: bool
-    compiling: float
-    ended: Ended | None = None
+    job: Job  # the job, which may have taken some steps
+    is_extended: bool  # whether it integrates algebraic unknowns, too
+    compiling: float  # seconds that the C of the method took
+    ended: Ended | None = None  # the outcome of the steps that were taken so far; None before any
 
     def take_steps(self, n: int) -> None:
         """Take the first steps, and stand where they end; see :attr:`Job.z`."""

@@ -34,23 +34,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Native:
-    """The native form of a problem, which C needs.
+    """The native form of a problem, which C needs."""
 
-    Attributes
-    ----------
-    model : NativeModel
-        The model with its parameters prepared.
-    n_inputs : int
-        Number of inputs.
-    replaced : mapping of int to (times, values)
-        Inputs that are piecewise linear functions in place of the scene's own.
-    functions : mapping of int to callable
-        Inputs that are functions of time in Python, ``f(t)`` with t in [s].
-    """
-
-    model: NativeModel
-    n_inputs: int
+    model: NativeModel  # the model with its parameters prepared
+    n_inputs: int  # number of inputs
+    #: Inputs that are piecewise linear functions in place of the scene's own.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]]
+    #: Inputs that are functions of time in Python, ``f(t)`` with t in [s].
     functions: Mapping[int, Callable[[float], float]]
 
 

@@ -145,13 +145,7 @@ class _Run:
         )
 
     def _integrate(self, start: float, end: float) -> None:
-        """Integrate between two breakpoints.
-
-        Raises
-        ------
-        IntegrationStopError
-            If the run cannot go on.
-        """
+        """Integrate between two breakpoints."""
         import scipy.integrate
 
         if self.problem.reach is not None:

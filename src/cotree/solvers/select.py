@@ -191,11 +191,6 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     long steps of methods for stiff problems, whose error estimates cannot see them: there an
     explicit method begins where it can, and the reason says so where it cannot.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem to integrate.
-
     Returns
     -------
     method : str
@@ -205,11 +200,6 @@ def choose_method(problem: Problem) -> tuple[str, str]:
         singular configurations; without scikit-sundae "BDF" takes its place where it can.
     reason : str
         One sentence.
-
-    Raises
-    ------
-    SolveError
-        If the problem cannot be accepted.
     """
     check_problem(problem)
     choice = _choose(problem)

@@ -71,11 +71,6 @@ def run_values(
     dict of str to object
         The values of a ``RunRecord``, by field; outputs, inputs, events and values of parameters
         are made when they are first asked for.
-
-    Raises
-    ------
-    ModelError, SolveError
-        As :func:`simulate`.
     """
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings

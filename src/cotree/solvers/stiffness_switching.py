@@ -82,22 +82,14 @@ def cost_of_rodas5(problem: Problem) -> float:
 
 @dataclass
 class Succession:
-    """Lets a method for stiff problems take a run over; it is mutable and belongs to one run.
+    """Lets a method for stiff problems take a run over; it is mutable and belongs to one run."""
 
-    Attributes
-    ----------
-    solve : callable
-        ``solve(problem, method)`` integrates with a named method.
-    first_step : int
-        Steps before this one are taken without asking whether the problem is stiff: the method was
-        chosen by them, whether they are taken for this run or were for an equal one.
-    note : str
-        The outcome as a sentence; empty while no other method was asked for.
-    """
-
+    #: ``solve(problem, method)`` integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]
+    #: Steps before this one are taken without asking whether the problem is stiff: the method was
+    #: chosen by them, whether they are taken for this run or were for an equal one.
     first_step: int = 0
-    note: str = ""
+    note: str = ""  # the outcome as a sentence; empty while no other method was asked for
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:

@@ -41,27 +41,14 @@ KINDS = ("ModelExchange", "CoSimulation")
 
 @dataclass(frozen=True)
 class FmuChoice:
-    """Options of an FMU.
+    """Options of an FMU."""
 
-    Attributes
-    ----------
-    version : int
-        2 or 3, the version of the interface.
-    kinds : tuple of str
-        Of ``KINDS``.
-    integrator : str or None
-        Of Co-Simulation; None for one that suits the model.
-    inputs : tuple of str or None
-        Inputs that are set from outside; None for those that are constants in the scene.
-    platforms : tuple of str or None
-        Platforms of its libraries; None for this machine.
-    """
-
-    version: int = 3
+    version: int = 3  # 2 or 3, the version of the interface
     kinds: tuple[str, ...] = KINDS
-    integrator: str | None = None
+    integrator: str | None = None  # of Co-Simulation; None for one that suits the model
+    #: Inputs that are set from outside; None for those that are constants in the scene.
     inputs: tuple[str, ...] | None = None
-    platforms: tuple[str, ...] | None = None
+    platforms: tuple[str, ...] | None = None  # platforms of its libraries; None for this machine
 
 
 def choose(
@@ -181,27 +168,13 @@ def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
 
 @dataclass(frozen=True, repr=False)
 class Fmu:
-    """A written FMU.
+    """A written FMU."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    version : int
-        2 or 3.
-    kinds : tuple of str
-        Its interface types.
-    platforms : tuple of str
-        Platforms that it has libraries for.
-    variables : tuple of str
-        Names of its variables, in the order of their value references.
-    """
-
-    path: Path
-    version: int
-    kinds: tuple[str, ...]
-    platforms: tuple[str, ...]
-    variables: tuple[str, ...]
+    path: Path  # the file
+    version: int  # 2 or 3
+    kinds: tuple[str, ...]  # its interface types
+    platforms: tuple[str, ...]  # platforms that it has libraries for
+    variables: tuple[str, ...]  # names of its variables, in the order of their value references
 
     def __repr__(self) -> str:
         where = names(list(self.platforms)) if self.platforms else "sources only"

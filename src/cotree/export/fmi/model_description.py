@@ -29,40 +29,19 @@ _STRUCTURED = re.compile(rf"(?:{_WORDS}|der\({_WORDS}\))\Z")
 
 @dataclass(frozen=True)
 class Description:
-    """Contents of a model description.
+    """Contents of a model description."""
 
-    Attributes
-    ----------
-    version : int
-        2 or 3.
-    kinds : tuple of str
-        ``ModelExchange``, ``CoSimulation``.
-    name : str
-        Name of the model.
-    identifier : str
-        Its name in C and of libraries.
-    token : str
-        What an importer proves with that description and library belong together.
-    variables : FmuVariables
-        The variables.
-    t_end, rtol : float
-        Of the default experiment.
-    step : float
-        Its interval of communication, [s].
-    sources : tuple of str
-        Names of the ``.c`` files.
-    """
-
-    version: int
-    kinds: tuple[str, ...]
-    name: str
-    identifier: str
-    token: str
+    version: int  # 2 or 3
+    kinds: tuple[str, ...]  # ``ModelExchange``, ``CoSimulation``
+    name: str  # name of the model
+    identifier: str  # its name in C and of libraries
+    token: str  # what an importer proves with that description and library belong together
     variables: FmuVariables
+    #: Of the default experiment.
     t_end: float
     rtol: float
-    step: float
-    sources: tuple[str, ...]
+    step: float  # its interval of communication, [s]
+    sources: tuple[str, ...]  # names of the ``.c`` files
 
     def model_description(self) -> str:
         """Write ``modelDescription.xml``."""
