@@ -1,6 +1,6 @@
 """Members that run by themselves, and trial runs before an ensemble.
 
-Models without a compiler and methods that run in Python come here.
+Methods of SciPy, and inputs that functions of Python sample, have no loop over members in C.
 
 In: a model, settings and members. Out: settings with times and a method by name.
 """

@@ -1,4 +1,4 @@
-"""Integration of initial value problems with SciPy and SUNDIALS, and the result.
+"""Integration of initial value problems: methods, the engine in C, and the result.
 
 ``integrate(problem, method)`` turns a ``Problem`` into a ``Trajectory``; a ``RunRecord`` holds one
 with names, units and outputs.
