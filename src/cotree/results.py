@@ -43,7 +43,7 @@ class Result(RunRecord):
         return {**super().__getstate__(), "model": None, "settings": None}
 
     def smooth(self) -> RunRecord:
-        """Give the same run at as many times as make its curves smooth.
+        """Return the same run at as many times as make its curves smooth.
 
         Values between the points of this result are those of the method's own interpolation, with
         both sides of each jump. Of runs that have 400 points, failed, took more than 4000 steps or

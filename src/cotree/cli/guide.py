@@ -154,7 +154,7 @@ def new_scene(
 
 
 def _shipped(template: str) -> str:
-    """Give the shipped scene or part of a template, which may be named itself."""
+    """Return the shipped scene or part of a template, which may be named itself."""
     from cotree.scene.toml_file import shipped_parts, shipped_scenes
 
     known = (*shipped_scenes(), *shipped_parts())
@@ -171,12 +171,12 @@ def _text(scene: str) -> str:
 
 
 def _about(text: str) -> str:
-    """Give the first line of a shipped scene, a comment that describes it."""
+    """Return the first line of a shipped scene, a comment that describes it."""
     return text.partition("\n")[0].lstrip("# ")
 
 
 def _renamed(text: str, name: str) -> str:
-    """Give the text of a scene another name; its comments stay."""
+    """Return the text of a scene another name; its comments stay."""
     from cotree.naming import check_scene_name
 
     check_scene_name(name)

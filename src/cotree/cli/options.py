@@ -70,7 +70,7 @@ Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to 
 
 
 def with_settings(*leave: str, **defaults: float) -> Callable[[_Command], _Command]:
-    """Give a command an option for each setting of runs that has a help text.
+    """Return a command an option for each setting of runs that has a help text.
 
     The command gets those that are given as its argument ``settings``, whose place in the signature
     the options take.

@@ -96,7 +96,7 @@ class Kit:
         return [name.strip() for name in self.integrator.split(",")]
 
     def target(self) -> Target:
-        """Give the target of the type."""
+        """Return the target of the type."""
         if self.real not in BY_REAL:
             raise CodegenError(
                 f"there is no type '{self.real}' of numbers: give {' or '.join(BY_REAL)}"

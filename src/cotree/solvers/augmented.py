@@ -181,11 +181,11 @@ class Tolerances:
         self._share = 1.0 if self._is_tested else _share(problem)
 
     def rtol_of(self, problem: Problem) -> float:
-        """Give the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
+        """Return the relative tolerance of one of the problems, at least ``RTOL_FLOOR``."""
         return max(problem.settings.rtol / self._share, RTOL_FLOOR)
 
     def of(self, problem: Problem) -> FloatArray:
-        """Give the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
+        """Return the tolerances of one of the problems, a fresh array of shape (..., n_entries)."""
         scales = problem.scales
         atol: Any = self._atol
         if problem.sizes is not None:
@@ -209,5 +209,5 @@ def tested_rtol(problem: Problem) -> float:
 
 
 def _share(problem: Problem) -> float:
-    """Give the root of how many times more entries there are than states."""
+    """Return the root of how many times more entries there are than states."""
     return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))

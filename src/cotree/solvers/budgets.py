@@ -16,17 +16,17 @@ _LEAST_ROWS = 64
 
 
 def most_rows(width: int) -> int:
-    """Give how many rows of so many doubles are stored at most."""
+    """Return how many rows of so many doubles are stored at most."""
     return max(_LEAST_ROWS, MOST_STORED // (8 * max(1, width)))
 
 
 def steps_spent(limit: int) -> str:
-    """Say that a budget of steps is spent, without a capital and a full stop."""
+    """Describe that a budget of steps is spent, without a capital and a full stop."""
     return f"the limit of {limit} steps is reached"
 
 
 def time_spent(limit: float) -> str:
-    """Say the same of time, [s]."""
+    """Describe that a budget of time is spent, [s]."""
     return f"the time limit of {limit:g} s is spent"
 
 
@@ -44,7 +44,7 @@ class Thinning:
         self._seen = 0
 
     def taken(self, n_new: int) -> slice:
-        """Give the places, among so many new steps, of those to store."""
+        """Return the places, among so many new steps, of those to store."""
         first = -self._seen % self.stride
         self._seen += n_new
         return slice(first, n_new, self.stride)

@@ -39,7 +39,7 @@ class Callbacks:
         self.errors: list[BaseException] = []
 
     def ask_for_inputs(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
-        """Give C a function that asks Python for inputs."""
+        """Return C a function that asks Python for inputs."""
         errors = self.errors
 
         def ask(t: float, u: Any, context: Any) -> int:
@@ -52,7 +52,7 @@ class Callbacks:
         return self._callback("cotree_input_function", ask)
 
     def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
-        """Give C the function that is told where a segment begins."""
+        """Return C the function that is told where a segment begins."""
         ffi = self._ffi
 
         def tell(t: float, z: Any, context: Any) -> int:
@@ -62,7 +62,7 @@ class Callbacks:
         return self._callback("cotree_reach", tell)
 
     def helper(self, n_states: int) -> Any:
-        """Give C the functions that look for points where its own iterations fail."""
+        """Return C the functions that look for points where its own iterations fail."""
         rescue, ffi = self._rescue, self._ffi
 
         def find_unknowns(t: float, x: Any, context: Any) -> int:
@@ -80,7 +80,7 @@ class Callbacks:
         return helper
 
     def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Give C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
+        """Return C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
         errors = self.errors
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:

@@ -51,7 +51,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Say which sensitivity does not exist from a breakpoint on, as a sentence without its end.
+    """Describe which sensitivity does not exist from a breakpoint on, as a sentence without its end.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -
 
 
 def _is_known(value: object) -> bool:
-    """Tell whether an input is the same at each run: a number, an expression or a table."""
+    """Return whether an input is the same at each run: a number, an expression or a table."""
     parts = value if isinstance(value, (tuple, list)) else [value]
     return not any(map(callable, parts)) and isinstance(
         value, (str, Number, tuple, list, np.ndarray)
@@ -90,7 +90,7 @@ def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
 
 
 def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
-    """Tell whether a repetition passes through the points of the run, to the width of a line."""
+    """Return whether a repetition passes through the points of the run, to the width of a line."""
     if found.status != 0:
         return False
     # At a jump itself one may have the value before and the other the one after.

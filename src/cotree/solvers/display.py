@@ -41,7 +41,7 @@ def result_html(result: RunRecord) -> str:
 
 
 def _rows(result: RunRecord) -> Iterator[tuple[object, ...]]:
-    """Give a row for each column of the result, the sensitivities last."""
+    """Return a row for each column of the result, the sensitivities last."""
     for name in (*result.states, *result.outputs, *result.inputs):
         yield _row(name, result.unit(name), result[name])
     for name in (*result.states, *result.outputs):

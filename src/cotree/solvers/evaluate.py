@@ -104,7 +104,7 @@ class Evaluator:
         return dz
 
     def inside(self, t: float) -> float:
-        """Give the time nearest to t that lies in the segment; see :meth:`open_segment`."""
+        """Return the time nearest to t that lies in the segment; see :meth:`open_segment`."""
         low, high = self._bounds
         return min(max(float(t), low), high)
 

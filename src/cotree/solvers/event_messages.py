@@ -151,7 +151,7 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Say which rigid stops an impact has brought to rest by their rule; empty where none.
+    """Describe which rigid stops an impact has brought to rest by their rule; empty where none.
 
     Parameters
     ----------

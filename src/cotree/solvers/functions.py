@@ -46,23 +46,23 @@ class Functions:
         self._bound: dict[str, Bound] = {}
 
     def augmented_rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the rates of states and sensitivities, a buffer of the kernel."""
+        """Return the rates of states and sensitivities, a buffer of the kernel."""
         return self._kernel("augmented_rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def rates(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the rates of the states alone, a buffer of the kernel."""
+        """Return the rates of the states alone, a buffer of the kernel."""
         return self._kernel("rhs")(t, z[: self._n], z[self._n :], self._u(t))
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Give the derivatives of the states' rates, dense."""
+        """Return the derivatives of the states' rates, dense."""
         return self._model.structure.full(self._kernel("jacobian")(t, y, _NONE, self._u(t)))
 
     def sparse_jacobian(self, t: float, y: FloatArray) -> csc_matrix:
-        """Give the same in SciPy's CSC form."""
+        """Return the same in SciPy's CSC form."""
         return self._model.jacobian_sparse(t, y, self._p, self._u(t))
 
     def undefined(self, t: float, y: FloatArray) -> str:
-        """Say why the states' rates have no value at a point; empty where they have one."""
+        """Describe why the states' rates have no value at a point; empty where they have one."""
         return self._model.why_undefined(t, y, self._p, self._u(t))
 
     def settle(self, t: float, y: FloatArray, kept: Sequence[int]) -> FloatArray:

@@ -115,5 +115,5 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
-    """Give the time, from the start on, at which a value last was within its first range."""
+    """Return the time, from the start on, at which a value last was within its first range."""
     return direction * float(t[np.flatnonzero(y <= largest)[-1]])

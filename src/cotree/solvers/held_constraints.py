@@ -58,7 +58,7 @@ class HeldConstraints:
         self._residual = model.bound("constraints", p)
 
     def _rows(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints by velocities, the longest of each edge as one.
+        """Return the gradients of the constraints by velocities, the longest of each edge as one.
 
         They are those of a scene of any size, so that what is decided by them is, too. A joint one
         of whose gradients is short, since links are in one line, is about to lose it.
@@ -86,7 +86,7 @@ class HeldConstraints:
         return self._gap
 
     def _gradients(self, t: float, z: FloatArray) -> FloatArray:
-        """Give the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
+        """Return the gradients of the constraints by the speeds, shape (n_rows, n_speeds)."""
         assert self._gradient is not None
         x, s = z[: self._n_states], z[self._n_states :]
         return np.array(self._gradient(t, x, s, self._u(t))).reshape(len(self._edges), -1)

@@ -209,7 +209,7 @@ class Job:
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
     def _keep_times(self, problem: Problem) -> None:
-        """Let the next runs begin with the times of this one, if no parameter moves them."""
+        """Keep the times of this run for the next ones if no parameter moves them."""
         self._timed = () if len(problem.breakpoints) else _times_of(problem)
         if self._timed:
             for name in _OF_TIMES:
@@ -279,7 +279,7 @@ class Job:
         self._looks_from = first_step
 
     def reason(self, problem: Problem) -> str:
-        """Say why the job failed."""
+        """Describe why the job failed."""
         c, status = self.job, int(self.job.status)
         if status in BY_STATUS:
             return self._verdict(problem, BY_STATUS[status])
@@ -326,7 +326,7 @@ class Job:
 
     @property
     def has_spent_events(self) -> bool:
-        """Tell whether the budget of events is spent."""
+        """Return whether the budget of events is spent."""
         return bool(0 < self.job.most_events <= self.job.n_records)
 
     @property
@@ -341,7 +341,7 @@ class Job:
         return [(float(row[0]), row[1:]) for row in rows]
 
     def _let_turn(self, problem: Problem, corners: FloatArray) -> None:
-        """Say how the times of corners depend on the parameters, where any does."""
+        """Describe how the times of corners depend on the parameters, where any does."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Corners that no parameter moves have slopes of zero.
@@ -354,7 +354,7 @@ class Job:
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
     def _verdict(self, problem: Problem, name: str) -> str:
-        """Say why an event ended the job."""
+        """Describe why an event ended the job."""
         c = self.job
         # Kinks of laws are located as events are, and have no names.
         rows = problem.events.rows if problem.events is not None else ()
@@ -373,14 +373,14 @@ class Job:
         self.job.most_records = self._blank.most_records = rows
 
     def _put(self, name: str, values: FloatArray) -> None:
-        """Let a pointer of the structure point to values, in this run and those that follow."""
+        """Set a pointer of the structure to values, for this run and the following ones."""
         known = self._pointers.get(name)
         pointer = self._placed(name, values)
         if pointer is not known:
             self._point(name, pointer)
 
     def _placed(self, name: str, values: FloatArray) -> Any:
-        """Give a pointer to values, the same as before where they fit."""
+        """Return a pointer to values, the same as before where they fit."""
         array = self._arrays.get(name)
         if array is not None and array.size == values.size:
             array[...] = values
@@ -397,7 +397,7 @@ class Job:
         setattr(self._blank, name, pointer)
 
     def _clear_memory(self, n_bytes: int) -> None:
-        """Give C memory for what it remembers, all of it zero."""
+        """Return C memory for what it remembers, all of it zero."""
         memory = self._arrays.get("memory")
         if memory is None or memory.nbytes < n_bytes:
             self._put("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles

@@ -60,7 +60,7 @@ class ModelEvents:
         return Moment(self._model, t, self._p, self._u(t))
 
     def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give the states, and the sensitivities of each parameter in a column."""
+        """Return the states, and the sensitivities of each parameter in a column."""
         n = len(self._model.states)
         return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
 
@@ -96,7 +96,7 @@ class ModelEvents:
                 )
 
     def jammed(self, t: float, z: FloatArray) -> str:
-        """Say which contacts jam at a point, where an integration fails; empty where none does.
+        """Describe which contacts jam at a point, where an integration fails; empty where none does.
 
         Friction that slides may press its contact together the harder, the harder it is pressed. It
         does so without bound where it takes away all of what the contact has to move.
@@ -136,7 +136,7 @@ class ModelEvents:
         )
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
-        """Tell whether rates change with a mode that stands for a jump."""
+        """Return whether rates change with a mode that stands for a jump."""
         at, (y, s), rates = self._at(t), self._parts(z), []
         new = at.call("jumps", y, s)
         for row in self.rows:

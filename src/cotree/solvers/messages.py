@@ -32,7 +32,7 @@ _SOON = 1e-3
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Say in sentences where a method arrived, or why it stopped, and with which tolerance.
+    """Describe in sentences where a method arrived, or why it stopped, and with which tolerance.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def stiffness_note(job: Any) -> str:
-    """Say what an explicit method found out about stiffness; empty where that is nothing."""
+    """Describe what an explicit method found out about stiffness; empty where that is nothing."""
     if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
         return ""
     return (
@@ -72,7 +72,7 @@ def stiffness_note(job: Any) -> str:
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Say why rates have no value just beyond the point where a method stopped; empty if they do.
+    """Describe why rates have no value just beyond the point where a method stopped; empty if they do.
 
     C reports that the rates fail, but not why: they are evaluated here along the tangent of the
     motion.
@@ -107,7 +107,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Say why rates, or the algebraic unknowns in them, have no value at a point."""
+    """Describe why rates, or the algebraic unknowns in them, have no value at a point."""
     assert problem.undefined is not None  # or nobody would have asked
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:

@@ -84,7 +84,7 @@ def method_row(method: str) -> Method:
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Say why C cannot take a problem by a method, before anything is built; empty where it can.
+    """Describe why C cannot take a problem by a method, before anything is built; empty where it can.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def beyond_scipy(problem: Problem) -> str:
 
 
 def _dependent(problem: Problem) -> str:
-    """Say which constraints depend on each other at the start; empty where none do.
+    """Describe which constraints depend on each other at the start; empty where none do.
 
     Stages of Rosenbrock methods are off the constraints, which then contradict each other.
     """

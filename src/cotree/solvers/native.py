@@ -69,7 +69,7 @@ def check_available(method: str) -> None:
 
 
 def is_available(method: str) -> bool:
-    """Tell whether a method's library can be used; true for methods that need none."""
+    """Return whether a method's library can be used; true for methods that need none."""
     try:
         check_available(method)
     except SolveError:
@@ -78,7 +78,7 @@ def is_available(method: str) -> bool:
 
 
 def can_extend(row: Method, problem: Problem) -> bool:
-    """Tell whether algebraic unknowns are integrated instead of solved for at each evaluation."""
+    """Return whether algebraic unknowns are integrated instead of solved for at each evaluation."""
     native = problem.native
     return (
         native is not None
@@ -196,7 +196,7 @@ def factors_of(row: Method, problem: Problem) -> Newton | str | None:
 
 
 def band_refusal(job: Job, problem: Problem) -> str:
-    """Say that SciPy's sparse factorisation is worth its method, or nothing."""
+    """Describe that SciPy's sparse factorisation is worth its method, or nothing."""
     is_refused = problem.is_sparse and job.is_wide and not beyond_scipy(problem)
     return "the Jacobian's band is wide" if is_refused else ""
 
@@ -270,7 +270,7 @@ def run_job(
 def _advance(
     job: Job, problem: Problem, begin: float, progress: Progress, until: int | None
 ) -> tuple[int, str, bool]:
-    """Give the status, the reason of a failure, and whether the job waits."""
+    """Return the status, the reason of a failure, and whether the job waits."""
     settings, others = problem.settings, problem.steps_taken
     limit, time_limit = settings.max_steps, settings.time_limit
     assert problem.native is not None  # or there were no job

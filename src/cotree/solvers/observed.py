@@ -32,7 +32,7 @@ _MOST_COPIED = 2**18
 def observed(
     preparation: Preparation, run: Run, trajectory: Trajectory, left_out: Sequence[int]
 ) -> dict[str, Any]:
-    """Give entries of a record; see :func:`cotree.records.deferred`.
+    """Return entries of a record; see :func:`cotree.records.deferred`.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def observed(
 
 
 def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:
-    """Give the tunable parameters, and those that follow from them, by name."""
+    """Return the tunable parameters, and those that follow from them, by name."""
     named = dict(zip(model.parameters, p.tolist(), strict=True))
     return named | derived_values(model.layout.derived, p)
 

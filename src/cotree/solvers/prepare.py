@@ -295,13 +295,13 @@ class Preparation:
         return found
 
     def _scales(self, p: FloatArray) -> FloatArray:
-        """Give the sizes of the sensitivity parameters: as given, or their values."""
+        """Return the sizes of the sensitivity parameters: as given, or their values."""
         values = p.tolist()
         sizes = [abs(values[of] or 1.0) if isinstance(of, int) else of for of in self._size_of]
         return np.array(sizes)
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Give what depends on parameters of the times where rates jump, and the longest step."""
+        """Return what depends on parameters of the times where rates jump, and the longest step."""
         model, inputs, found = self.model, self.settings.inputs, dict[str, Any]()
         if self._is_step_free:
             found["max_step"] = model.longest_step(p, inputs)
@@ -317,7 +317,7 @@ class Preparation:
         }
 
     def _functions(self, p: FloatArray, u: Inputs, held: HeldConstraints | None) -> dict[str, Any]:
-        """Give the functions of a problem."""
+        """Return the functions of a problem."""
         model, of = self.model, Functions(self.model, p, u)
         return {
             # Governing and sensitivity equations together, as Eqs. (8) and (9) of the paper are
@@ -355,7 +355,7 @@ def n_observed(model: CompiledModel) -> int:
 
 
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
-    """Give the size of each sensitivity parameter: a number, or the place of a parameter as an int.
+    """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
     The value of that parameter is then the size, and one where that is zero. Initial values of
     states have a size of one.
@@ -405,7 +405,7 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 def _with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
 ) -> tuple[ReplacedInputs, list[Samples]]:
-    """Let sampled functions be constants that change at their times.
+    """Replace sampled functions by constants that change at their times.
 
     Raises
     ------
@@ -435,7 +435,7 @@ def _with_samples(
 
 
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
-    """Give u as a function of time; None leaves it to the model."""
+    """Return u as a function of time; None leaves it to the model."""
     if not model.inputs:
         return _no_inputs
     if not signals.by_position:
@@ -454,7 +454,7 @@ def _own_inputs(t: float) -> None:
 
 
 def _has_sparse_jacobian(model: CompiledModel) -> bool:
-    """Tell whether the Jacobian is large and has few entries."""
+    """Return whether the Jacobian is large and has few entries."""
     n = len(model.states)
     # The Jacobian of what is left once algebraic unknowns are eliminated is dense.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:

@@ -124,7 +124,7 @@ class Progress(OwnBar):
 
 
 def is_watched() -> bool:
-    """Tell whether somebody looks."""
+    """Return whether somebody looks."""
     # Bars of several threads would write over each other, and take each other's streams.
     is_main = threading.current_thread() is threading.main_thread()
     return is_main and sys.stderr is not None and sys.stderr.isatty()

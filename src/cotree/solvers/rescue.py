@@ -41,7 +41,7 @@ class Rescue:
 
     @property
     def is_needed(self) -> bool:
-        """Tell whether there may be anything to look for."""
+        """Return whether there may be anything to look for."""
         problem = self.problem
         # C asks for states after events that set them, and for algebraic unknowns anywhere.
         is_set = problem.events is not None and problem.settle is not None

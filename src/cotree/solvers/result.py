@@ -98,7 +98,7 @@ class RunRecord(Deferring):
 
     @property
     def success(self) -> bool:
-        """Tell whether the integration reached its end."""
+        """Return whether the integration reached its end."""
         return self.status == 0
 
     def __contains__(self, name: object) -> bool:

@@ -56,7 +56,7 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Give times and values that are kept, each shape (..., n_t), with where the job stands.
+        """Return times and values that are kept, each shape (..., n_t), with where the job stands.
 
         Parameters
         ----------

@@ -34,7 +34,7 @@ class Measured(Mapping[str, float]):
         self._y, self._model, self._outputs = y, model, outputs
 
     def __getitem__(self, name: str) -> float:
-        """Give a state or an output."""
+        """Return a state or an output."""
         if name in self._model.states:
             return float(self._y[self._model.states.index(name)])
         if name in self._model.outputs:
@@ -94,7 +94,7 @@ class Samples:
         self._values: list[float] = []
 
     def __call__(self, t: float) -> float:
-        """Give the value that acts up to a time; at that of a sample it is the one before."""
+        """Return the value that acts up to a time; at that of a sample it is the one before."""
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 
@@ -114,7 +114,7 @@ def reaching(
     samples: Sequence[Samples],
     u: Callable[[float], FloatArray | None],
 ) -> Callable[[float, FloatArray], None]:
-    """Give the function that takes the samples due at a time, from the states that are there."""
+    """Return the function that takes the samples due at a time, from the states that are there."""
     n = len(model.states)
 
     def reach(t: float, z: FloatArray) -> None:

@@ -259,7 +259,7 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
 
 def _saving(problem: Problem, method: str) -> str:
-    """Say that rodas5 would take longer, where that is why another method was chosen."""
+    """Describe that rodas5 would take longer, where that is why another method was chosen."""
     cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
     return f", and rodas5 would take about {cost:.2g} times as long" if cost > 1.0 else ""
 
@@ -332,7 +332,7 @@ class Probe:
         return self._by_eigenvalues([start, *later], first)
 
     def _is_mild(self, decay: float) -> bool:
-        """Tell whether an explicit method may follow modes that decay at a rate."""
+        """Return whether an explicit method may follow modes that decay at a rate."""
         start, end = self._problem.settings.t_span
         return abs(end - start) * decay <= _STIFF_TIME_CONSTANTS
 
@@ -359,14 +359,14 @@ class Probe:
 
 
 def probe_steps(rtol: float) -> int:
-    """Give how many steps take "dop853" as far as a few loose ones, at a relative tolerance."""
+    """Return how many steps take "dop853" as far as a few loose ones, at a relative tolerance."""
     # Steps of a method of order 8 grow with the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
 
 
 def _smallest_tolerance(problem: Problem) -> float:
-    """Give the smaller of both tolerances, at least a rounding unit."""
+    """Return the smaller of both tolerances, at least a rounding unit."""
     return max(min(problem.settings.rtol, problem.settings.atol), float(np.finfo(np.float64).eps))
 
 

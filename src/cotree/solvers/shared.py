@@ -55,12 +55,12 @@ class Shared:
             return None
 
     def give_back(self, job: Job) -> None:
-        """Let a job that has ended wait to begin again."""
+        """Return a finished job to the pool."""
         if job.is_reusable and job.n_bytes <= _MOST_BYTES:
             self._idle.setdefault(job.kind, deque(maxlen=_MOST_JOBS)).append(job)
 
     def finding(self, make: Callable[[], T], *of: FloatArray) -> T:
-        """Give what was found out from some numbers, or find it out."""
+        """Return what was found out from some numbers, or find it out."""
         if not self._is_repeatable:
             return make()
         # Bits and lengths, so that no two sets of numbers are the same.
@@ -70,5 +70,5 @@ class Shared:
 
 
 def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
-    """Give what the jobs of one model and its settings differ in, besides values and functions."""
+    """Return what distinguishes jobs of one model and its settings, values and functions aside."""
     return engine, row.name, is_extended, problem.settings.t_eval is None

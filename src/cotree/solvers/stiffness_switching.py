@@ -133,7 +133,7 @@ class Succession:
 
 
 def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
-    """Tell whether there is a mode that limits a step.
+    """Return whether there is a mode that limits a step.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
 
 
 def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
-    """Say why no other method can begin at a point; nothing where one can."""
+    """Describe why no other method can begin at a point; nothing where one can."""
     if problem.events is None:
         return ""
     values = np.abs(problem.events.values(t, z))

@@ -43,7 +43,7 @@ def check_installed(method: str) -> None:
 
 
 def has_sundials() -> bool:
-    """Tell whether the package is there that brings CVODE and IDA."""
+    """Return whether the package is there that brings CVODE and IDA."""
     return importlib.util.find_spec("sksundae") is not None
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Give the places in z of what C integrates, and their absolute tolerances.
+    """Return the places in z of what C integrates, and their absolute tolerances.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def tested(
 
 
 def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
-    """Tell which of the entries that do not vanish C integrates."""
+    """Return which of the entries that do not vanish C integrates."""
     places = problem.integrated
     cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
     # Sensitivities of algebraic unknowns are solved for even where these are integrated.
@@ -59,7 +59,7 @@ def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.ND
 
 
 def as_tested(row: Method, problem: Problem) -> Problem:
-    """Give the problem with the sensitivities in the error test where the method leaves them out.
+    """Return the problem with the sensitivities in the error test where the method leaves them out.
 
     SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
     """

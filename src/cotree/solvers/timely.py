@@ -67,7 +67,7 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
-    """Tell whether times are so near to each other that their rounding decides nothing.
+    """Return whether times are so near to each other that their rounding decides nothing.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def _spacing(t: float) -> float:
 
 
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
-    """Tell what half a spacing of t changes over a step, as a share of what is allowed.
+    """Return the change by half a spacing of t over a step, as a share of the tolerance.
 
     Of the changes ahead and back the smaller one is taken: a jump of the rates is at one side.
     """

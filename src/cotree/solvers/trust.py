@@ -71,7 +71,7 @@ def warn_of_result(
 
 
 def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u: Any) -> bool:
-    """Tell whether rates are what rounding leaves of large terms that balance, as in a held robot.
+    """Return whether rates are the rounding errors of large terms that balance, as in a held robot.
 
     Such rates change beyond recognition with parameters and inputs in their tenth digit; rates of
     small motions change in their tenth digit, too.
@@ -207,7 +207,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def _is_seen(largest: float, atol: float) -> bool:
-    """Tell whether a tolerance tests states that are as large as this."""
+    """Return whether a tolerance tests states that are as large as this."""
     return not largest < atol / LOOSE_RTOL  # written so that nan counts as seen
 
 

@@ -131,7 +131,7 @@ class Reference:
         )
 
     def summary(self) -> str:
-        """Say in a line which methods agree, and to what."""
+        """Describe in a line which methods agree, and to what."""
         sensitivities = (
             ""
             if math.isnan(self.agreement_sensitivities)
@@ -143,7 +143,7 @@ class Reference:
 
 
 def worse(*errors: float) -> float:
-    """Give the largest error, without those that are nan since there is nothing to compare."""
+    """Return the largest error, without those that are nan since there is nothing to compare."""
     return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
 
@@ -204,7 +204,7 @@ def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
 
 
 def starts_implicit(method: str) -> bool:
-    """Tell whether a method that was chosen for a problem shows it to be stiff."""
+    """Return whether a method that was chosen for a problem shows it to be stiff."""
     return method in METHODS and METHODS[method].implicit
 
 
@@ -285,40 +285,40 @@ class BenchRow:
 
     @property
     def success(self) -> bool:
-        """Tell whether the run reached its end."""
+        """Return whether the run reached its end."""
         return self.status == 0
 
     @property
     def error(self) -> float:
-        """Give the larger of both errors."""
+        """Return the larger of both errors."""
         return worse(self.error_states, self.error_sensitivities)
 
     @property
     def own_error(self) -> float:
-        """Give the larger of both errors that are relative to own sizes."""
+        """Return the larger of both errors that are relative to own sizes."""
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property
     def stand_in(self) -> str:
-        """Give the method that computed the row in place of the one that it names, or nothing."""
+        """Return the method that computed the row in place of the one that it names, or nothing."""
         ran = self.method if self.statistics is None else self.statistics.method
         return "" if ran == self.method else ran
 
     @property
     def note(self) -> str:
-        """Say why there are no numbers, or who stood in; nothing where the row is complete."""
+        """Describe why there are no numbers, or who stood in; nothing where the row is complete."""
         if not self.success:
             return self.message
         return f"{self.stand_in} stood in: not timed" if self.stand_in else ""
 
     @property
     def spread(self) -> float:
-        """Give how far the median lies above the least time, as a share of that."""
+        """Return how far the median lies above the least time, as a share of that."""
         return self.seconds / self.least - 1.0
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Give the fastest row, with those that are within its noise, one of each method.
+    """Return the fastest row, with those that are within its noise, one of each method.
 
     Returns
     -------

@@ -62,17 +62,17 @@ class Trial:
 
     @property
     def stood_in(self) -> bool:
-        """Tell whether another method computed it."""
+        """Return whether another method computed it."""
         return self.statistics is not None and self.statistics.method != self.method
 
     @property
     def error(self) -> float:
-        """Give the largest of all errors, infinity where none is known."""
+        """Return the largest of all errors, infinity where none is known."""
         known = worse(*self.errors, *self.own_errors)
         return math.inf if math.isnan(known) else known
 
     def row(self) -> BenchRow:
-        """Give the row."""
+        """Return the row."""
         return BenchRow(
             method=self.method,
             rtol=self.rtol,
@@ -93,7 +93,7 @@ class Trial:
 
 
 def _noise(seconds: Sequence[float]) -> float:
-    """Give how far the lower quartile lies above the least."""
+    """Return how far the lower quartile lies above the least."""
     if not seconds:
         return math.nan
     times = sorted(seconds)
@@ -179,7 +179,7 @@ def machine(backend: str) -> dict[str, str]:
 
 
 def machine_load() -> str:
-    """Give how many processes have run or waited in the last minute; "unknown" on Windows."""
+    """Return how many processes have run or waited in the last minute; "unknown" on Windows."""
     return f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
 
 
@@ -527,7 +527,7 @@ def _model(
 
 
 def _pair(entry: float | tuple[float, float]) -> tuple[float, float]:
-    """Give both tolerances."""
+    """Return both tolerances."""
     try:
         rtol, atol = entry if isinstance(entry, tuple) else (entry, entry / _RTOL_PER_ATOL)
     except (TypeError, ValueError):

@@ -60,7 +60,7 @@ class BenchReport:
         return f"<BenchReport of {self.scene}: {len(self.rows)} runs; print(report) for the table>"
 
     def __str__(self) -> str:
-        """Give the table and the recommendations."""
+        """Return the table and the recommendations."""
         return self.summary()
 
     def _repr_html_(self) -> str:
@@ -68,7 +68,7 @@ class BenchReport:
         return bench_html(self)
 
     def recommended(self, target: float) -> BenchRow | None:
-        """Give the fastest run whose error, of states and sensitivities, is at most ``target``.
+        """Return the fastest run whose error, of states and sensitivities, is at most ``target``.
 
         Of methods that tie it is the first in the table; :meth:`tied` gives them all. None where
         there is none, or where the reference itself is not known that well.
@@ -76,7 +76,7 @@ class BenchReport:
         return next(iter(self.tied(target)), None)
 
     def tied(self, target: float) -> tuple[BenchRow, ...]:
-        """Give the fastest runs whose error is at most ``target``, one of each method.
+        """Return the fastest runs whose error is at most ``target``, one of each method.
 
         They differ by less than the noise of their times. Errors are judged on both scales: of
         quantities below one relative to their own size, too, where the reference is known as well.
@@ -101,11 +101,11 @@ class BenchReport:
         )
 
     def judges_own(self, target: float) -> bool:
-        """Tell whether errors are judged relative to own sizes, too: the reference knows them."""
+        """Return whether errors are judged relative to own sizes, too: the reference knows them."""
         return self.reference.own_agreement <= target
 
     def summary(self) -> str:
-        """Give the table, then the recommended methods."""
+        """Return the table, then the recommended methods."""
         to = f", sensitivities to {', '.join(self.sensitivities)}" if self.sensitivities else ""
         head = [
             f"{self.scene}: {self.n_states} states{to}, t = 0 to {self.t_end:g} s",
@@ -119,7 +119,7 @@ class BenchReport:
         return "\n".join([*head, *self._table(), "", *self._recommendations()])
 
     def to_dict(self) -> dict[str, Any]:
-        """Give everything but the trajectories as numbers, texts, lists and dicts for JSON."""
+        """Return everything but the trajectories as numbers, texts, lists and dicts for JSON."""
         pair = self.reference
         return {
             "scene": self.scene,
@@ -167,7 +167,7 @@ class BenchReport:
         return plot_bench(*parts, make=figure_for_people)
 
     def _about(self) -> list[str]:
-        """Say what the times were taken with."""
+        """Describe what the times were taken with."""
         m = self.machine
         names = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
         return [
@@ -242,7 +242,7 @@ def _shown(error: float, agreement: float) -> str:
 
 
 def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | None:
-    """Give what is recommended for an error, with what is within noise of it."""
+    """Return what is recommended for an error, with what is within noise of it."""
     if not tied:
         return None
     first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)

@@ -74,7 +74,7 @@ class Experiment:
         )
 
     def value(self, name: str) -> float:
-        """Give the parameter's value, or the initial value of a state."""
+        """Return the parameter's value, or the initial value of a state."""
         p = self.model.kernels.parameter_array(self._values("parameters"))
         if name in self.model.states:
             # The scene's own value, before constraints may have moved it.
@@ -83,7 +83,7 @@ class Experiment:
         return float(p[self.model.parameters.index(name)])
 
     def size(self, name: str, result: Result) -> float:
-        """Give the size that steps of a parameter or initial value are relative to.
+        """Return the size that steps of a parameter or initial value are relative to.
 
         It is the parameter's own size. An initial value is often zero or small by chance, so its
         size is the largest value of the state in ``result``. Where that is zero too, it is 1 in
@@ -192,12 +192,12 @@ class ParameterCheck:
 
     @property
     def passed(self) -> bool:
-        """Tell whether the deviation is as small as it should be; False where it is not known."""
+        """Return whether the deviation is as small as it should be; False where it is not known."""
         # A deviation that is not known is nan, which no comparison accepts.
         return self.deviation <= self.tolerance
 
     def summary(self) -> str:
-        """Give the deviation over the step size as a table, then the verdict."""
+        """Return the deviation over the step size as a table, then the verdict."""
         lines = [f"sensitivity to {self.name} = {self.value:.10g}", "         h   max |S - FD(h)|"]
         for step, deviation, quantity in zip(
             self.steps, self.deviations, self.quantities, strict=True
@@ -243,7 +243,7 @@ class CheckReport:
 
     @property
     def passed(self) -> bool:
-        """Tell whether every parameter passed."""
+        """Return whether every parameter passed."""
         return all(row.passed for row in self.rows)
 
     @property
@@ -256,14 +256,14 @@ class CheckReport:
 
     @property
     def verdict(self) -> str:
-        """Say how many parameters passed, and which did not."""
+        """Describe how many parameters passed, and which did not."""
         failed = [row.name for row in self.rows if not row.passed]
         if not failed:
             return f"all sensitivities passed: {len(self.rows)}"
         return f"{len(failed)} of {len(self.rows)} sensitivities failed: {', '.join(failed)}"
 
     def summary(self) -> str:
-        """Give a table and a verdict for each parameter, and one for all."""
+        """Return a table and a verdict for each parameter, and one for all."""
         rows = (row.summary() for row in self.rows)
         return "\n\n".join([self.heading, *rows, self.verdict])
 
@@ -484,13 +484,13 @@ def _differences(
 
 
 def _largest(values: Array) -> Array:
-    """Give the largest size over time, shape (n_quantities,)."""
+    """Return the largest size over time, shape (n_quantities,)."""
     largest: Array = np.max(np.abs(values), axis=-1)
     return largest
 
 
 def _least(deviations: Array) -> Array:
-    """Give the least deviation over the steps that are known, nan where none is."""
+    """Return the least deviation over the steps that are known, nan where none is."""
     least = np.min(np.where(np.isnan(deviations), np.inf, deviations), axis=0)
     return np.where(np.isfinite(least), least, np.nan)
 

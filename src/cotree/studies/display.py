@@ -53,7 +53,7 @@ def bench_html(report: BenchReport) -> str:
 
 
 def _errors(row: BenchRow) -> tuple[float, ...]:
-    """Give errors in the order of the table's columns."""
+    """Return errors in the order of the table's columns."""
     return (
         *(row.error_states, row.own_error_states),
         *(row.error_sensitivities, row.own_error_sensitivities),
