@@ -51,7 +51,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Describe which sensitivity does not exist from a breakpoint on, as a sentence without its end.
+    """Describe which sensitivity does not exist after a breakpoint, as a sentence without its end.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class ModelEvents:
                 )
 
     def jammed(self, t: float, z: FloatArray) -> str:
-        """Describe which contacts jam at a point, where an integration fails; empty where none does.
+        """Describe which contacts jam at a point where an integration fails; empty if none does.
 
         Friction that slides may press its contact together the harder, the harder it is pressed. It
         does so without bound where it takes away all of what the contact has to move.

@@ -72,7 +72,7 @@ def stiffness_note(job: Any) -> str:
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Describe why rates have no value just beyond the point where a method stopped; empty if they do.
+    """Describe why rates have no value just beyond the point where a method stopped; else empty.
 
     C reports that the rates fail, but not why: they are evaluated here along the tangent of the
     motion.

@@ -84,7 +84,7 @@ def method_row(method: str) -> Method:
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Describe why C cannot take a problem by a method, before anything is built; empty where it can.
+    """Describe why C cannot solve a problem by a method, before anything is built; else empty.
 
     Parameters
     ----------
