@@ -21,7 +21,7 @@ from timing import put_on_page, surroundings, table
 
 import cotree
 from cotree.build.compile import processor_name
-from cotree.ensemble.dataset import Frame
+from cotree.ensemble.dataset import DatasetSchema
 from cotree.ensemble.executors import parcel_of, run_on, run_parcel
 from cotree.ensemble.members import Members
 from cotree.ensemble.plan import Plan
@@ -111,7 +111,7 @@ def writing(plan: Plan, rows: Any, block: Block) -> float:
     """Time the write of a block into a store."""
     members = Members(plan.columns, rows, {"member": np.arange(len(rows))})
     with tempfile.TemporaryDirectory() as folder:
-        store = Store(f"{folder}/runs", Frame(plan, members, {}), lambda: len(rows))
+        store = Store(f"{folder}/runs", DatasetSchema(plan, members, {}), lambda: len(rows))
         found = min(timed(lambda: store._write(0, block)) for _ in range(5))
         store.close()
     return found

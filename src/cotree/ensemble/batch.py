@@ -25,7 +25,14 @@ import numpy as np
 
 from cotree.codegen.integrators import batch_declarations, batch_files
 from cotree.ensemble.lanes import LoadedLanes, find_lanes
-from cotree.ensemble.pattern import Pattern, Unfit, find_pattern, own_values, problem_of, tolerances
+from cotree.ensemble.pattern import (
+    NotBatchable,
+    Pattern,
+    find_pattern,
+    own_values,
+    problem_of,
+    tolerances,
+)
 from cotree.ensemble.plan import Block, Plan, Results
 from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, budget_message
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
@@ -285,13 +292,7 @@ _NONE_LEFT, _TIME_OVER, _NO_SPACE, _UNFINISHED, _STOPPED, _PREPARE = range(6)
 
 
 class Worker:
-    """Runs members in the thread that calls it; it is mutable.
-
-    Parameters
-    ----------
-    members : BlockInC
-        The members, which other workers take from, too.
-    """
+    """Runs members in the thread that calls it; it is mutable."""
 
     def __init__(self, members: BlockInC) -> None:
         self._members, self._lib = members, members.library.lib
@@ -328,13 +329,7 @@ class Worker:
             self._grow_records()
 
     def advance(self, glance: float) -> bool:
-        """Run members until Python has to act, or for some time; return whether any is left.
-
-        Parameters
-        ----------
-        glance : float
-            That time, [s]; the same for all workers of a batch.
-        """
+        """Run members until Python has to act, or for some time; return whether any is left."""
         c, members = self._worker, self._members
         members.batch.glance = glance
         result = self._lib.cotree_batch_work(c)
@@ -473,26 +468,13 @@ class Worker:
 _INTERVAL = 0.05
 
 # What plans have in common with C, found at their first block.
-_patterns: weakref.WeakKeyDictionary[Plan, Pattern | Unfit] = weakref.WeakKeyDictionary()
+_patterns: weakref.WeakKeyDictionary[Plan, Pattern | NotBatchable] = weakref.WeakKeyDictionary()
 
 
 def run_block(
     plan: Plan, rows: FloatArray, *, threads: int | None = 1, stop: Event | None = None
 ) -> Block:
     """Run some members of an ensemble.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they share.
-    rows : ndarray, shape (n_members, n_columns)
-        What each sets.
-    threads : int, optional
-        How many threads run them; None for :func:`usable_cores`. Where members run in Python, there
-        is one.
-    stop : threading.Event, optional
-        Once it is set, members in work are broken off, no other is begun, and what is done is
-        returned. Ctrl-C does the same, and sets it.
 
     Returns
     -------
@@ -501,7 +483,7 @@ def run_block(
     """
     rows = np.ascontiguousarray(rows, dtype=np.float64).reshape(-1, len(plan.columns))
     pattern = pattern_of(plan)
-    if isinstance(pattern, Unfit):
+    if isinstance(pattern, NotBatchable):
         return run_one_by_one(pattern.plan, rows, stop=stop)
     members = BlockInC(pattern, rows)
     wanted = usable_cores() if threads is None else max(1, threads)
@@ -531,7 +513,7 @@ def usable_cores() -> int:
     return max(1, cores)
 
 
-def pattern_of(plan: Plan) -> Pattern | Unfit:
+def pattern_of(plan: Plan) -> Pattern | NotBatchable:
     """Find what members of a plan share, or why they run one by one in Python; once for a plan."""
     if plan not in _patterns:
         _patterns[plan] = find_pattern(plan)

@@ -19,7 +19,7 @@ import numpy as np
 from cotree.ensemble.batch import pattern_of
 from cotree.ensemble.lanes import refusal_of
 from cotree.ensemble.members import MEMBER, Members
-from cotree.ensemble.pattern import Unfit
+from cotree.ensemble.pattern import NotBatchable
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Happened, Plan, Results, n_sensitivities
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
@@ -48,13 +48,7 @@ _TAKEN = {MEMBER, TIME, PARAMETER, OCCURRENCE, "parameter_unit", *_PER_MEMBER}
 
 
 def check_xarray() -> Any:
-    """Give the module xarray.
-
-    Raises
-    ------
-    Error
-        If it is not installed.
-    """
+    """Return the module xarray."""
     try:
         import xarray
     except ImportError as error:
@@ -65,18 +59,8 @@ def check_xarray() -> Any:
     return xarray
 
 
-class Frame:
+class DatasetSchema:
     """All of a Dataset but its results: dimensions, coordinates and attributes.
-
-    Parameters
-    ----------
-    plan : Plan
-        What the members share.
-    members : Members
-        What each of them sets.
-    attributes : mapping of str to object
-        Further attributes of the Dataset; ``inputs`` among them are expressions that were compiled
-        into the model.
 
     Attributes
     ----------
@@ -104,15 +88,7 @@ class Frame:
         )
 
     def variables(self, shape: tuple[int, ...], block: Block) -> dict[str, Any]:
-        """Give the variables of some members: dimensions, values and attributes by name.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Lengths of the members' dimensions, here.
-        block : Block
-            Their results, of which the values are views.
-        """
+        """Return the variables of some members: dimensions, values and attributes by name."""
         plan, dims, names = self.plan, self.dims, self._names
         model, units = plan.model, plan.model.layout.units
         found: dict[str, Any] = {}
@@ -133,10 +109,10 @@ class Frame:
             for row in model.layout.positions
         ]
         rows += [(name, outputs[..., i], slopes[..., i]) for i, name in enumerate(plan.outputs)]
-        told = {row.name: row.doc for row in model.layout.outputs}
+        docs = {row.name: row.doc for row in model.layout.outputs}
         for name, values, slope in rows:
             title = names.value(name)
-            about = _about(units.get(name, ""), told.get(name) or name)
+            about = _about(units.get(name, ""), docs.get(name) or name)
             found[title] = ((*dims, TIME), values, about)
             if n_s:
                 unit = units.get(name, "")
@@ -155,24 +131,18 @@ class Frame:
 
 
 class Names:
-    """Names of variables and coordinates, of which no two are the same.
-
-    Parameters
-    ----------
-    plan : Plan
-        What the members share.
-    """
+    """Names of variables and coordinates, of which no two are the same."""
 
     def __init__(self, plan: Plan) -> None:
         self._states = plan.model.states
         self._values = {*plan.model.states, *plan.outputs}
 
     def value(self, name: str) -> str:
-        """Give the name of a state's or output's variable: its own, unless it is taken."""
+        """Return the name of a state's or output's variable: its own, unless it is taken."""
         return f"value({name})" if name in _TAKEN else name
 
     def column(self, name: str) -> str:
-        """Give the name of the coordinate of what members set."""
+        """Return the name of the coordinate of what members set."""
         if name in self._states:
             return f"initial({name})"
         return f"parameter({name})" if name in _TAKEN or name in self._values else name
@@ -181,7 +151,7 @@ class Names:
 def _coordinates(
     plan: Plan, members: Members, names: Names, dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Give the coordinates of members, times and parameters."""
+    """Return the coordinates of members, times and parameters."""
     layout = plan.model.layout
     docs = {row.name: row.doc for row in (*layout.parameters, *layout.outputs)}
     about = {
@@ -211,7 +181,7 @@ def _coordinates(
 def _events(
     plan: Plan, dims: tuple[str, ...], shape: tuple[int, ...], happened: Happened
 ) -> dict[str, Any]:
-    """Give how often each event happened, and its times, padded with nan to the most of all."""
+    """Return counts and times of each event, times padded with nan to the most of all."""
     found: dict[str, Any] = {}
     n_members, n_s = int(np.prod(shape)), happened.s.shape[1]
     rows = plan.model.layout.events
@@ -243,33 +213,33 @@ def _events(
 
 
 def _about(unit: str, name: str) -> dict[str, str]:
-    """Give the attributes of a variable; one whose unit is not known has none."""
+    """Return the attributes of a variable; without units if they are unknown."""
     return {"long_name": name} | ({"units": unit} if unit else {})
 
 
 def _attributes(plan: Plan, members: Members, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Tell with what the members were run, so that they can be run again."""
+    """Return with what the members were run, so that they can be run again."""
     settings = plan.settings
     versions = {"cotree": VERSION, "python": platform.python_version(), "numpy": np.__version__}
-    told: dict[str, Any] = {
+    found: dict[str, Any] = {
         "scene": plan.model.layout.name,
         "method": settings.method,
         "rtol": float(settings.rtol),
         "atol": float(settings.atol),
         "t_span": np.array(settings.t_span, dtype=float),
-        "settings": json.dumps(_told(plan, expressions), sort_keys=True),
+        "settings": json.dumps(_arguments(plan, expressions), sort_keys=True),
         "versions": json.dumps(versions),
         "lanes": _of_lanes(plan, len(members.rows)),
     }
     if members.origin:
-        told["members"] = json.dumps(dict(members.origin))
-    return told
+        found["members"] = json.dumps(dict(members.origin))
+    return found
 
 
 def _of_lanes(plan: Plan, n_members: int) -> str:
-    """Say whether members run side by side, or why not."""
+    """Return whether members run side by side, or why not."""
     found = pattern_of(plan)
-    if isinstance(found, Unfit):
+    if isinstance(found, NotBatchable):
         return f"members run one after another, in Python: {found.why}"
     why = refusal_of(found)
     if plan.lanes == 1 and n_members < FEW:
@@ -281,20 +251,20 @@ def _of_lanes(plan: Plan, n_members: int) -> str:
     return f"members run side by side{near if plan.model.layout.corners and is_forwards else ''}"
 
 
-def _told(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Give the arguments of the call as what JSON can tell, but for members and times.
+def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
+    """Return the arguments of the call as values of JSON, but for members and times.
 
-    Functions of Python are told by their names.
+    Functions of Python are given by their names.
     """
     names = ("t_span", "parameters", "initial", "inputs", *SHARED)
-    told = {name: plain(getattr(plan.settings, name)) for name in names}
-    told["inputs"] = {**told["inputs"], **expressions}
+    found = {name: plain(getattr(plan.settings, name)) for name in names}
+    found["inputs"] = {**found["inputs"], **expressions}
     # Where members may leave the method that was chosen for all, only this says so.
-    told["method"] = "auto" if plan.is_chosen else told["method"]
+    found["method"] = "auto" if plan.is_chosen else found["method"]
     # Gains that members set have values here for the model's sake alone.
-    shared = told["parameters"] or {}
-    told["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
-    return {**told, "sensitivities": plan.has_sensitivities, "outputs": list(plan.outputs)}
+    shared = found["parameters"] or {}
+    found["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
+    return {**found, "sensitivities": plan.has_sensitivities, "outputs": list(plan.outputs)}
 
 
 def plain(value: Any) -> Any:
@@ -319,13 +289,7 @@ SUFFIXES = (".nc", ".zarr", ".csv")
 
 
 def check_dataset_file(path: Path) -> None:
-    """Refuse a file that cannot be written, before anything is run for it.
-
-    Raises
-    ------
-    SceneError
-        If its suffix is unknown, its folder is not there, or its place is taken by another thing.
-    """
+    """Refuse a file that cannot be written, before anything is run for it."""
     suffix = check_suffix(path, SUFFIXES, "write")
     if not path.parent.is_dir():
         raise SceneError(
@@ -336,22 +300,7 @@ def check_dataset_file(path: Path) -> None:
 
 
 def write_dataset(dataset: Any, path: Path) -> None:
-    """Write a Dataset of an ensemble.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        As :meth:`cotree.Model.ensemble` gives it.
-    path : Path
-        The file; its suffix says in which format: .nc, .zarr or .csv.
-
-    Raises
-    ------
-    SceneError
-        If it cannot be written.
-    Error
-        If a package for the format is missing.
-    """
+    """Write a Dataset of an ensemble."""
     check_dataset_file(path)
     suffix = path.suffix.lower()
     if suffix == ".csv":
@@ -370,7 +319,7 @@ def write_dataset(dataset: Any, path: Path) -> None:
 
 
 def table_rows(dataset: Any) -> Iterator[list[Any]]:
-    """Give the rows of a table: a title, then one for each member and time.
+    """Yield the rows of a table: a title, then one for each member and time.
 
     Columns are what members set, the time, and all values by the titles that single runs have,
     sensitivities among them. Values that are not there are empty.
@@ -439,29 +388,19 @@ def _is_zarr(path: Path) -> bool:
 class Collected(Results):
     """Results of members, nan for those that no block has brought yet.
 
-    Parameters
-    ----------
-    frame : Frame
-        What their Dataset is made of, but for them.
-
     Attributes
     ----------
     done : int
         Members that were run.
     reasons : Reasons
         Those of them that failed.
-
-    Raises
-    ------
-    SolveError
-        If their results cannot be held in memory.
     """
 
-    def __init__(self, frame: Frame) -> None:
-        n_members = len(frame.members.rows)
-        check_memory(member_bytes(frame.plan) * n_members, n_members)
-        super().__init__(frame.plan, n_members)
-        self._frame = frame
+    def __init__(self, schema: DatasetSchema) -> None:
+        n_members = len(schema.members.rows)
+        check_memory(member_bytes(schema.plan) * n_members, n_members)
+        super().__init__(schema.plan, n_members)
+        self._schema = schema
         self.done, self.reasons = 0, Reasons()
 
     def take(self, first: int, block: Block) -> None:
@@ -485,23 +424,17 @@ class Collected(Results):
 
     def dataset(self) -> Any:
         """Put them into an ``xarray.Dataset``."""
-        return self._frame.dataset(self._frame.variables(self._frame.shape, self.block()))
+        return self._schema.dataset(self._schema.variables(self._schema.shape, self.block()))
 
 
 def member_bytes(plan: Plan) -> int:
-    """Give the bytes of the results of one member, events left out."""
+    """Return the bytes of the results of one member, without events."""
     n_values = len(plan.model.states) + len(plan.model.layout.positions) + len(plan.outputs)
     return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + n_sensitivities(plan))
 
 
 def check_memory(n_bytes: int, n_members: int) -> None:
-    """Refuse results that are larger than the memory of the machine.
-
-    Raises
-    ------
-    SolveError
-        If they are.
-    """
+    """Refuse results that are larger than the memory of the machine."""
     try:
         there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):

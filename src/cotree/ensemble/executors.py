@@ -147,15 +147,7 @@ def read_executor(executor: Any) -> Any:
 
 
 class AdaptiveRanges:
-    """Ranges of rows, each as large as the time of those before allows.
-
-    Parameters
-    ----------
-    n_members : int
-        How many rows there are.
-    most, least : int
-        Members of a block at most, and at least; the first one has the least.
-    """
+    """Ranges of rows, each as large as the time of those before allows."""
 
     def __init__(self, n_members: int, most: int, least: int = 1) -> None:
         self._n, self._least, self._most = n_members, least, max(least, most)

@@ -48,24 +48,12 @@ WIDTHS = (1, 2, 4, 8, 16)
 
 @dataclass(frozen=True, eq=False)
 class LoadedLanes:
-    """Lanes of a model.
+    """Lanes of a model."""
 
-    Attributes
-    ----------
-    n_lanes : int
-        Members side by side.
-    n_bytes : int
-        Memory that a worker needs for them.
-    work : int
-        Address of the function that works in them.
-    library : LoadedLibrary
-        The library, which keeps the code loaded.
-    """
-
-    n_lanes: int
-    n_bytes: int
-    work: int
-    library: LoadedLibrary
+    n_lanes: int  # members side by side
+    n_bytes: int  # memory that a worker needs for them
+    work: int  # address of the function that works in them
+    library: LoadedLibrary  # the library, which keeps the code loaded
 
 
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:
@@ -74,20 +62,10 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
     Which they are depends on the plan and the processor alone, not on the number of members:
     results are then the same whatever else is in a block.
 
-    Parameters
-    ----------
-    pattern : Pattern
-        What members share.
-
     Returns
     -------
     LoadedLanes or str
         A reason is a sentence without a capital and an end.
-
-    Raises
-    ------
-    SolveError
-        If a number of lanes is asked for that there is not.
     """
     if pattern not in _found:
         _found[pattern] = _find(pattern)
@@ -95,24 +73,12 @@ def find_lanes(pattern: Pattern) -> LoadedLanes | str:
 
 
 def refusal_of(pattern: Pattern) -> str:
-    """Say why members of a pattern do not run in lanes; empty where they can.
+    """Return why members do not run in lanes, or an empty string.
+
+    A reason has no capital and no full stop. Whether a compiler has vectors is known once lanes
+    were built.
 
     That a compiler has no vectors is known once lanes were asked for.
-
-    Parameters
-    ----------
-    pattern : Pattern
-        What members share.
-
-    Returns
-    -------
-    str
-        A sentence without a capital and an end.
-
-    Raises
-    ------
-    SolveError
-        If a number of lanes is asked for that there is not.
     """
     found = _found.get(pattern)
     if found is not None:
@@ -146,17 +112,7 @@ def _find(pattern: Pattern) -> LoadedLanes | str:
 
 
 def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
-    """Choose vectors for a processor.
-
-    Parameters
-    ----------
-    features : list of str
-        Its instruction sets, as Linux names them.
-    wanted : int, optional
-        How many lanes; as many as are quickest if absent.
-    n_integrated : int, optional
-        How many numbers a member integrates.
-    """
+    """Choose vectors for a processor."""
     machine, own = platform.machine().lower(), set(features)
     width, instructions, is_fused = 2, [], machine in ("aarch64", "arm64")
     if machine in ("x86_64", "amd64"):
@@ -175,7 +131,7 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
 
 
 def _refusal(pattern: Pattern) -> str:
-    """Say why members do not run in lanes by what a run is asked for; empty where they can."""
+    """Return why the settings of a run exclude lanes, or an empty string."""
     problem = pattern.problem
     if pattern.signals.by_position:
         return "inputs are given in place of the scene's"

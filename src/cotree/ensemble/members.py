@@ -24,24 +24,7 @@ if TYPE_CHECKING:
 
 
 def column_values(values: Any, what: str) -> FloatArray:
-    """Read a number, or numbers for each member.
-
-    Parameters
-    ----------
-    values : float or array_like of one dimension
-        As users give them.
-    what : str
-        Where they stand, for messages.
-
-    Returns
-    -------
-    ndarray, shape (n,) or ()
-
-    Raises
-    ------
-    ParameterError
-        If they have more dimensions, or one is no finite number; the message tells its row.
-    """
+    """Read a number, or numbers for each member."""
     if hasattr(values, "magnitude"):
         raise ParameterError(f"{what} has units of its own: give plain numbers in SI units")
     try:
@@ -98,7 +81,7 @@ class Grid:
         return f"<Grid of {len(self)} members: {shown}>"
 
     def rows(self) -> FloatArray:
-        """Give the values of each member, shape (n_members, n_axes); the last axis goes fastest."""
+        """Return the values of members, shape (n_members, n_axes); the last axis varies fastest."""
         meshed = np.meshgrid(*self.axes.values(), indexing="ij")
         return np.stack([values.ravel() for values in meshed], axis=1)
 
@@ -196,19 +179,7 @@ class Members:
 
 
 def read_members(given: Any) -> Members:
-    """Read members.
-
-    Parameters
-    ----------
-    given : DataFrame, mapping, sequence of mappings, Grid or Samples
-        As users give them.
-
-    Raises
-    ------
-    ParameterError
-        If they are of another kind, or none, or a value is no finite number; the message names the
-        column and the row.
-    """
+    """Read members."""
     if isinstance(given, Grid):
         return Members(given.names, given.rows(), given.axes, is_grid=True)
     if isinstance(given, Mapping) and not hasattr(given, "data_vars"):
@@ -233,17 +204,7 @@ def check_columns(
     parameters: Container[str],
     initial: Container[str],
 ) -> None:
-    """Refuse columns that a model does not have, or that a run sets otherwise.
-
-    Parameters
-    ----------
-    columns : iterable of str
-        Their names.
-    model : CompiledModel
-        The model.
-    parameters, initial : container of str
-        Names of what all members share.
-    """
+    """Refuse columns that a model does not have, or that a run sets otherwise."""
     derived = {row.name: row.told for row in model.layout.derived}
     for name in columns:
         if name in parameters or name in initial:

@@ -151,8 +151,8 @@ def run_members(
     compiled, shared = _compiled_for(model, shared, rows)
     plan = make_plan(compiled, shared, rows, outputs=outputs, lanes=lanes)
     expressions = expressions_among(inputs or {})
-    told = {**_described(model), "model": compiled.digest, "inputs": expressions}
-    return run_ensemble(plan, rows, execution, told)
+    attributes = {**_described(model), "model": compiled.digest, "inputs": expressions}
+    return run_ensemble(plan, rows, execution, attributes)
 
 
 class _Compiling(Protocol):
@@ -188,7 +188,7 @@ def _text_of(spec: BuildSpec) -> str:
 
 
 def _compiled_for(model: _Compiling, settings: Settings, members: Members) -> tuple[Any, Settings]:
-    """Give the model that has all columns, gains of expressions among them, and its settings."""
+    """Return the model that has all columns, gains of expressions among them, and its settings."""
     from cotree.ensemble.members import check_columns
 
     given, names = settings.parameters, model.parameters

@@ -37,46 +37,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """The parts of a run that members share.
+    """The parts of a run that members share."""
 
-    Attributes
-    ----------
-    plan : Plan
-        The plan, with a method by its name.
-    row : Method
-        The method.
-    engine : Engine
-        Its engine.
-    problem : Problem
-        That of a run with the values that no member sets.
-    newton : Newton or None
-        The factors of the model, for own implicit methods.
-    job : Job
-        A job that has not begun.
-    signals : ReplacedInputs
-        Inputs in place of the scene's.
-    starts : StartInC or None
-        What finds the starts of members in C.
-    is_searched : bool
-        Whether each member is prepared in Python: C cannot find its start, or it has corners of its
-        own.
-    is_timed : bool
-        Whether rates depend on time, so that its rounding may decide a run.
-    is_watched : bool
-        Whether members that an explicit method finds stiff are run with another one.
-    """
-
-    plan: Plan
+    plan: Plan  # with a method by its name
     row: Method
     engine: Engine
-    problem: Problem
-    newton: Newton | None
-    job: Job
-    signals: ReplacedInputs
-    starts: StartInC | None
+    problem: Problem  # of a run with the values that no member sets
+    newton: Newton | None  # the factors of the model, for own implicit methods
+    job: Job  # a job that has not begun
+    signals: ReplacedInputs  # inputs in place of the scene's
+    starts: StartInC | None  # what finds the starts of members in C
+    #: Whether each member is prepared in Python: C cannot find its start, or it has corners of its
+    #: own.
     is_searched: bool
-    is_timed: bool
-    is_watched: bool
+    is_timed: bool  # whether rates depend on time, so that its rounding may decide a run
+    is_watched: bool  # whether members that an explicit method finds stiff are run with another one
 
     def job_of(self, problem: Problem) -> Job:
         """Make the job of a member, which may begin again for others."""
@@ -85,14 +60,14 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class Unfit:
+class NotBatchable:
     """A plan whose members run one by one, with a method by its name, and the reason."""
 
     plan: Plan
     why: str
 
 
-def find_pattern(plan: Plan) -> Pattern | Unfit:
+def find_pattern(plan: Plan) -> Pattern | NotBatchable:
     """Find what members share."""
     try:
         problem = problem_of(plan, plan.settings.parameters, plan.settings.initial)
@@ -105,24 +80,11 @@ def find_pattern(plan: Plan) -> Pattern | Unfit:
     except Error as error:
         # The values that no member sets may be refused where those of members are not.
         found = str(error)
-    return Unfit(plan, found) if isinstance(found, str) else found
+    return NotBatchable(plan, found) if isinstance(found, str) else found
 
 
 def problem_of(plan: Plan, parameters: Any, initial: Mapping[str, float]) -> Problem:
-    """Give the problem of one run, with the sensitivities that the plan has.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    parameters, initial
-        As of :meth:`cotree.solvers.prepare.Preparation.run`.
-
-    Raises
-    ------
-    Error
-        If the settings are refused, or there is no start.
-    """
+    """Return the problem of one run, with the sensitivities that the plan has."""
     problem = prepared(plan.model, plan.settings).run(parameters, initial).problem
     check_values(problem)
     return problem
@@ -163,7 +125,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 
 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
-    """Tell whether each member is prepared in Python."""
+    """Return whether each member is prepared in Python."""
     # Tolerances of contents follow from the start.
     if plan.model.layout.followers:
         return True
@@ -187,28 +149,16 @@ def _moving(plan: Plan) -> set[str]:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """Values that members have of their own.
+    """Values that members have of their own."""
 
-    Attributes
-    ----------
-    p : ndarray, shape (n_members, n_parameters)
-        Parameters.
-    states : ndarray of int, shape (n_set,)
-        States whose initial values are set.
-    values : ndarray, shape (n_members, n_set)
-        These values.
-    is_refused : ndarray of bool, shape (n_members,)
-        Members with values that are not finite.
-    """
-
-    p: FloatArray
-    states: npt.NDArray[np.intc]
-    values: FloatArray
-    is_refused: npt.NDArray[np.bool_]
+    p: FloatArray  # parameters, shape (n_members, n_parameters)
+    states: npt.NDArray[np.intc]  # states whose initial values are set, shape (n_set,)
+    values: FloatArray  # these values, shape (n_members, n_set)
+    is_refused: npt.NDArray[np.bool_]  # members with values that are not finite, shape (n_members,)
 
 
 def own_values(pattern: Pattern, rows: FloatArray) -> Own:
-    """Give what members set."""
+    """Return what members set."""
     plan, model = pattern.plan, pattern.plan.model
     shared = model.parameter_array(plan.settings.parameters)
     p = np.empty((len(rows), len(shared)))
@@ -235,7 +185,7 @@ def own_values(pattern: Pattern, rows: FloatArray) -> Own:
 
 
 def tolerances(pattern: Pattern, p: FloatArray) -> tuple[FloatArray | None, FloatArray | None]:
-    """Give the absolute tolerances of members, of what is integrated and of turns, if they differ.
+    """Return the absolute tolerances of members, of values and of turns, if they differ.
 
     Those of sensitivities are divided by the sizes of the parameters; see
     :class:`cotree.solvers.augmented.Tolerances`.

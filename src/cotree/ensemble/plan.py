@@ -89,13 +89,6 @@ NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 class Results:
     """Results of the members of a block; it is mutable, and members are put in in any order.
 
-    Parameters
-    ----------
-    plan : Plan
-        What they share.
-    n_members : int
-        How many there are; none of them has run yet.
-
     Attributes
     ----------
     z, outputs, slopes, status, messages, steps, seconds
@@ -119,7 +112,7 @@ class Results:
         self.seconds = np.zeros(n_members)
 
     def leave_blank(self, member: int) -> None:
-        """Let all values of a member be no numbers."""
+        """Set all values of a member to nan."""
         for array in (self.z, self.outputs, self.slopes):
             array[member] = np.nan
 
@@ -164,7 +157,7 @@ class Results:
         self._happened.append(rows)
 
     def block(self) -> Block:
-        """Give what was put in; other members were not run."""
+        """Return what was put in; other members were not run."""
         is_left = self.status == NOT_RUN
         for array in (self.z, self.outputs, self.slopes) if is_left.any() else ():
             array[is_left] = np.nan

@@ -57,8 +57,8 @@ class Reasons:
             self._shown[reason] = min(row, self._shown.get(reason, row))
             self.first = row if self.first is None else min(row, self.first)
 
-    def told(self, n_members: int) -> str:
-        """Say how many of all members failed, and why most of them did; empty if none failed."""
+    def summary(self, n_members: int) -> str:
+        """Return how many members failed, and why most of them did; empty if none failed."""
         if not self.failed:
             return ""
         # Of reasons that are as frequent, that of the first member.
@@ -77,23 +77,7 @@ STEPS_SPENT, EVENTS_SPENT, TIME_SPENT = 7, 8, 9
 def budget_message(
     problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
-    """Say where a member stopped, and which state grew meanwhile.
-
-    Parameters
-    ----------
-    problem : Problem
-        Its problem; times are given.
-    method : str
-        Its method.
-    job : cotree_job
-        Its job.
-    ended : int
-        The budget that is spent.
-    kept : ndarray, shape (n_kept, size of z)
-        What is known at the first times.
-    last : ndarray, shape (size of z,)
-        Where it stands.
-    """
+    """Return where a member stopped, and which state grew meanwhile."""
     reason = _reason(problem, job, ended)
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
     assert problem.settings.t_eval is not None  # a plan gives them

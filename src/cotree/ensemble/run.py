@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.batch import run_block, usable_cores
-from cotree.ensemble.dataset import Collected, Frame, check_xarray, member_bytes
+from cotree.ensemble.dataset import Collected, DatasetSchema, check_xarray, member_bytes
 from cotree.ensemble.executors import (
     AHEAD,
     PIECE,
@@ -50,21 +50,13 @@ if TYPE_CHECKING:
 
 
 class EnsembleProgress(CountingBar):
-    """Show how many members are done; it does nothing where nobody looks, nor for short ensembles.
-
-    Parameters
-    ----------
-    n : int
-        Number of members.
-    is_wanted : bool
-        Whether it may be shown at all.
-    """
+    """A bar of members done; disabled without a terminal, and for short ensembles."""
 
     def __init__(self, n: int, is_wanted: bool) -> None:
         super().__init__("members", n, is_wanted)
 
     def reached(self, done: int, failed: int) -> None:
-        """Take note of how many members are done, and how many of them failed."""
+        """Show how many members are done, and how many of them failed."""
         bad = f"{failed} failed, " if failed else ""
         self.count(done, lambda elapsed: f", {bad}{_rate(done / elapsed)}")
 
@@ -82,21 +74,7 @@ _GROWTH = 64
 
 
 def timed_size(plan: Plan, rows: FloatArray, threads: int, piece: float, most: int) -> int:
-    """Give the number of members that threads run together in some time, at least one.
-
-    Parameters
-    ----------
-    plan : Plan
-        What the members share.
-    rows : ndarray, shape (n_members, n_columns)
-        What each of them sets.
-    threads : int
-        Threads that share a block.
-    piece : float
-        The time, [s].
-    most : int
-        No more than so many are tried.
-    """
+    """Return how many members threads run together in the time ``piece``, [s]; at least one."""
     size = 1
     while True:
         stop = threading.Event()
@@ -169,28 +147,11 @@ class Execution:
 def run_ensemble(
     plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, Any]
 ) -> Any:
-    """Run members and put their results into a Dataset.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they share.
-    members : Members
-        What each of them sets.
-    execution : Execution
-        How they are run.
-    attributes : mapping of str to object
-        What the Dataset tells about the model, beside its settings.
-
-    Raises
-    ------
-    MemberError
-        If a member fails and errors are to be raised.
-    """
+    """Run members and put their results into a Dataset."""
     check_xarray()
-    n, frame, pace = (
+    n, schema, pace = (
         len(members.rows),
-        Frame(plan, members, attributes),
+        DatasetSchema(plan, members, attributes),
         BlockSizes(plan, execution),
     )
     with (
@@ -201,9 +162,9 @@ def run_ensemble(
         done: Collected | Store
         ranges: Callable[[], Iterable[tuple[int, int]]]
         if execution.store is None:
-            done, ranges = Collected(frame), partial(pace.ranges, n)
+            done, ranges = Collected(schema), partial(pace.ranges, n)
         else:
-            done = Store(execution.store, frame, partial(pace.size, plan, members.rows))
+            done = Store(execution.store, schema, partial(pace.size, plan, members.rows))
             ranges = done.ranges
             pace.spread(done.members_of_a_block, opened)
         opened.callback(done.close)
@@ -227,7 +188,7 @@ def run_ensemble(
         except BaseException:
             stop.set()
             raise
-    _tell(n, done.done, done.reasons)
+    _warn_of_failures(n, done.done, done.reasons)
     return done.dataset()
 
 
@@ -240,22 +201,9 @@ def run_blocks(
     executor: Any,
     stop: threading.Event,
 ) -> Generator[tuple[int, Block]]:
-    """Run ranges of rows, and give each block with its first row as soon as it is done.
+    """Run ranges of rows; yield each block with its first row as soon as it is done.
 
-    Parameters
-    ----------
-    plan : Plan
-        What all members share.
-    rows : ndarray, shape (n_members, n_columns)
-        What each of them sets.
-    ranges : iterable of (int, int)
-        First row of each block, and the one behind its last; asked for as they are run.
-    threads : int
-        Threads of this machine, or of each worker of an executor.
-    executor : concurrent.futures.Executor, optional
-        Who runs them instead.
-    stop : threading.Event
-        Set where no further block is to begin.
+    Threads are those of this machine, or of each worker of an executor.
     """
     if executor is not None:
         yield from run_on(executor, plan, rows, ranges, threads=threads, stop=stop)
@@ -271,21 +219,9 @@ def run_blocks(
 
 
 class BlockSizes:
-    """Sizes of blocks by the time that those before took, or by their results' size.
+    """Sizes of blocks by the time that those before took, or by the size of their results.
 
-    Parameters
-    ----------
-    plan : Plan
-        What the members share.
-    execution : Execution
-        How they are run.
-
-    Attributes
-    ----------
-    executor : concurrent.futures.Executor or None
-        Who runs blocks, if not this process.
-    threads : int
-        Threads that share a block: as many as the process may use, or one of each worker.
+    ``threads`` share a block: as many as the process may use, or one of each worker.
     """
 
     def __init__(self, plan: Plan, execution: Execution) -> None:
@@ -307,7 +243,7 @@ class BlockSizes:
         return min(self._most, timed_size(plan, rows, self.threads, piece, self._most))
 
     def spread(self, members_of_a_block: int, opened: contextlib.ExitStack) -> None:
-        """Let threads run blocks of their own where a block has fewer members than threads."""
+        """Run a block in each thread where blocks have fewer members than threads."""
         if self.executor is None and members_of_a_block < self.threads:
             self.executor = opened.enter_context(ThreadPoolExecutor(self.threads))
             self.threads = 1
@@ -337,13 +273,7 @@ def make_plan(
 
 
 def check_execution(execution: Execution) -> None:
-    """Refuse what makes no sense, before anything runs.
-
-    Raises
-    ------
-    SolveError
-        If a number of threads or the way of errors is none.
-    """
+    """Check threads, executor, store and on_error before anything runs."""
     if execution.threads is not None:
         check_count(execution.threads, "threads")
     read_executor(execution.executor)
@@ -354,7 +284,7 @@ def check_execution(execution: Execution) -> None:
 
 
 def check_count(value: object, name: str) -> None:
-    """Refuse what is no number of things."""
+    """Check that a value is a count."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
         raise SolveError(f"{name} is {value!r}: give a whole number of at least 1, or None")
 
@@ -384,12 +314,12 @@ def _check(execution: Execution, members: Members, reasons: Reasons) -> None:
         raise MemberError(f"{members.described(i)} failed: {sentence}")
 
 
-def _tell(n: int, n_done: int, reasons: Reasons) -> None:
+def _warn_of_failures(n: int, n_done: int, reasons: Reasons) -> None:
     """Warn of members that failed or were not run."""
     if n_done < n:
         _warn(f"stopped after {n_done} of {n} members: the others are nan, with status {NOT_RUN}")
     if reasons.failed:
-        _warn(reasons.told(n))
+        _warn(reasons.summary(n))
 
 
 def _warn(sentence: str) -> None:

@@ -38,32 +38,17 @@ class Distribution:
     """A distribution of one column."""
 
     quantiles: Callable[[Any], Any]  # from probabilities to values
-    told: list[Any]  # its kind and numbers, as JSON takes them
+    description: list[Any]  # its kind and numbers, as JSON takes them
 
 
 def read_distribution(given: Any, name: str, own: Callable[[], float]) -> Distribution:
-    """Read a distribution.
-
-    Parameters
-    ----------
-    given : sequence or distribution of scipy.stats
-        Its kind and numbers, or a frozen distribution.
-    name : str
-        What is distributed, for messages.
-    own : callable
-        Gives the value that the model has.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such distribution, or its numbers make no sense.
-    """
+    """Read a distribution."""
     if not isinstance(name, str):
         raise ParameterError(f"sample has the name {brief(repr(name))}: give it as text")
     what = f"the distribution of '{brief(name)}'"
     quantiles = getattr(given, "ppf", None) or getattr(given, "icdf", None)
     if quantiles is not None and hasattr(given, "mean") and not hasattr(given, "shapes"):
-        return Distribution(quantiles, [_told(given)])
+        return Distribution(quantiles, [_described(given)])
     is_row = isinstance(given, Sequence) and not isinstance(given, str) and len(given) > 0
     if not is_row or not isinstance(given[0], str):
         raise ParameterError(
@@ -85,7 +70,7 @@ def read_distribution(given: Any, name: str, own: Callable[[], float]) -> Distri
 
 
 def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], float]) -> Any:
-    """Give the frozen distribution of scipy.stats of a kind."""
+    """Return the frozen distribution of scipy.stats of a kind."""
     from scipy import stats
 
     if kind == "relative":
@@ -127,7 +112,7 @@ def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], fl
     return stats.truncnorm((low - mean) / deviation, (high - mean) / deviation, mean, deviation)
 
 
-def _told(given: Any) -> str:
+def _described(given: Any) -> str:
     """Name a frozen distribution with its arguments."""
     kind = getattr(getattr(given, "dist", None), "name", None)
     if kind is None:
@@ -161,8 +146,8 @@ class Samples(Mapping[str, "FloatArray"]):
 
     def __repr__(self) -> str:
         n = len(next(iter(self.columns.values())))
-        told = f"{self.origin['method']}, seed {self.origin['seed']}"
-        return f"<Samples of {n} members, {told}: {', '.join(self.columns)}>"
+        how = f"{self.origin['method']}, seed {self.origin['seed']}"
+        return f"<Samples of {n} members, {how}: {', '.join(self.columns)}>"
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with a row for each member.
@@ -253,13 +238,13 @@ def sample(
         name: _finite(row.quantiles(points[:, j]), name)
         for j, (name, row) in enumerate(read.items())
     }
-    told = {name: row.told for name, row in read.items()}
-    origin = {"method": method, "seed": seed, "n": int(n), "distributions": told}
+    described = {name: row.description for name, row in read.items()}
+    origin = {"method": method, "seed": seed, "n": int(n), "distributions": described}
     return Samples(columns, origin)
 
 
 def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
-    """Give the value that a model or scene has for a parameter or the start of a state."""
+    """Return the value that a model or scene has for a parameter or the start of a state."""
     if isinstance(source, SceneDescription):
         row = source.parameters.get(name)
         if row is not None and not row.is_derived:
@@ -278,7 +263,7 @@ def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
 
 
 def _checked_seed(seed: object) -> int:
-    """Accept a seed, or draw one that can be told."""
+    """Accept a seed, or draw one that can be repeated."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1)[0])
     return check_whole(seed, "the seed")

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.dataset import Frame, plain
+from cotree.ensemble.dataset import DatasetSchema, plain
 from cotree.ensemble.plan import NOT_RUN, Block, Plan, Results
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import SolveError, StoreError, brief
@@ -45,11 +45,6 @@ def identity_of(plan: Plan) -> dict[str, Any]:
     """Return what all members of a plan share, by name, as values of JSON.
 
     What members set, and the times, are coordinates of the results, and are compared there.
-
-    Raises
-    ------
-    SolveError
-        If inputs are functions of Python, which cannot be compared.
     """
     model, settings = plan.model, plan.settings
     signals = read_signals(settings.inputs, model.inputs)
@@ -123,13 +118,7 @@ _ONE_FILE = (".nc", ".nc4", ".cdf", ".h5", ".hdf5", ".zip")
 
 
 def read_path(store: Any) -> Path:
-    """Accept the folder of a store.
-
-    Raises
-    ------
-    StoreError
-        If it is no path, or of a single file, which a kill in the middle of a write would damage.
-    """
+    """Accept the folder of a store."""
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StoreError(f"store is {brief(repr(store))}: give a folder, such as 'runs'")
     path = Path(store)
@@ -209,13 +198,7 @@ def read_whole(path: Path) -> Any:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read the manifest of a store.
-
-    Raises
-    ------
-    StoreError
-        If it is missing or damaged.
-    """
+    """Read the manifest of a store."""
     remedy = "give another folder, or delete this one, whose results nothing tells from others"
     try:
         document = json.loads((path / MANIFEST).read_bytes())
@@ -241,15 +224,6 @@ def block_path(path: Path, first: int) -> Path:
 class Store:
     """The folder of an ensemble, open for writing.
 
-    Parameters
-    ----------
-    store : str or path-like
-        The folder; made where it does not exist.
-    frame : Frame
-        What the Dataset of the ensemble is made of, but for results.
-    size : callable
-        Returns the number of members of a block, for a new store.
-
     Attributes
     ----------
     done : int
@@ -258,17 +232,12 @@ class Store:
         Those of them that failed.
     members_of_a_block : int
         The number of members of a block, but for the last one.
-
-    Raises
-    ------
-    StoreError
-        If the folder holds something else, or it cannot be used.
     """
 
-    def __init__(self, store: Any, frame: Frame, size: Callable[[], int]) -> None:
-        self.path, self._frame = read_path(store), frame
-        self._n = len(frame.members.rows)
-        self._identity = identity_of(frame.plan)
+    def __init__(self, store: Any, schema: DatasetSchema, size: Callable[[], int]) -> None:
+        self.path, self._schema = read_path(store), schema
+        self._n = len(schema.members.rows)
+        self._identity = identity_of(schema.plan)
         self._locks: dict[int, BaseFileLock] = {}
         self._writer = ThreadPoolExecutor(1, "cotree-store")
         self._writing: Future[None] | None = None
@@ -293,13 +262,7 @@ class Store:
         return bool(self._missing) and not stop.is_set()
 
     def take(self, first: int, block: Block) -> None:
-        """Write a block while the next one is computed; one that was broken off is left out.
-
-        Raises
-        ------
-        StoreError
-            If it, or the one before, cannot be written.
-        """
+        """Write a block while the next one is computed; one that was broken off is left out."""
         if np.any(block.status == NOT_RUN):
             return
         self._wait()
@@ -307,13 +270,7 @@ class Store:
         self._count(first, block.status, block.messages)
 
     def close(self) -> None:
-        """Write what is on its way, and unlock all blocks.
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written.
-        """
+        """Write what is on its way, and unlock all blocks."""
         try:
             self._wait()
         finally:
@@ -333,7 +290,7 @@ class Store:
         is_new = not self.path.exists() or all(
             path.name.endswith(_DRAFT) for path in self.path.iterdir()
         )
-        empty = self._frame.dataset({})
+        empty = self._schema.dataset({})
         coordinates = {name: row.values for name, row in empty.coords.items()}
         if is_new:
             self._create(empty, coordinates, size())
@@ -353,9 +310,9 @@ class Store:
 
     def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
         """Write the manifest, unless another process is faster."""
-        frame = self._frame
+        schema = self._schema
         # A block of no members has all variables.
-        rows = frame.variables((0,) * len(frame.dims), Results(frame.plan, 0).block())
+        rows = schema.variables((0,) * len(schema.dims), Results(schema.plan, 0).block())
         about = empty.to_dict(data=False)
         store = {
             "identity": self._identity,
@@ -363,9 +320,9 @@ class Store:
             "coordinates": _digests(coordinates),
             "attributes": about["attrs"],
             "dims": {name: [row["dims"], row["attrs"]] for name, row in about["coords"].items()},
-            "shape": list(frame.shape),
+            "shape": list(schema.shape),
             "variables": {
-                name: [list(dims), values.shape[len(frame.dims) :], values.dtype.str, attributes]
+                name: [list(dims), values.shape[len(schema.dims) :], values.dtype.str, attributes]
                 for name, (dims, values, attributes) in rows.items()
             },
         }
@@ -419,7 +376,7 @@ class Store:
         self.reasons.add(first, status, messages)
 
     def _write(self, first: int, block: Block) -> None:
-        found = self._frame.variables((len(block.status),), block)
+        found = self._schema.variables((len(block.status),), block)
         arrays = {name: values for name, (_, values, _) in found.items()}
         write_arrays(block_path(self.path, first), arrays)
         self._unlock(first)

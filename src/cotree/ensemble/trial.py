@@ -35,17 +35,7 @@ if TYPE_CHECKING:
 
 
 def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:
-    """Run members one after another.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they share.
-    rows : ndarray, shape (n_members, n_columns)
-        What they set.
-    stop : threading.Event, optional
-        Once it is set, no other member is begun.
-    """
+    """Run members one after another."""
     results = Results(plan, len(rows))
     for i, row in enumerate(rows.tolist()):
         if stop is not None and stop.is_set():
@@ -69,7 +59,7 @@ def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) 
 def settings_of(
     model: CompiledModel, settings: Settings, columns: Sequence[str], row: Sequence[float]
 ) -> Settings:
-    """Give the settings of one member."""
+    """Return the settings of one member."""
     own = dict(zip(columns, row, strict=True))
     initial = {name: value for name, value in own.items() if name not in model.parameters}
     p = model.parameter_array(settings.parameters)
@@ -165,7 +155,7 @@ def _heard(model: CompiledModel, settings: Settings) -> RunRecord:
 
 
 def _extremes(members: Members) -> list[list[float]]:
-    """Give the members with the smallest and the largest value of each column."""
+    """Return the members with the smallest and the largest value of each column."""
     rows = members.rows
     # Sorted by all columns first, so that of equal ones the same is taken in any order.
     ordered = rows[np.lexsort(rows.T[::-1])] if rows.shape[1] else rows

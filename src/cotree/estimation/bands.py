@@ -110,13 +110,7 @@ def find_condition(problem: Problem, given: int | str) -> int:
 
 
 def read_times(t: Any, condition: Condition) -> Array:
-    """Read the times at which a quantity is predicted, [s], shape (n,).
-
-    Raises
-    ------
-    ParameterError
-        If there are none, or one is not a finite number or before the start of the run.
-    """
+    """Read the times at which a quantity is predicted, [s], shape (n,)."""
     try:
         times = np.atleast_1d(np.asarray(t, dtype=float))
     except (TypeError, ValueError):

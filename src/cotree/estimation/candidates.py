@@ -156,13 +156,7 @@ class NextMeasurements(tuple[NextMeasurement, ...]):
 
 
 def read_candidates(given: Any) -> list[Candidates]:
-    """Read candidates in any of the accepted forms.
-
-    Raises
-    ------
-    ParameterError
-        If they are neither a mapping nor a sequence of ``Candidates``.
-    """
+    """Read candidates in any of the accepted forms."""
     if isinstance(given, Candidates):
         return [given]
     if isinstance(given, Mapping):

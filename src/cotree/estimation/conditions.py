@@ -66,13 +66,7 @@ class Condition:
     before: Condition | None = None
 
     def quantity(self, name: str) -> str:
-        """Find a state or output by the name of a column that measures it, or by its own name.
-
-        Raises
-        ------
-        ParameterError
-            If there is none.
-        """
+        """Find a state or output by the name of a column that measures it, or by its own name."""
         # A column that measures a state may have an output of its own.
         if name in self.columns:
             return self.columns[name]
@@ -130,14 +124,7 @@ class Measured:
 
 
 def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
-    """Refuse a condition that contains unknown names.
-
-    Raises
-    ------
-    ParameterError
-        For an unknown parameter, state or estimated parameter, and for an estimated parameter to
-        which the model was compiled without a sensitivity.
-    """
+    """Refuse a condition that contains unknown names."""
     model, what = condition.model, f"condition '{condition.name}'"
     for kind, given, known in (
         ("parameter", condition.parameters, model.parameters),
@@ -165,14 +152,7 @@ def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
 def check_measured(
     measured: Measured, conditions: Sequence[Condition], estimated: Sequence[str]
 ) -> None:
-    """Refuse invalid measured rows.
-
-    Raises
-    ------
-    ParameterError
-        For columns of different lengths, values that are not finite, times before the start, names
-        that the model does not have, and invalid transformations, distributions and deviations.
-    """
+    """Refuse invalid measured rows."""
     n = len(measured)
     columns = {
         "condition": measured.condition,
@@ -228,16 +208,6 @@ MOST_STEPS = 100_000
 
 class Columns:
     """The parameters and initial values that a member sets for one condition.
-
-    Parameters
-    ----------
-    condition : Condition
-        The condition.
-    columns : sequence of str
-        Parameters and states that members set; those that this condition does not name keep the
-        model's values.
-    names : sequence of str
-        Names of the estimated parameters.
 
     Attributes
     ----------

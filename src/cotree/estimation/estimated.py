@@ -73,11 +73,6 @@ class Estimated:
 class Scaled:
     """Conversion between the values of estimated parameters and the optimiser's variables.
 
-    Parameters
-    ----------
-    estimated : sequence of Estimated
-        The parameters.
-
     Attributes
     ----------
     names : tuple of str
@@ -119,13 +114,7 @@ _SPAN = 100.0
 
 
 def read_ranges(parameters: Any) -> dict[str, Any]:
-    """Read names of estimated parameters with their ranges, which :func:`estimated` reads.
-
-    Raises
-    ------
-    ParameterError
-        If there are none, or something is not a name.
-    """
+    """Read names of estimated parameters with their ranges, which :func:`estimated` reads."""
     if isinstance(parameters, str):
         parameters = [parameters]
     if not isinstance(parameters, (Mapping, Sequence)):
@@ -165,11 +154,6 @@ def estimated(
         The model's value, which is the default guess if it is within the bounds.
     unit : str
         Its unit.
-
-    Raises
-    ------
-    ParameterError
-        If the range is invalid, or there is neither a range nor a positive guess.
     """
     what = f"estimated parameter '{name}'"
     if isinstance(given, Estimated):

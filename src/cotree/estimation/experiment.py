@@ -62,13 +62,7 @@ class Table:
         raise ParameterError(f"{self.where} has no column '{name}'{nearest(name, self.columns)}")
 
     def unit(self, column: Column, wanted: str = "", given: str | None = None) -> Unit | None:
-        """Parse the unit of a column and check it against that of the measured quantity.
-
-        Raises
-        ------
-        UnitError
-            If it is not a unit, or has another dimension.
-        """
+        """Parse the unit of a column and check it against that of the measured quantity."""
         what = f"column '{column.name}' of {self.where}"
         unit = check_unit(column.unit if given is None else given, f"the unit of {what}")
         if unit is not None and wanted:

@@ -479,26 +479,7 @@ def fit(
 def solve(
     problem: Problem, search: Search, n_starts: int, seed: int, *, progress: bool = True
 ) -> FitResult:
-    """Search from several starts, at least one of which must succeed.
-
-    Parameters
-    ----------
-    problem : Problem
-        What is estimated.
-    search : Search
-        Settings of the optimiser.
-    n_starts, seed : int
-        Number of starts, and seed of all but the first one.
-    progress : bool
-        Whether a progress bar may be shown.
-
-    Raises
-    ------
-    ParameterError
-        If no measured value depends on anything that is estimated.
-    SolveError
-        If no run succeeds.
-    """
+    """Search from several starts, at least one of which must succeed."""
     points = sized(problem, spread_starts(problem, n_starts, seed))
     records = minimise_from_starts(problem, points, search, progress=progress)
     if not math.isfinite(records[0].objective):

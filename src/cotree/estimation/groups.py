@@ -41,23 +41,7 @@ _CHANGE = 10.0
 
 
 class SteadyStates:
-    """Steady states at which the conditions of a group begin.
-
-    Parameters
-    ----------
-    conditions : sequence of Condition
-        They have ``before``.
-    names : sequence of str
-        Names of the estimated parameters.
-    settings : Settings
-        Method, tolerances and budgets.
-
-    Raises
-    ------
-    ParameterError
-        If an estimated parameter acts in a different place in the run before, or if the models
-        differ.
-    """
+    """Steady states at which the conditions of a group begin."""
 
     def __init__(
         self, conditions: Sequence[Condition], names: Sequence[str], settings: Settings
@@ -92,11 +76,6 @@ class SteadyStates:
         ----------
         own : sequence of ndarray, shapes (n_sensitivities, n_estimated)
             The maps of the later runs alone; see :class:`Columns`.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter acts in a different place than in the run before.
         """
         model, found = self._model, []
         earlier = [item.through for item in self._maps]
@@ -224,19 +203,6 @@ class Quantities:
 class Group:
     """Conditions that run in one block, with their measured rows.
 
-    Parameters
-    ----------
-    conditions : sequence of Condition
-        They share model, inputs, start, and the names of the initial values they set.
-    numbers : sequence of int
-        Their numbers in the problem.
-    measured : Measured
-        All measured rows.
-    names : sequence of str
-        Names of the estimated parameters.
-    settings : Settings
-        Method, tolerances and budgets.
-
     Attributes
     ----------
     rows : ndarray of int
@@ -300,13 +266,6 @@ class Group:
 
     def run(self, values: Array, *, slopes: bool) -> tuple[Quantities, Quantities]:
         """Run all conditions for each row of parameter values.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n_thetas, n_estimated)
-            Values of the estimated parameters.
-        slopes : bool
-            Whether to compute derivatives.
 
         Returns
         -------

@@ -37,13 +37,7 @@ class Predictions:
 
 
 class Likelihood:
-    """Likelihood of the measured values given predictions.
-
-    Parameters
-    ----------
-    measured : Measured
-        The measured rows.
-    """
+    """Likelihood of the measured values given predictions."""
 
     def __init__(self, measured: Measured) -> None:
         n = len(measured)

@@ -61,13 +61,7 @@ class Rendezvous:
         self._n_working = 0
 
     def ask(self, number: int, theta: Any) -> Predictions:
-        """Request predictions from a thread, and wait for them.
-
-        Raises
-        ------
-        Stopped
-            If computation was stopped.
-        """
+        """Request predictions from a thread, and wait for them."""
         answer: queue.SimpleQueue[Predictions | None] = queue.SimpleQueue()
         self._arrived.put((number, np.array(theta, dtype=float), answer))
         found = answer.get()
@@ -135,31 +129,17 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StartRecord:
-    """The outcome of one start of the optimiser.
+    """The outcome of one start of the optimiser."""
 
-    Attributes
-    ----------
-    began, theta : ndarray, shape (n_estimated,)
-        First and best values of the estimated parameters on their scales.
-    objective : float
-        The objective at the best point; infinite if no run succeeded.
-    n_evaluations : int
-        Number of evaluations of the predictions.
-    is_converged : bool
-        Whether the optimiser met its tolerances.
-    message : str
-        Reason for termination.
-    optimality : float
-        The largest entry of the gradient where the optimiser ended, each times the distance to the
-        bound that it points to; nan if it was interrupted.
-    """
-
+    #: First and best values of the estimated parameters on their scales, shape (n_estimated,).
     began: Array
     theta: Array
-    objective: float
-    n_evaluations: int
-    is_converged: bool
-    message: str
+    objective: float  # the objective at the best point; infinite if no run succeeded
+    n_evaluations: int  # number of evaluations of the predictions
+    is_converged: bool  # whether the optimiser met its tolerances
+    message: str  # reason for termination
+    #: The largest entry of the gradient where the optimiser ended, each times the distance to the
+    #: bound that it points to; nan if it was interrupted.
     optimality: float = math.nan
 
 
@@ -172,13 +152,7 @@ _CORNER = 1e-3
 
 
 class SquareRows:
-    """Computes F and J from the predictions of one start.
-
-    Parameters
-    ----------
-    problem : Problem
-        The estimation problem.
-    """
+    """Computes F and J from the predictions of one start."""
 
     def __init__(self, problem: Problem) -> None:
         self._likelihood = problem.likelihood
@@ -233,13 +207,7 @@ _HIGH = 1e100
 
 @dataclass(frozen=True)
 class Search:
-    """Settings of an optimiser; see ``scipy.optimize.least_squares``.
-
-    Raises
-    ------
-    ParameterError
-        If the scale is unknown.
-    """
+    """Settings of an optimiser; see ``scipy.optimize.least_squares``."""
 
     #: ``trf`` or ``dogbox``, which respect bounds, or ``lm``, which does not support them.
     optimiser: str = "trf"

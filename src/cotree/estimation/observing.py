@@ -59,13 +59,7 @@ class Observed:
 
 
 class Observer:
-    """Adds outputs for measured quantities to a scene, and compiles it.
-
-    Parameters
-    ----------
-    model : Model or Scene
-        The model that explains the measurements.
-    """
+    """Adds outputs for measured quantities to a scene, and compiles it."""
 
     def __init__(self, model: Model | Scene) -> None:
         if not isinstance(model, (Model, Scene)):
@@ -88,20 +82,7 @@ class Observer:
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, wanted: Sequence[str]) -> Observed:
-        """Determine what the columns of an experiment mean.
-
-        Parameters
-        ----------
-        experiment : Experiment
-            The experiment.
-        wanted : sequence of str
-            Names of the estimated parameters.
-
-        Raises
-        ------
-        ModelError
-            If an expression is invalid, or no column is known to the model.
-        """
+        """Determine what the columns of an experiment mean."""
         found = Observed()
         known = {*wanted, *experiment.parameters}
         table = experiment.table
@@ -205,22 +186,7 @@ class Observer:
     def compile(
         self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
     ) -> list[Model]:
-        """Compile the models of experiments.
-
-        Parameters
-        ----------
-        rows : sequence of Observed
-            The experiments.
-        wanted : sequence of str
-            Parameters and states to which sensitivities are needed, if the scene has them.
-        values : mapping of str to float
-            Values of new parameters.
-
-        Raises
-        ------
-        ModelError, FormulationError, BuildError
-            As of :meth:`cotree.Scene.compile`.
-        """
+        """Compile the models of experiments."""
         made: dict[Any, Model] = {}
         found = []
         for row in rows:
@@ -233,7 +199,7 @@ class Observer:
         return found
 
     def _use_states(self, row: Observed, model: Model) -> None:
-        """Let columns that measure a state refer to it rather than to an output equal to it."""
+        """Refer columns that measure a state to it rather than to an output equal to it."""
         for column, name in row.outputs.items():
             text = self._new.get(name, name)
             row.outputs[column] = text if text in model.states else name
@@ -311,17 +277,7 @@ class _Run:
 
 
 class MeasuredRows:
-    """Collects the measured values of all experiments.
-
-    Parameters
-    ----------
-    noise : str or None
-        ``given`` or ``estimated``, as of :func:`cotree.fit`.
-    estimate : callable
-        Returns the estimated parameter for a name in an experiment.
-    found : dict of str to Estimated
-        The estimated parameters; noise parameters are added to it.
-    """
+    """Collects the measured values of all experiments."""
 
     def __init__(
         self, noise: str | None, estimate: Callable[..., str], found: dict[str, Estimated]
@@ -332,14 +288,7 @@ class MeasuredRows:
     def add(
         self, number: int, experiment: Experiment, name: str, observed: Observed, model: Model
     ) -> None:
-        """Add the values of an experiment.
-
-        Raises
-        ------
-        ParameterError, UnitError
-            If all values are missing, units are incompatible, a value has no logarithm, or a
-            standard deviation is not positive.
-        """
+        """Add the values of an experiment."""
         run = _Run(experiment, name, observed, model)
         parts = [self._part(number, run, column) for column in observed.outputs]
         present = [part for part in parts if part.values.size]

@@ -34,28 +34,7 @@ Array = npt.NDArray[np.float64]
 
 
 class FixedProblem:
-    """A problem with one of its parameters fixed.
-
-    Parameters
-    ----------
-    problem : Problem
-        The full problem.
-    index : int
-        Number of the parameter that is fixed.
-    value : float
-        Its value, on its scale.
-    meeting : Rendezvous
-        Computes predictions of the full problem.
-    more_rows : callable, optional
-        Prior residuals of the full problem.
-
-    Attributes
-    ----------
-    scaled, measured, likelihood
-        As of the problem, for the other parameters.
-    more_rows : callable or None
-        Prior residuals as a function of the other parameters.
-    """
+    """A problem with one of its parameters fixed."""
 
     def __init__(
         self,
@@ -207,24 +186,9 @@ def profiles_of(
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
-    """Compute the profile likelihoods of some parameters.
+    """Compute the profile likelihoods of the parameters with the numbers ``chosen``.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was estimated.
-    theta : ndarray, shape (n,)
-        Estimates on their scales.
-    objective : float
-        The objective there: the negative log-likelihood, including priors.
-    chosen : sequence of int
-        Numbers of the parameters.
-    found : Uncertainty
-        Uncertainty of the estimates, which determines the first steps and the limit.
-    level : float
-        Level of confidence.
-    more_rows : callable, optional
-        Prior residuals; see :func:`~cotree.estimation.multistart.minimise_from_starts`.
+    ``objective`` is the negative log-likelihood at ``theta``, including priors.
     """
     limit = found.rise(level)
     meeting = Rendezvous(problem.predict)

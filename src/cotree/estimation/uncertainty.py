@@ -78,16 +78,8 @@ class Split:
 def split(problem: Problem, theta: Array, found: Predictions, rows: Array) -> Split:
     """Find the directions that the information does not determine.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was estimated.
-    theta : ndarray, shape (n,)
-        The point.
-    found : Predictions
-        Predictions there; their accuracy decides which changes are distinguishable from zero.
-    rows : ndarray, shape (n_rows, n)
-        A square root J of the information J^T J there, on the scales of the parameters.
+    ``rows`` is a square root J of the information J^T J, shape (n_rows, n), on the scales of the
+    parameters; the accuracy of predictions decides which changes differ from zero.
     """
     settings = problem.settings
     slopes, values = problem.scaled.slopes(theta), problem.scaled.values(theta)
@@ -139,17 +131,7 @@ def points_beside(problem: Problem, theta: Array) -> Array:
 
 
 def in_words(names: Sequence[str], here: Split, beside: Sequence[Split]) -> tuple[str, ...]:
-    """Describe what is not determined, one sentence for each group of coupled parameters.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the parameters.
-    here : Split
-        What is determined at the estimates.
-    beside : sequence of Split
-        The same at nearby points.
-    """
+    """Describe what is not determined, one sentence for each group of coupled parameters."""
     sentences, idle = [], []
     for group in _groups(here.open):
         rows = here.open[group]
@@ -204,7 +186,7 @@ def _sentence(
 
 
 def _holds(simple: list[list[int]], group: list[int], opens: Sequence[Array]) -> bool:
-    """Tell whether combinations are constant along the undetermined directions elsewhere."""
+    """Return whether combinations are constant along the undetermined directions elsewhere."""
     rows = np.array(simple, dtype=float)
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     for item in opens:
@@ -313,34 +295,18 @@ def _listed(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The uncertainty of estimates, with parameters on their scales.
+    """The uncertainty of estimates, with parameters on their scales."""
 
-    Attributes
-    ----------
-    fisher : ndarray, shape (n, n)
-        Fisher information, including that of priors.
-    covariance, correlation : ndarray, shape (n, n)
-        Undetermined parameters have infinite variances, and nan elsewhere.
-    errors : ndarray, shape (n,)
-        Standard errors.
-    root : ndarray, shape (n, n_determined)
-        R such that R R^T is the covariance in the determined subspace.
-    freedom : float
-        Degrees of freedom of Student's t; infinite if the noise is given.
-    spread : float
-        Correction factor of variances, for estimated noise and for robust losses.
-    split : Split
-        Determined and undetermined directions.
-    """
-
-    fisher: Array
+    fisher: Array  # Fisher information, including that of priors, shape (n, n)
+    #: Undetermined parameters have infinite variances, and nan elsewhere, shape (n, n).
     covariance: Array
     correlation: Array
-    errors: Array
+    errors: Array  # standard errors, shape (n,)
+    #: R such that R R^T is the covariance in the determined subspace, shape (n, n_determined).
     root: Array
-    freedom: float
-    spread: float
-    split: Split
+    freedom: float  # degrees of freedom of Student's t; infinite if the noise is given
+    spread: float  # correction factor of variances, for estimated noise and for robust losses
+    split: Split  # determined and undetermined directions
 
     def quantile(self, level: float) -> float:
         """Return half the width of a confidence interval in standard errors."""
@@ -392,20 +358,10 @@ def uncertainty_of(
     more_rows: Array | None = None,
     factor: float = 1.0,
 ) -> Uncertainty:
-    """Compute the uncertainty of estimates.
+    """Compute the uncertainty of estimates ``theta``, shape (n,), on their scales.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was estimated.
-    theta : ndarray, shape (n,)
-        Estimates on their scales.
-    found : Predictions
-        Predictions there.
-    more_rows : ndarray, shape (n_more, n), optional
-        Further rows of J, from priors.
-    factor : float
-        Correction factor of variances for robust losses.
+    ``more_rows``, shape (n_more, n), are rows of J from priors; variances are multiplied by
+    ``factor``, for robust losses.
     """
     rows = problem.likelihood.fisher_rows(found)
     if more_rows is not None:
