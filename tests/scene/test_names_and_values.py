@@ -134,7 +134,7 @@ def test_models_and_scenes_are_pickled(name, sensitivities):
     model = scene.compile(sensitivities, optimize="-O0")
     again = pickle.loads(pickle.dumps(model))
     assert again.source == model.source
-    assert again.cached
+    assert again.kernels.cached
     wanted, found = (m.simulate((0, 0.02)) for m in (model, again))
     assert (wanted.y == found.y).all()
     assert pickle.loads(pickle.dumps(scene)) == copy.deepcopy(scene) == scene
