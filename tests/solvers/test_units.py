@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.model.lengths import length_of_turns
+from cotree.model.finder import length_of_turns
 from cotree.solvers import HeldConstraints
 
 UNITS = {"metre": 1.0, "kilogram": 1.0, "second": 1.0}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from cotree.ensemble.plan import Plan
-    from cotree.model.implicit_kernels import Newton
+    from cotree.model.kernels import Newton
     from cotree.model.start_in_c import StartInC
     from cotree.solvers.base import FloatArray
 

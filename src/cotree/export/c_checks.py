@@ -16,10 +16,10 @@ from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_stops
 from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
-from cotree.model.contents import content_sizes
 from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import scene_start
+from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
 from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.jumps import ModelEvents

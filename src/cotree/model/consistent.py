@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from cotree.errors import ParameterError, listed
-from cotree.model.finder import Finder, Level
-from cotree.model.lengths import spread
+from cotree.model.finder import Finder, Level, spread
 from cotree.model.linear import SMALL
 from cotree.model.roots import NewtonLimits, iterate
 from cotree.quiet import level_of_user

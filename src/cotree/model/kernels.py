@@ -2,6 +2,10 @@
 
 Both take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
 to keep it. Buffers and prepared parameters belong to the thread that calls: each has its own.
+
+Kernels that implicit methods need, a ``cotree_newton``, are built when one is first used. Where a
+kernel has no value, the reason is a phrase with the operation that makes it nan or infinite, its
+numbers, the field of the element that it stands in, and what it depends on.
 """
 
 from __future__ import annotations
@@ -13,25 +17,202 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, obtain_library
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
-from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, Node, reachable, symbols_in
+from cotree.dag.operations import OPERATIONS
 from cotree.errors import BuildError, SingularSystemError, SolveError
+from cotree.linear.plan import narrow_band
 from cotree.model.arrays import Array
-from cotree.model.implicit_kernels import Newton, StepWork, count_step_work, load_newton
-from cotree.model.undefined import why_undefined
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
-from cotree.sharing import locked_cache
+from cotree.sharing import forming, locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from cotree.build import LoadedLibrary
-    from cotree.dag.nodes import Node
     from cotree.equations import Guard
     from cotree.program import Kernel, Layout, Program
+
+
+#: The most names in a message.
+_MOST_NAMES = 6
+
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
+
+
+def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
+    """Say which operation makes values of a kernel nan or infinite; empty where none does.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    kernel : str
+        A name in ``KERNELS``.
+    known : mapping of str to sequence of float
+        Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
+    """
+    order = reachable(program.kernels[kernel].results)
+    given = {
+        node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])
+        for node in order
+        if node.op == "symbol" and node.data[0] != PIECE
+    }
+    with np.errstate(all="ignore"):
+        values = dict(zip(order, evaluate(order, given, order=order), strict=True))
+    lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
+    # An infinite intermediate value may do no harm; a nan does, wherever it goes.
+    # Nodes are in the order of evaluation, so the first nan has no nan among its arguments.
+    wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
+    if wrong is None:
+        wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
+    if wrong is None:
+        return ""
+    # Go down to the operation whose arguments are all finite: it is the first cause.
+    while any(arg in lost for arg in wrong.args):
+        wrong = next(arg for arg in wrong.args if arg in lost)
+    return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
+
+
+def _place(program: Program, wrong: Node) -> str:
+    """Name the field of an element that an operation stands in, the smallest there is.
+
+    Where it stands in none, what it is applied to may come from one: of a quotient the divisor.
+    """
+    found: list[tuple[int, str]] = []
+    for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
+        inside = reachable([node])
+        if wrong in inside:
+            found.append((len(inside), name))
+    name = min(found)[1] if found else _origin_of_arguments(program, wrong)
+    return f"{name}: " if name else ""
+
+
+def _origin_of_arguments(program: Program, wrong: Node) -> str:
+    origins = program.dag.origins
+    return next((origins[arg] for arg in reversed(wrong.args) if arg in origins), "")
+
+
+def _operation(node: Node, values: Mapping[Node, Any]) -> str:
+    """Write an operation with its numbers, and what it gives."""
+    if node.op == "symbol" or node.op not in OPERATIONS:
+        return f"what is given is {values[node]}"
+    numbers = [f"{values[arg]:.6g}" for arg in node.args]
+    text = f"{node.op}({', '.join(numbers)})"
+    if node.op in _SIGNS:
+        text = f" {_SIGNS[node.op]} ".join(numbers)
+    return f"{text} is {values[node]}"
+
+
+def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
+    """Name time, states, parameters and inputs that an operation depends on."""
+    layout = program.layout
+    symbols = [symbol for symbol in symbols_in([wrong]) if symbol in given]  # not held pieces
+    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
+    texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
+    if len(named) > _MOST_NAMES:
+        texts.append("...")
+    return f" at {', '.join(texts)}" if texts else ""
+
+
+def _name(layout: Layout, symbol: Node) -> str:
+    kind, place = symbol.data
+    rows: Mapping[str, Sequence[Any]] = {
+        "x": layout.states,
+        "p": layout.parameters,
+        "u": layout.inputs,
+    }
+    if kind == "t":
+        return "t"
+    return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"
+
+
+@dataclass(frozen=True, eq=False)
+class Newton:
+    """Factors and second derivatives of a model, as C sees them."""
+
+    address: int  # address of its ``cotree_newton``
+    library: LoadedLibrary  # the library, which keeps the code loaded
+
+
+def load_newton(program: Program) -> Newton | None:
+    """Build and load the factors and second derivatives of a model; None where no compiler can.
+
+    Parameters
+    ----------
+    program : Program
+        The program after its passes.
+    """
+    toolchain = find_toolchain()
+    if toolchain is None:
+        return None
+    # Explicit methods need nothing of what prints C.
+    from cotree.codegen.newton import (
+        newton_context,
+        newton_declarations,
+        render_newton,
+    )
+
+    # Second derivatives are new nodes of the model's arena, which threads share.
+    with forming:
+        model = newton_context(program)
+        files = render_newton(model)
+    try:
+        _, loaded = obtain_library(
+            files,
+            newton_declarations(model),
+            abi_version=ABI_VERSION,
+            n_operations=model.n_written,
+            n_all=model.n_written_in_all,
+            options=BuildOptions(),
+            toolchain=toolchain,
+        )
+    except BuildError:
+        return None
+    address = getattr(loaded.lib, f"{model.prefix}_newton")()
+    return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """Operation counts of the parts of a step."""
+
+    #: Operations to evaluate the rates, the rates with sensitivities, and the Jacobian.
+    rates: int
+    augmented: int
+    jacobian: int
+    #: Entries of the factors of the planned sparse elimination, and products to compute them.
+    n_factors: int
+    n_products: int
+    is_unrolled: bool  # whether its C code is fully unrolled
+    #: The same for an elimination with row exchanges, banded if the band is narrow.
+    n_banded: int
+    n_banded_products: int
+
+
+def count_step_work(program: Program) -> StepWork | None:
+    """Count operations; None if the matrices of steps are structurally singular."""
+    layout, plan = program.layout, program.elimination
+    if plan is None:
+        return None
+    from cotree.codegen.newton import is_unrolled
+
+    n, counts = len(layout.states), program.operations
+    lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
+    is_banded = places is not None
+    return StepWork(
+        counts["rhs"].total,
+        counts["augmented_rhs"].total,
+        counts["jacobian"].total,
+        len(plan.factors),
+        sum(len(entry.products) for entry in plan.factors),
+        is_unrolled(plan),
+        n * (2 * lower + upper + 1 if is_banded else n),
+        n * lower * (lower + upper) if is_banded else n**3 // 3,
+    )
 
 
 SINGULAR = 1

@@ -34,10 +34,9 @@ from cotree.errors import Error, ParameterError, SingularSystemError, nearest
 from cotree.model.algebraic import eliminated
 from cotree.model.arrays import as_array
 from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
-from cotree.model.friction_modes import check_friction
 from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.start import find_start
-from cotree.model.unknowns import solve_states
+from cotree.model.unknowns import check_friction, solve_states
 from cotree.program.solved import SolvedSystem
 from cotree.scene.given import check_names
 from cotree.sharing import locked_cached_property

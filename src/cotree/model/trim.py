@@ -17,13 +17,12 @@ import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.markup import labelled
-from cotree.model.friction_modes import check_friction, guess_friction, settle_friction
 from cotree.model.linear import Linear
 from cotree.model.linearize import Direction, Linearizer
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
-from cotree.model.unknowns import settle_jumps
+from cotree.model.unknowns import check_friction, guess_friction, settle_friction, settle_jumps
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names
 from cotree.tolerances import RANK

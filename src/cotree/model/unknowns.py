@@ -1,6 +1,11 @@
-"""Algebraic unknowns of a model: those of a start, with their sensitivities, and of a point.
+"""Algebraic unknowns, contents of storages and modes: those of a start, and of a point.
 
-Of a start, the modes of jumps inside expressions are found with them.
+A scene gives a voltage where the state is a charge: the start finds the charge from the voltage.
+Absolute tolerances, too, are given for voltages; those of charges follow from them. Modes of jumps
+inside expressions are found with the unknowns, and their sensitivities.
+
+A run chooses the modes of dry friction of all edges together, in C. A point that is linearised
+about, or searched for, has its modes given; they are compared with speeds and forces.
 """
 
 from __future__ import annotations
@@ -10,17 +15,115 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import SolveError
+from cotree.errors import Error, ParameterError, SolveError
 from cotree.model.algebraic import Algebraic
-from cotree.model.contents import held_along
 from cotree.model.linear import is_sparse, linearise
+from cotree.scene.events import ModePart
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from cotree.model.arrays import Array
-    from cotree.model.contents import Pair
-    from cotree.model.model import Moment
+    from cotree.model.model import CompiledModel, Moment
+
+
+#: A state and the algebraic unknown that follows from it, by their places.
+Pair = tuple[int, int]
+
+#: Both may be given where they agree to this share.
+_AGREE = 1e-6
+
+
+def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[Pair]:
+    """List the states that a start finds from the variables that follow from them.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    initial : mapping of str to float
+        Initial values of a run in place of the scene's. Where both are given, the state counts.
+    """
+    layout, names = model.layout, model.states
+    if not layout.followers:
+        return []
+    # At an operating point all contents follow from voltages; else those that are not given.
+    is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
+    return [
+        (total, follower)
+        for total, follower in layout.followers
+        if names[total] not in initial and (names[follower] in initial or is_found[total])
+    ]
+
+
+def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pair]:
+    """List the same for the sensitivity to an initial value: the named variable is given.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    held : sequence of (int, int)
+        The pairs of the start itself; see :func:`held_followers`.
+    name : str
+        The parameter or state of the sensitivity.
+    """
+    names = model.states
+    return [
+        pair
+        for pair in model.layout.followers
+        if names[pair[1]] == name or (pair in held and names[pair[0]] != name)
+    ]
+
+
+def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
+    """Refuse initial values of a run that contradict each other.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    initial : mapping of str to float
+        Initial values of the run in place of the scene's.
+    y : ndarray, shape (n_states,)
+        The start that was found.
+
+    Raises
+    ------
+    ParameterError
+        If a run gives both the content of a storage and the variable that follows from it, and
+        they do not agree.
+    """
+    names = model.states
+    for total, follower in model.layout.followers:
+        if names[total] in initial and names[follower] in initial:
+            given, found = initial[names[follower]], float(y[follower])
+            # Written so that nan is refused, too.
+            if not abs(given - found) <= _AGREE * max(abs(given), abs(found)):
+                raise ParameterError(
+                    f"initial values contradict each other: '{names[follower]}' is given as "
+                    f"{given:.6g} but is {found:.6g} by '{names[total]}'; leave one out"
+                )
+
+
+def content_sizes(at: Moment, y: Array) -> Array | None:
+    """Return the factors of the absolute tolerances of states, shape (n_states,); None for one.
+
+    For the content of a storage, the factor is the change of the content per unit of the variable
+    that follows from it: a capacitance. It is one for all other states.
+    """
+    followers = at.model.layout.followers
+    if not followers:
+        return None
+    sizes, jacobian = np.ones(len(y)), np.abs(at.model.jacobian(at.t, y, at.p, at.u))
+    for total, follower in followers:
+        # This row holds the derivatives of the storage's law. Where the law has none by its own
+        # variable at this point, the largest by another one stands in for the capacitance.
+        own = jacobian[follower, follower] or np.max(np.delete(jacobian[follower], total))
+        if own > 0.0 and np.isfinite(own):
+            sizes[total] = own
+    return sizes
+
 
 #: The most rounds in which jumps that decide each other may settle, and contents with unknowns that
 #: they depend on. Contents have settled when they change by less than this share of the terms of
@@ -195,3 +298,147 @@ def of_model(at: Moment) -> Algebraic:
         n_algebraic,
         improve,
     )
+
+
+#: Runs and searches hold speeds and forces to their tolerances, which are rarely above this share.
+_CLOSE = 1e-6
+
+#: Modes while an edge sticks and while nothing presses it together.
+_STUCK, _FREE = 0.0, 2.0
+_MODES = (_STUCK, 1.0, -1.0, _FREE)
+
+
+def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
+    """Give edges that move relative to their mode the mode of their speed.
+
+    Parameters
+    ----------
+    at : Moment
+        The model, with time, parameters and inputs.
+    y : ndarray, shape (n_states,)
+        States that satisfy the equations with the modes that they hold.
+    fixed : collection of str
+        Modes that stay.
+
+    Returns
+    -------
+    ndarray, shape (n_states,)
+    """
+    settled = y.copy()
+    speeds, grips = _speeds(at, y), _values(at, y, ModePart.ENGAGED)
+    states = at.model.states
+    for place, speed in speeds.items():
+        if states[place] in fixed:
+            continue
+        if grips.get(place, 1.0) <= 0.0:
+            settled[place] = _FREE
+        elif abs(speed) > _still(y):
+            settled[place] = np.sign(speed)
+        elif y[place] == _FREE:
+            settled[place] = _STUCK
+    return settled
+
+
+def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
+    """Give a guess the modes of its dry friction, and on joints the forces that these ask for.
+
+    What sticks is an equilibrium where its force holds it: a search would move it otherwise.
+
+    Parameters
+    ----------
+    at, y
+        As for :func:`settle_friction`.
+    given : collection of str
+        Modes that stay.
+    """
+    if not any(row.part == ModePart.SLIP for row in at.model.layout.events):
+        return y
+    y = settle_friction(at, y, given)
+    try:
+        return solve_states(at, y)
+    except Error:  # the search says what is wrong
+        return y
+
+
+def without_sticking(at: Moment, y: Array) -> Array | None:
+    """Return a point at which all that sticks slides forwards; None where nothing sticks."""
+    modes = [row.targets[0] for row in at.model.layout.events if row.part == ModePart.SLIP]
+    stuck = [mode for mode in modes if y[mode] == _STUCK]
+    if not stuck:
+        return None
+    sliding = y.copy()
+    sliding[stuck] = 1.0
+    return sliding
+
+
+def check_friction(at: Moment, y: Array) -> None:
+    """Refuse a point at which a mode of dry friction is not one of its equations' own.
+
+    Raises
+    ------
+    SolveError
+        If an edge sticks beyond its limits or while it moves, slides against its mode, or is
+        engaged or not as its mode does not say.
+    """
+    for place, speed in _speeds(at, y).items():
+        edge, mode = at.model.states[place].removesuffix(".mode"), y[place]
+        if mode not in _MODES:
+            raise SolveError(
+                f"'{edge}.mode' is {mode:.6g} at this point: it is 0 where the edge sticks, 1 and "
+                "-1 where it slides, 2 where nothing presses it together"
+            )
+        grip = _values(at, y, ModePart.ENGAGED).get(place, 1.0)
+        if (grip > 0.0) == (mode == _FREE):
+            raise _refused(edge, mode, f"its faces would rub with {grip:.6g}")
+        if mode == _FREE:
+            continue
+        if mode == _STUCK and abs(speed) > _still(y):
+            raise _refused(edge, mode, f"its speed is {speed:.6g}")
+        if mode * speed < -_still(y):
+            raise _refused(edge, mode, f"its speed is {speed:.6g}")
+        ways = [
+            _values(at, y, part).get(place, np.inf)
+            for part in (ModePart.FORWARD_LIMIT, ModePart.BACKWARD_LIMIT)
+        ]
+        # The sum is the distance of both limits from each other.
+        width = sum(abs(way) for way in ways if np.isfinite(way))
+        if min(ways) < -_CLOSE * width:
+            raise _refused(edge, mode, f"its force is beyond its limit by {-min(ways):.6g}")
+
+
+def _refused(edge: str, mode: float, why: str) -> SolveError:
+    shown = dict(
+        zip(_MODES, ("sticks", "slides forwards", "slides backwards", "is disengaged"), strict=True)
+    )[mode]
+    return SolveError(
+        f"'{edge}' {shown} at this point by its mode {mode:g}, but {why}: give another state or "
+        f"guess, such as a state of a run, or another '{edge}.mode'"
+    )
+
+
+def _still(y: Array) -> float:
+    """Give the largest speed that is none."""
+    return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
+
+
+def _values(at: Moment, y: Array, part: ModePart) -> dict[int, float]:
+    """Evaluate what one part of each edge's events looks at, by the place of its mode."""
+    rows = at.model.layout.events
+    if not any(row.part == part for row in rows):
+        return {}
+    found = at.event_values(y)
+    return {
+        row.targets[0]: float(value)
+        for row, value in zip(rows, found, strict=True)
+        if row.part == part
+    }
+
+
+def _speeds(at: Moment, y: Array) -> dict[int, float]:
+    """Evaluate the relative speed of each edge, by the place of its mode."""
+    moving = y.copy()
+    for row in at.model.layout.events:
+        if row.part == ModePart.SLIP:
+            # Its event looks at the speed times the mode.
+            moving[row.targets[0]] = 1.0
+    return _values(at, moving, ModePart.SLIP)

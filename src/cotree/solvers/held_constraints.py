@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cotree.model.lengths import gradient_groups, scene_length, turned, turning_speeds
+from cotree.model.finder import gradient_groups, scene_length, turned, turning_speeds
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:

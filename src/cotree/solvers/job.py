@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
 from cotree.errors import Error
-from cotree.model.kernels import SINGULAR
+from cotree.model.kernels import SINGULAR, Newton
 from cotree.model.start_in_c import filled_tables
 from cotree.solvers.augmented import Tolerances
 from cotree.solvers.budgets import most_rows
@@ -32,7 +32,6 @@ from cotree.solvers.tested import as_tested, is_integrated
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from cotree.model.implicit_kernels import Newton
     from cotree.solvers.base import FloatArray
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method

@@ -27,7 +27,7 @@ from cotree.solvers.shared import job_kind
 from cotree.solvers.sundials_library import check_installed
 
 if TYPE_CHECKING:
-    from cotree.model.implicit_kernels import Newton
+    from cotree.model.kernels import Newton
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from cotree.errors import ParameterError, SolveError, nearest
-from cotree.model.contents import content_sizes
 from cotree.model.model import Moment, states_only
 from cotree.model.signals import Sampled, read_signals
 from cotree.model.start import find_start
+from cotree.model.unknowns import content_sizes
 from cotree.records import filled
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cotree.model.implicit_kernels import StepWork
+    from cotree.model.kernels import StepWork
     from cotree.solvers.problem import Problem
 
 # Steps that cvode takes for each step of rodas5 at the same error. Medians over these networks at
