@@ -124,6 +124,14 @@ def test_the_architecture_names_every_room_in_the_order_of_the_contract():
     assert [room for cell in first for room in re.findall(r"`(\w+)`", cell)] == rooms
 
 
+@pytest.mark.parametrize("source", ["docs/architecture.md", "docs/engine.md", "CONTRIBUTING.md"])
+def test_files_that_a_page_names_exist(source):
+    """Paths begin at the repository or the package; those with ``*`` or capitals are patterns."""
+    text = (ROOT / source).read_text(encoding="utf-8")
+    for path in re.findall(r"`([a-z_./0-9]+/[a-z_./0-9]*)`", text):
+        assert any((ROOT / above / path).exists() for above in (".", "src/cotree")), path
+
+
 def test_the_scene_page_says_the_same_in_toml_and_python():
     from_toml = read_scene(blocks(SCENES, "toml")[0], "pendulum.toml", Scene)
     names: dict = {}
