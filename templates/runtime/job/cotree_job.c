@@ -6,6 +6,7 @@
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #define ENGINE (cotree_engine_of(job))
 #define STEPPER (job->stepper)
@@ -681,13 +682,11 @@ static int take_back(cotree_job *job, cotree_real start)
 }
 
 /* Before a step: loosen the tolerances if steps stay short near a singular position, or leave a
- * stretch at its end; return COTREE_JOB_DONE if nothing changes. Store the start of the step. */
+ * stretch at its end; return COTREE_JOB_DONE if nothing changes. */
 static int begin_watched_step(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_singularity *const s = e->singularity;
-    int i;
-    for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
     if (s->next == COTREE_LOOSE && s->stretch != COTREE_LOOSE && is_near_singularity(job)) {
         return enter_stretch(job, COTREE_LOOSE);
     }
@@ -697,17 +696,28 @@ static int begin_watched_step(cotree_job *job)
 }
 #endif
 
+#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
+/* Return whether the start of a step is read after it. */
+static int is_start_read(const cotree_job *job)
+{
+#if COTREE_HAS_CONSTRAINTS
+    if (ENGINE->singularity != NULL) return 1;
+#endif
+#if COTREE_HAS_EVENTS
+    if (has_events(job)) return 1;
+#endif
+    return 0;
+}
+#endif
+
 /* Take one step, and enter the next segment if it ends at a corner. */
 static int advance(cotree_job *job)
 {
     cotree_engine *const e = ENGINE;
     const cotree_real start = job->t, end = job->corners[job->corner + 1];
     int status, is_last;
-#if COTREE_HAS_EVENTS
-    if (has_events(job)) {
-        int i;
-        for (i = 0; i < job->n; ++i) e->before[i] = e->w[i];
-    }
+#if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
+    if (is_start_read(job)) memcpy(e->before, e->w, (size_t)job->n * sizeof(cotree_real));
 #endif
 #if COTREE_HAS_CONSTRAINTS
     if (e->singularity != NULL) {

@@ -3,11 +3,14 @@
 #include "cotree_singularity.h"
 
 #if COTREE_HAS_CONSTRAINTS
-/* A step is short if it is below this share of the longest of the last ones; steps of multistep
- * methods vary more. MANY short steps in a row are not due to the step size control alone. Rates on
- * the constraints cost little: the first short step suffices. */
+/* A step is short if it is below this share of the longest of the last BLOCK to 2 BLOCK ordinary
+ * ones; steps of multistep methods vary more. MANY short steps in a row are not due to the step
+ * size control alone. Rates on the constraints cost little: the first short step suffices, and
+ * AGAIN one below this share of the last that sufficed. */
 #define SHORT COTREE_F(0.3)
 #define SHORT_MULTISTEP COTREE_F(0.03)
+#define AGAIN COTREE_F(0.5)
+#define BLOCK 20
 #define MANY 15
 
 /* The factor of the tolerances within a stretch, and the largest result, such that rounding,
@@ -27,23 +30,23 @@ void cotree_singularity_init(cotree_singularity *s, const cotree_job *job, cotre
 
 void cotree_singularity_restart(cotree_singularity *s, int is_multistep)
 {
-    int i;
     s->has_start = 0;
     if (!is_multistep) return;
-    for (i = 0; i < COTREE_SINGULARITY_STEPS; ++i) s->lengths[i] = COTREE_F(0.0);
-    s->n_lengths = s->n_short = 0;
+    s->longest = s->longest_of_block = COTREE_F(0.0);
+    s->n_ordinary = s->n_short = 0;
 }
 
-/* Return the length of an ordinary step. */
-static cotree_real longest_of(const cotree_singularity *s)
+/* Store the length of an ordinary step. */
+static void add_ordinary(cotree_singularity *s, cotree_real length)
 {
-    cotree_real longest = COTREE_F(0.0);
-    int i;
-    for (i = 0; i < COTREE_SINGULARITY_STEPS; ++i) longest = COTREE_FMAX(longest, s->lengths[i]);
-    return longest;
+    s->n_short = 0;
+    if (s->n_ordinary++ % BLOCK == 0) {
+        s->longest = s->longest_of_block;
+        s->longest_of_block = COTREE_F(0.0);
+    }
+    if (length > s->longest_of_block) s->longest_of_block = length;
+    if (length > s->longest) s->longest = length;
 }
-
-static int is_power_of_two(int n) { return (n & (n - 1)) == 0; }
 
 cotree_stretch cotree_singularity_next(const cotree_singularity *s, const cotree_job *job)
 {
@@ -56,20 +59,21 @@ cotree_stretch cotree_singularity_watch(cotree_singularity *s, const cotree_job 
 {
     const cotree_real share = is_multistep ? SHORT_MULTISTEP : SHORT;
     cotree_stretch next;
-    if (!(job->last_step < share * longest_of(s))) {
-        s->n_short = 0;
-        s->lengths[s->n_lengths++ % COTREE_SINGULARITY_STEPS] = job->last_step;
+    if (!(job->last_step < share * s->longest)) {
+        add_ordinary(s, job->last_step);
         return s->stretch;
     }
     ++s->n_short;
     next = cotree_singularity_next(s, job);
-    if (next == COTREE_STRICT) return is_power_of_two(s->n_short) ? next : s->stretch;
-    return s->n_short % MANY == 0 ? next : s->stretch;
+    if (next != COTREE_STRICT) return s->n_short % MANY == 0 ? next : s->stretch;
+    if (s->n_short > 1 && !(job->last_step < AGAIN * s->tested)) return s->stretch;
+    s->tested = job->last_step;
+    return next;
 }
 
 int cotree_singularity_is_near(cotree_singularity *s, cotree_real t, const cotree_real *x)
 {
-    if (!(longest_of(s) > COTREE_F(0.0))) return 0;
+    if (!(s->longest > COTREE_F(0.0))) return 0;
     if (cotree_run_inputs(s->assembly.run, t) != 0) return 0;
     return cotree_assembly_is_dependent(&s->assembly, t, x);
 }
@@ -92,7 +96,7 @@ void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_str
     s->stretch = s->next = stretch;
     if (stretch == COTREE_ORDINARY) s->has_start = 0;
     s->n_short = 0;
-    s->end = job->t + ahead * longest_of(s);
+    s->end = job->t + ahead * s->longest;
     job->rtol = stretch == COTREE_LOOSE ? cotree_singularity_loosened(s->rtol) : s->rtol;
     job->atols = stretch == COTREE_LOOSE ? s->loose : s->atols;
     job->is_strict = s->is_strict || stretch != COTREE_ORDINARY;

@@ -15,9 +15,6 @@
 extern "C" {
 #endif
 
-/* Number of steps whose lengths are stored. */
-#define COTREE_SINGULARITY_STEPS 40
-
 /* What holds within the present stretch. */
 typedef enum cotree_stretch {
     COTREE_ORDINARY = 0,
@@ -29,9 +26,9 @@ typedef struct cotree_singularity {
     cotree_assembly assembly;
     cotree_stretch stretch, next; /* the present one, and that which the last step asks for */
     cotree_real end;              /* of the stretch */
-    /* Of the last ordinary steps, and how many short ones followed. */
-    cotree_real lengths[COTREE_SINGULARITY_STEPS];
-    int n_lengths, n_short;
+    /* Lengths of ordinary steps, and of the short one after which constraints were tested last. */
+    cotree_real longest, longest_of_block, tested;
+    int n_ordinary, n_short; /* short ones since the last ordinary one */
     /* The job's own values outside stretches. */
     cotree_real rtol;
     const cotree_real *atols;

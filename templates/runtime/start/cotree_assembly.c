@@ -648,6 +648,7 @@ int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree
     if (a->tables->n_rows == 0) return 0;
     status = cotree_assembly_measure(a, t, x);
     if (status == 0) status = find_smallest(a, t, x, &here);
+    if (here > NEARLY) return 0; /* rows are no longer than 1, and so are all singular values */
     for (k = 0; k < POSITIONS && status == 0; ++k) {
         status = turn_joints(a, x, k);
         if (status == 0) status = find_smallest(a, t, a->trial, &other);
