@@ -154,7 +154,7 @@ def store_errors(path: Path) -> Iterator[None]:
 
 MANIFEST, COORDINATES, BLOCKS = "manifest.json", "coordinates.npz", "blocks"
 
-_DRAFT = ".partial"
+_DRAFT, _LOCK = ".partial", ".lock"
 
 # Bytes of a checksum.
 _CHECK = 32
@@ -175,7 +175,11 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(path.name + _DRAFT)
     draft.write_bytes(data + hashlib.sha256(data).digest())
-    draft.replace(path)
+    try:
+        draft.replace(path)
+    except FileNotFoundError:
+        if not path.exists():
+            raise  # else another process has written the same, on a file system without locks
 
 
 def read_array(archive: Any, name: str) -> Any:
@@ -287,29 +291,52 @@ class Store:
 
     def _open(self, size: Callable[[], int]) -> int:
         """Make the folder, or check that it is of the same ensemble; return the size of a block."""
-        is_new = not self.path.exists() or all(
-            path.name.endswith(_DRAFT) for path in self.path.iterdir()
-        )
+        is_new = self._is_empty()
         empty = self._schema.dataset({})
         coordinates = {name: row.values for name, row in empty.coords.items()}
-        if is_new:
-            self._create(empty, coordinates, size())
-        there = read_manifest(self.path)
-        digests = _digests(coordinates)
-        difference = first_difference(there["identity"], self._identity)
-        if not difference and there["coordinates"] != digests:
-            difference = self._other_coordinate(there["coordinates"], digests, coordinates)
-        if difference:
-            raise StoreError(
-                f"the store '{self.path}' holds another ensemble: {difference}. Give what it was "
-                "begun with, or another folder"
-            )
-        if read_whole(self.path / COORDINATES) is None:
-            write_arrays(self.path / COORDINATES, coordinates)
+        is_whole = not is_new and read_whole(self.path / COORDINATES) is not None
+        with contextlib.nullcontext() if is_whole else self._exclusive():
+            if is_new and not (self.path / MANIFEST).is_file():
+                self._create(empty, coordinates, size())
+            there = read_manifest(self.path)
+            digests = _digests(coordinates)
+            difference = first_difference(there["identity"], self._identity)
+            if not difference and there["coordinates"] != digests:
+                difference = self._other_coordinate(there["coordinates"], digests, coordinates)
+            if difference:
+                raise StoreError(
+                    f"the store '{self.path}' holds another ensemble: {difference}. Give what it "
+                    "was begun with, or another folder"
+                )
+            if read_whole(self.path / COORDINATES) is None:
+                write_arrays(self.path / COORDINATES, coordinates)
         return int(there["block"])
 
+    def _is_empty(self) -> bool:
+        """Return whether there is nothing but what kills leave."""
+        return not self.path.exists() or all(
+            path.name.endswith((_DRAFT, _LOCK)) for path in self.path.iterdir()
+        )
+
+    @contextlib.contextmanager
+    def _exclusive(self) -> Iterator[None]:
+        """Make the folder, and keep other processes from writing its manifest meanwhile."""
+        import filelock
+
+        if not ((self.path / MANIFEST).is_file() or self._is_empty()):
+            yield  # a folder of something else, which is refused
+            return
+        self.path.mkdir(parents=True, exist_ok=True)
+        lock = filelock.FileLock(self.path / f"{MANIFEST}{_LOCK}")
+        with contextlib.suppress(NotImplementedError):  # of file systems without locks
+            lock.acquire()
+        try:
+            yield
+        finally:
+            lock.release()
+
     def _create(self, empty: Any, coordinates: Mapping[str, Any], size: int) -> None:
-        """Write the manifest, unless another process is faster."""
+        """Write the manifest."""
         schema = self._schema
         # A block of no members has all variables.
         rows = schema.variables((0,) * len(schema.dims), Results(schema.plan, 0).block())
@@ -328,17 +355,9 @@ class Store:
         }
         store = json.loads(json.dumps(store))
         text = json.dumps({"sha256": _digest(json.dumps(store)), "store": store})
-        self.path.mkdir(parents=True, exist_ok=True)
-        draft = self.path / f"{MANIFEST}.{os.getpid()}{_DRAFT}"
+        draft = self.path / f"{MANIFEST}{_DRAFT}"
         draft.write_text(text, encoding="utf-8")
-        try:
-            os.link(draft, self.path / MANIFEST)
-        except FileExistsError:
-            pass
-        except OSError:  # of file systems without links
-            draft.replace(self.path / MANIFEST)
-        for left in self.path.glob(f"{MANIFEST}.*{_DRAFT}"):
-            left.unlink(missing_ok=True)
+        draft.replace(self.path / MANIFEST)
 
     def _other_coordinate(
         self, there: Mapping[str, str], digests: Mapping[str, str], here: Mapping[str, Any]
@@ -392,7 +411,7 @@ class Store:
         """Lock a block against other processes, if none of them has locked it."""
         import filelock
 
-        path = block_path(self.path, first).with_suffix(".lock")
+        path = block_path(self.path, first).with_suffix(_LOCK)
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(path, timeout=0, thread_local=False)
         try:
