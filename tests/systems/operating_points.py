@@ -29,7 +29,7 @@ Row = tuple[str, str, tuple[str, ...], tuple[float, ...]]
 
 
 class Circuit:
-    """A list of elements; diodes and transistors have the laws of ``semiconductors.py``."""
+    """Elements of a circuit; laws are those of ``diodes.py`` and ``transistors.py``."""
 
     def __init__(self, name: str, *rows: Row) -> None:
         self.name = name

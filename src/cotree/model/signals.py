@@ -131,7 +131,7 @@ def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedI
             tables[names.index(name)] = np.array(parsed.x), np.array(parsed.y)
         else:
             constant = parsed.number
-            # Other expressions are compiled into a model of their own; see cotree.variants.
+            # Other expressions are compiled into a model of their own; see cotree.scene.variants.
             assert constant is not None
             # A table of one point is constant, and C reads it without asking Python.
             tables[names.index(name)] = np.zeros(1), np.array([constant])

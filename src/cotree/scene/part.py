@@ -8,7 +8,7 @@ Names of nodes hold expressions in braces, ``n{i - 1}``; expressions hold the na
 
 A part is a statement: a scene, and what its nodes, parameters and inputs are in the outer scene.
 What it stands for are the declarations of that scene under the part's name, ``leg1.knee``, which
-the outer scene holds beside its own (`part_rows.py`).
+the outer scene holds beside its own (`Rows`).
 """
 
 from __future__ import annotations
