@@ -29,7 +29,7 @@ from timing import put_on_page, surroundings, table
 from cotree import Scene
 from cotree.scene.settings import Settings
 from cotree.solvers.prepare import prepared
-from cotree.solvers.step_costs import share_of_rodas5
+from cotree.solvers.stiffness import share_of_rodas5
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

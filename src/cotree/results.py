@@ -50,7 +50,7 @@ class Result(RunRecord):
         have functions of Python as inputs, and of results without their model, this is the result
         itself.
         """
-        from cotree.solvers.dense import at_more_times
+        from cotree.solvers.simulate import at_more_times
 
         kernels = getattr(self.model, "kernels", None)
         if kernels is None or self.settings is None:

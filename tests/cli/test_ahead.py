@@ -9,7 +9,7 @@ import pytest
 
 from cotree.cli import ahead
 from cotree.solvers import engine
-from cotree.solvers.sweep import load_sweep
+from cotree.solvers.engine import load_sweep
 
 
 @pytest.fixture

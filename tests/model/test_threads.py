@@ -23,7 +23,7 @@ from cotree.model.model import CompiledModel
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache, locked_cached_property
 from cotree.solvers import engine
-from cotree.solvers.progress import is_watched
+from cotree.solvers.budgets import is_watched
 
 pytestmark = pytest.mark.compiler
 

@@ -10,7 +10,7 @@ from cotree.scene.settings import Settings
 from cotree.solvers.problem import Problem
 
 if TYPE_CHECKING:
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 STIFFNESS, DAMPING = 40.0, 1.0
 X0, V0 = 0.3, -1.0

@@ -18,12 +18,12 @@ from cotree import Scene, bench, load
 from cotree.build import find_toolchain
 from cotree.errors import SolveError
 from cotree.pipeline import formulate
-from cotree.solvers import engine, integrate, job, sundials_library
+from cotree.solvers import engine, integrate, job
+from cotree.solvers import engine as sundials_library
 from cotree.solvers.augmented import Tolerances
-from cotree.solvers.engine import load_engine
+from cotree.solvers.engine import library_path, load_engine, version_of
 from cotree.solvers.methods import METHODS as ROWS
 from cotree.solvers.native import check_available, is_available
-from cotree.solvers.sundials_library import library_path, version_of
 
 METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")
 

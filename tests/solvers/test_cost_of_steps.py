@@ -7,7 +7,7 @@ import pytest
 import scipy.linalg
 
 from cotree import Model, Scene
-from cotree.solvers import stiffness_switching
+from cotree.solvers import stiffness
 
 pytest.importorskip("sksundae")
 
@@ -69,6 +69,6 @@ def test_rodas5_where_corners_of_rates_would_restart_cvode(feed: str) -> None:
 
 
 def test_rodas5_without_sundials(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stiffness_switching, "has_sundials", lambda: False)
+    monkeypatch.setattr(stiffness, "has_sundials", lambda: False)
     result = all_to_all(30).simulate((0.0, END), [0.0, END], throw=True)
     assert result.statistics.method == "rodas5"

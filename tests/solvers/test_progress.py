@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from cotree.solvers.progress import Progress
+from cotree.solvers.budgets import Progress
 
 
 class Terminal(io.StringIO):
@@ -17,8 +17,8 @@ class Terminal(io.StringIO):
 @pytest.mark.parametrize("stream", [Terminal, io.StringIO])
 def test_a_bar_on_terminals_only(monkeypatch, stream):
     monkeypatch.setattr(sys, "stderr", stream())
-    monkeypatch.setattr("cotree.solvers.progress.PATIENCE", 0.0)
-    monkeypatch.setattr("cotree.solvers.progress._REFRESH", 0.0)
+    monkeypatch.setattr("cotree.solvers.budgets.PATIENCE", 0.0)
+    monkeypatch.setattr("cotree.solvers.budgets._REFRESH", 0.0)
     with Progress("dop853", (2.0, 0.0)) as progress:
         progress.reached(1.5)
         progress.reached(1.0)

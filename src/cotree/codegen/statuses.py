@@ -70,7 +70,7 @@ STATUSES = (
 )
 
 #: Failures of events, in ``cotree_events_status``. Python says more of them, by their names, in
-#: :mod:`cotree.solvers.event_messages`.
+#: :mod:`cotree.solvers.messages`.
 EVENT_STATUSES = (
     Status(
         "EVENTS_FAILED",

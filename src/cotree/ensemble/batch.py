@@ -37,18 +37,17 @@ from cotree.ensemble.plan import Block, Plan, Results
 from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, budget_message
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
-from cotree.model.shared_code import build_engine, shared_code
+from cotree.model.kernels import build_engine, shared_code
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
-from cotree.solvers.base import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
 from cotree.solvers.methods import refusal
 from cotree.solvers.prepare import prepared
+from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.simulate import redundancy
-from cotree.solvers.stiffness_switching import is_confirmed, stiff_method
-from cotree.solvers.timely import is_fine, timely
-from cotree.solvers.trust import held
+from cotree.solvers.stiffness import is_confirmed, stiff_method
+from cotree.solvers.trust import held, is_fine, timely
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:

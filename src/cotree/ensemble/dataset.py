@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from threading import Event
 
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 TIME, PARAMETER, OCCURRENCE = "time", "parameter", "occurrence"

@@ -30,7 +30,7 @@ from cotree.solvers.evaluate import FAILED
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 # A worker that serves several ensembles in turn keeps their models; libraries stay loaded anyway.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 def column_values(values: Any, what: str) -> FloatArray:

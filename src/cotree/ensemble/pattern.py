@@ -16,15 +16,14 @@ from cotree.dag.nodes import INPUT, PARAMETER, TIME, symbols_in
 from cotree.errors import Error
 from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import is_slope
-from cotree.solvers.corners import turn_tolerances
+from cotree.solvers.augmented import tested
 from cotree.solvers.engine import Engine, load_engine
 from cotree.solvers.job import Job
 from cotree.solvers.methods import Method, method_row, refusal
 from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
 from cotree.solvers.prepare import prepared
-from cotree.solvers.problem import Problem, check_values
+from cotree.solvers.problem import Problem, check_values, turn_tolerances
 from cotree.solvers.select import choose_method
-from cotree.solvers.tested import tested
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.plan import Plan
     from cotree.model.kernels import Newton
     from cotree.model.start_in_c import StartInC
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.base import FloatArray
-    from cotree.solvers.result import RunRecord
+    from cotree.solvers.result import FloatArray, RunRecord
 
 
 #: Members for which the code of lanes is not compiled, where nobody asks for lanes.
@@ -67,7 +66,7 @@ class Block:
     z: FloatArray
     outputs: FloatArray  # outputs, likewise
     output_sensitivities: FloatArray  # their sensitivities
-    #: As of :class:`cotree.solvers.base.Trajectory`; -3 where the ensemble was stopped before the
+    #: As of :class:`cotree.solvers.result.Trajectory`; -3 where the ensemble was stopped before the
     #: member had run.
     status: npt.NDArray[np.int8]
     #: A sentence for each member that failed or was not run, or that another method ran; empty for

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.plan import NOT_RUN
-from cotree.solvers.base import FloatArray, Statistics, Trajectory
 from cotree.solvers.budgets import steps_spent, time_spent
 from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.event_messages import verdict
-from cotree.solvers.growth import with_growth
-from cotree.solvers.messages import stiffness_note, summary
+from cotree.solvers.messages import stiffness_note, summary, verdict, with_growth
+from cotree.solvers.result import FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -37,7 +37,7 @@ from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
 from cotree.errors import SceneError, SolveError, brief, nearest
 from cotree.quiet import level_of_user
-from cotree.solvers.progress import CountingBar
+from cotree.solvers.budgets import CountingBar
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.reasons import Reasons
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 class EnsembleProgress(CountingBar):

@@ -18,7 +18,7 @@ from cotree.scene.expressions import check_number
 from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 #: Names of distributions with their numbers, for messages.

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from cotree.ensemble.members import Members
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.base import FloatArray
-    from cotree.solvers.result import RunRecord
+    from cotree.solvers.result import FloatArray, RunRecord
 
 
 def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:

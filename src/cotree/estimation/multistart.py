@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from cotree.ensemble.run import stopped_by_interrupt
 from cotree.errors import ParameterError
-from cotree.solvers.progress import CountingBar
+from cotree.solvers.budgets import CountingBar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

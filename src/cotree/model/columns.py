@@ -13,7 +13,7 @@ import numpy as np
 from cotree.codegen.integrators import columns_declarations, columns_files
 from cotree.errors import Error, ParameterError
 from cotree.model.arrays import as_array
-from cotree.model.shared_code import build_engine, shared_code
+from cotree.model.kernels import build_engine, shared_code
 from cotree.program.kernels import KERNELS
 from cotree.scene.expressions import check_number
 from cotree.sharing import locked_cache

@@ -22,7 +22,7 @@ from cotree.errors import ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters
 from cotree.model.columns import in_columns, is_many
 from cotree.model.kernels import why_undefined
-from cotree.model.limited_newton import Junctions
+from cotree.model.roots import Junctions
 from cotree.model.start_in_c import StartInC, start_in_c
 from cotree.model.structure import Structure
 from cotree.program.kernels import KERNELS

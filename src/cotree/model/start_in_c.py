@@ -13,7 +13,7 @@ import numpy as np
 
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
 from cotree.model.consistent import Start
-from cotree.model.shared_code import build_engine, shared_code
+from cotree.model.kernels import build_engine, shared_code
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:

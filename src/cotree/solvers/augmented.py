@@ -1,7 +1,5 @@
 """Jacobian and tolerances of the augmented vector [y, s_1, ..., s_np].
 
-In: a ``Problem``. Out: what implicit methods iterate with, and the tolerance of each entry of z.
-
 The Jacobian of z has the state Jacobian J in each diagonal block, and d(J s_p + f_p)/dy below the
 first. Those blocks hold second derivatives, which no kernel computes; ``n_states`` differences of
 the right-hand side give them well enough for an iteration. Without them Newton's method would
@@ -21,8 +19,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
+    from cotree.solvers.result import FloatArray
+
 
 #: Augmented systems longer than this are factored block by block, not as one dense matrix.
 DENSE_LIMIT = 100
@@ -211,3 +211,50 @@ def tested_rtol(problem: Problem) -> float:
 def _share(problem: Problem) -> float:
     """Return the root of how many times more entries there are than states."""
     return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
+
+
+def tested(
+    row: Method, problem: Problem, *, is_extended: bool
+) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """Return the places in z of what C integrates, and their absolute tolerances.
+
+    Parameters
+    ----------
+    row : Method
+        The method.
+    problem : Problem
+        The problem.
+    is_extended : bool
+        Whether algebraic unknowns are integrated, too, by an explicit method.
+
+    Returns
+    -------
+    places : ndarray of int, shape (n,)
+    atols : ndarray, shape (..., n)
+        See :class:`Tolerances`.
+    """
+    is_left = is_integrated(row, problem, is_extended=is_extended)
+    known = as_tested(row, problem)
+    return problem.integrated[is_left], Tolerances(known, is_left).of(known)
+
+
+def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
+    """Return which of the entries that do not vanish C integrates."""
+    places = problem.integrated
+    cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
+    # Sensitivities of algebraic unknowns are solved for even where these are integrated.
+    lead = problem.n_states if is_extended else cut
+    # Those of states that are integrated: of the states themselves up to `lead`, of their
+    # sensitivities up to `cut` in each block.
+    found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
+        places < problem.n_states, lead, cut
+    )
+    return found
+
+
+def as_tested(row: Method, problem: Problem) -> Problem:
+    """Return the problem with the sensitivities in the error test where the method leaves them out.
+
+    SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
+    """
+    return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem

@@ -7,6 +7,19 @@ is dropped: what is left are points of the same accuracy, and the run goes on.
 
 from __future__ import annotations
 
+import math
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from rich.progress import Progress as Bar
+
+
 #: Memory for the steps that a run stores with what is evaluated at them, and for its events,
 #: [byte]. A result of this size takes up to four times as much while it is made.
 MOST_STORED = 256 * 2**20
@@ -64,3 +77,119 @@ class Thinning:
             f"One step in {self.stride} is stored, since all of them would take more than "
             f"{MOST_STORED >> 20} MiB: choose times by t_eval."
         )
+
+
+# How long nothing is shown, and how often the bar moves, [s].
+PATIENCE, _REFRESH = 1.0, 0.1
+
+
+class OwnBar:
+    """A bar that is begun where it is first needed, and ends with its ``with`` statement."""
+
+    def __init__(self) -> None:
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class CountingBar(OwnBar):
+    """Show how many of several things are done; nothing where nobody looks, nor for short work.
+
+    Parameters
+    ----------
+    noun : str
+        Plural of the things.
+    n : int
+        Their number.
+    is_wanted : bool
+        Whether it may be shown at all.
+    """
+
+    def __init__(self, noun: str, n: int, is_wanted: bool) -> None:
+        self._noun, self._n = noun, n
+        self._is_watched = is_wanted and is_watched()
+        self._begun = time.perf_counter()
+        super().__init__()
+
+    def count(self, done: int, told: Callable[[float], str]) -> None:
+        """Take note of how many are done; ``told(elapsed)`` says more, for people."""
+        elapsed = time.perf_counter() - self._begun
+        if not self._is_watched or elapsed < PATIENCE:
+            return
+        if self._bar is None:
+            self._bar = self._begin()
+        said = f"{done} of {self._n}{told(elapsed)}"
+        self._bar.update(self._bar.task_ids[0], completed=done, told=said)
+
+    def _begin(self) -> Bar:
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            TextColumn(self._noun),
+            BarColumn(),
+            TextColumn("{task.fields[told]}"),
+            TimeRemainingColumn(compact=True),
+        )
+        bar = Bar(*columns, console=Console(stderr=True), transient=True)
+        bar.add_task(self._noun, total=self._n, told="")
+        bar.start()
+        return bar
+
+
+class Progress(OwnBar):
+    """Show how far an integration is; it does nothing where nobody looks, nor outside main threads.
+
+    Parameters
+    ----------
+    method : str
+        Name of the method that runs.
+    t_span : (float, float)
+        Start and end, [s].
+    """
+
+    def __init__(self, method: str, t_span: tuple[float, float]) -> None:
+        self._method = method
+        self._start, self._end = t_span
+        self._next = time.perf_counter() + PATIENCE
+        super().__init__()
+
+    def reached(self, t: float) -> None:
+        """Take note of a time reached, [s]."""
+        if time.perf_counter() < self._next:
+            return
+        if self._bar is None and not is_watched():
+            self._next = math.inf
+            return
+        self._next = time.perf_counter() + _REFRESH
+        if self._bar is None:
+            self._bar = self._begin()
+        share = (t - self._start) / (self._end - self._start)
+        self._bar.update(self._bar.task_ids[0], completed=share)
+
+    def _begin(self) -> Bar:
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        bar = Bar(console=Console(stderr=True), transient=True)
+        bar.add_task(self._method, total=1.0)
+        bar.start()
+        return bar
+
+
+def is_watched() -> bool:
+    """Return whether somebody looks."""
+    # Bars of several threads would write over each other, and take each other's streams.
+    is_main = threading.current_thread() is threading.main_thread()
+    return is_main and sys.stderr is not None and sys.stderr.isatty()

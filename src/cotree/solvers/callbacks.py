@@ -1,7 +1,17 @@
 """Functions of Python that a job in C calls: inputs, samples, and searches for lost points.
 
-In: an ``ffi`` and what is to be called. Out: pointers to functions. An exception waits until C is
-back: C knows only that the call failed.
+The integrators are those of a library that :mod:`cotree.solvers.engine` finds. Their
+nonlinear systems are solved by C of our own: the Newton matrix of the states is factorised once for
+them and for all their sensitivities.
+
+CVODE and IDA take states and sensitivities as one vector; in CVODES and IDAS each parameter's has
+its own, so that the error test and the iteration take the worst of them, not their mean. Two
+correctors (W. F. Feehery, J. E. Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997,
+for the first; T. Maly and L. R. Petzold, ibid. 20, 1996, for the second):
+
+- staggered: the states are solved for and tested; then their sensitivities, which costs nothing
+  where the states' step is refused;
+- simultaneous: one iteration has all of them.
 """
 
 from __future__ import annotations
@@ -10,11 +20,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+from cotree.errors import Error
+from cotree.linear.plan import narrow_band
+from cotree.model.algebraic import Algebraic
 
-    from cotree.solvers.base import FloatArray
-    from cotree.solvers.rescue import Rescue
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from cotree.solvers.engine import Engine
+    from cotree.solvers.methods import Method
+    from cotree.solvers.problem import Problem
+    from cotree.solvers.result import FloatArray
 
 
 class Callbacks:
@@ -89,3 +105,124 @@ class Callbacks:
         callback = self._ffi.callback(kind, function, error=-1, onerror=remember)
         self._kept.append(callback)
         return callback
+
+
+class Rescue:
+    """Looks farther for points of one integration.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem of a compiled model.
+
+    Attributes
+    ----------
+    problem : Problem
+        The same, or another one of the same kind.
+    complaint : str
+        The reason why the last point was not found, without a capital and a full stop; empty where
+        it was, or nothing was asked.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.complaint = ""
+
+    @property
+    def is_needed(self) -> bool:
+        """Return whether there may be anything to look for."""
+        problem = self.problem
+        # C asks for states after events that set them, and for algebraic unknowns anywhere.
+        is_set = problem.events is not None and problem.settle is not None
+        return is_set or problem.n_algebraic > 0
+
+    def find_unknowns(self, t: float, y: FloatArray) -> bool:
+        """Solve for the algebraic unknowns of all states, in place, from any guess."""
+        problem = self.problem
+        assert problem.state_rhs is not None  # of a compiled model
+        assert problem.jacobian is not None
+        unknowns = Algebraic(
+            problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
+        )
+
+        def find(point: FloatArray) -> FloatArray:
+            unknowns.solve(t, point)
+            return point
+
+        return self._find(find, y)
+
+    def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
+        """Move states onto the constraints, in place; tell whether that was possible.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y : ndarray, shape (n_states,)
+            States as an event set them.
+        kept : sequence of int
+            Places of those that stay as they are.
+        """
+        settle = self.problem.settle
+        return settle is not None and self._find(lambda point: settle(t, point, kept), y)
+
+    def _find(self, find: Callable[[FloatArray], FloatArray], y: FloatArray) -> bool:
+        """Replace y by the point found from it; return False, and keep the reason, if none is."""
+        try:
+            # The search works on a copy: where it fails, C keeps the point that it had.
+            y[:] = find(y.copy())
+        except Error as error:
+            self.complaint = str(error).rstrip(".")
+            return False
+        self.complaint = ""
+        return True
+
+
+# Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
+_MOST_MULTIPLICATIONS = 3e7
+
+
+class SundialsAid:
+    """The ``cotree_sundials_aid`` of a job, with all that it points to.
+
+    Parameters
+    ----------
+    engine : Engine
+        That of the job.
+    row : Method
+        The method.
+    problem : Problem
+        The problem.
+    model : cotree_model
+        Its model, as the engine sees it.
+
+    Attributes
+    ----------
+    address : object
+        Pointer to the structure.
+    is_wide : bool
+        Whether a sparse factorisation would be much cheaper than the banded one.
+    """
+
+    def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:
+        ffi, n = engine.library.ffi, problem.n_states
+        c = self.address = ffi.new("cotree_sundials_aid *")
+        c.sundials, c.corrector = engine.functions, row.corrector
+        # What is left of the sensitivities' equations changes with the states. Where no test sees
+        # it, the iteration takes at least a given number of corrections.
+        c.are_followed = (
+            problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
+        )
+        if problem.n_algebraic and not row.keeps_algebraic:
+            # What is left after an elimination has no pattern.
+            c.lower = c.upper = n - problem.n_algebraic - 1
+        else:
+            # Where no rate depends on a state, there are no arrays.
+            n_nonzeros = model.n_nonzeros
+            starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
+            rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
+            c.lower, c.upper, order = narrow_band(n, starts, rows)
+            if order is not None:
+                self._order = c.places = ffi.new("int[]", order.tolist())
+        # A banded factorisation multiplies about n l (l + u) times.
+        self.is_wide = bool(n * c.lower * (c.lower + c.upper) > _MOST_MULTIPLICATIONS)

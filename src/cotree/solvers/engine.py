@@ -1,5 +1,8 @@
 """The C engine of a stepper: built once on a machine, loaded, and given jobs.
 
+CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
+environment variable COTREE_SUNDIALS names a file to take in place of both.
+
 In: a name in ``codegen.integrators.STEPPERS``. Out: the library that runs jobs, with the functions
 of SUNDIALS that it calls; or the reason why there is none.
 """
@@ -7,22 +10,182 @@ of SUNDIALS that it calls; or the reason why there is none.
 from __future__ import annotations
 
 import contextlib
+import importlib
+import importlib.util
+import os
+import re
+import sys
 import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-from cotree.build import abandon
-from cotree.codegen.integrators import SUNDIALS, engine_declarations, engine_files
-from cotree.errors import Error
-from cotree.model.shared_code import SharedCode, build_engine, shared_code
+import numpy as np
+
+from cotree.build import LoadedLibrary, abandon
+from cotree.codegen.integrators import (
+    SUNDIALS,
+    SUNDIALS_VERSION,
+    WITH_SENSITIVITIES,
+    engine_declarations,
+    engine_files,
+    sundials_functions,
+    sweep_declarations,
+    sweep_files,
+)
+from cotree.errors import BuildError, Error, SolveError
+from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
 from cotree.solvers.methods import METHODS
-from cotree.solvers.sundials_library import library_path, open_sundials
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree.build import LoadedLibrary
+    from cotree.model.model import CompiledModel
+    from cotree.solvers.result import FloatArray
+
+
+#: Names the file of a library that has the functions of all that is asked of it.
+VARIABLE = "COTREE_SUNDIALS"
+
+# The least version of Python that sundials4py is made for.
+_LEAST_PYTHON = (3, 12)
+
+
+def check_installed(method: str) -> None:
+    """Refuse CVODE and IDA where the package is not there that brings them.
+
+    Parameters
+    ----------
+    method : str
+        "cvode" or "ida".
+    """
+    try:
+        # Imported and not only looked for, since a part of the package may be missing.
+        importlib.import_module(f"sksundae.{method}")
+    except ImportError as error:
+        raise SolveError(
+            f"The method '{method}' needs SUNDIALS: run `pip install scikit-sundae`, or use "
+            "'rodas5'."
+        ) from error
+
+
+def has_sundials() -> bool:
+    """Return whether the package is there that brings CVODE and IDA."""
+    return importlib.util.find_spec("sksundae") is not None
+
+
+class LibraryPath(NamedTuple):
+    """The file of a library, or the reason why there is none, without a capital and a full stop."""
+
+    path: str
+    why_not: str = ""
+
+
+def library_path(library: str) -> LibraryPath:
+    """Find the file that has a library of SUNDIALS in it.
+
+    Parameters
+    ----------
+    library : str
+        "cvode", "ida", "cvodes" or "idas".
+    """
+    named = os.environ.get(VARIABLE, "")
+    # What the user names is taken or refused, never passed over for another library.
+    if named:
+        if os.path.isfile(named):
+            return LibraryPath(os.path.abspath(named))
+        return LibraryPath("", f"{VARIABLE} names '{named}', and there is no such file")
+    if library in WITH_SENSITIVITIES:
+        return _in_sundials4py(library)
+    name = f"_cy_{library}"
+    try:
+        module = importlib.import_module(f"sksundae.{name}")
+    except ImportError:
+        return LibraryPath("", f"scikit-sundae has no module '{name}'")
+    return LibraryPath(str(module.__file__))
+
+
+def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
+    """Open a library of SUNDIALS and find the functions that an engine calls.
+
+    Parameters
+    ----------
+    ffi : object
+        That of the engine, with the declarations of these functions.
+    library : str
+        A name in ``SUNDIALS``.
+    path : str
+        The file.
+
+    Returns
+    -------
+    (object, object) or str
+        A ``cotree_sundials``, and what keeps the library loaded; or the reason why there is none,
+        without a capital and a full stop.
+    """
+    try:
+        # Lazily: of a module of Python nothing is called that needs Python.
+        opened = ffi.dlopen(path, ffi.RTLD_LAZY)
+        # The engine declares the functions of one version; another might take other arguments.
+        version = version_of(ffi, opened, path)
+        if version != SUNDIALS_VERSION:
+            here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
+            return f"SUNDIALS is of version {here}, not {known}"
+        functions = ffi.new("cotree_sundials *")
+        for function in sundials_functions(library):
+            setattr(functions, function, ffi.addressof(opened, function))
+    except (OSError, AttributeError) as error:
+        return f"SUNDIALS' functions cannot be found ({error})"
+    return functions, opened
+
+
+def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
+    """Return the major and minor version of an opened library; empty where it is not known.
+
+    sundials4py leaves out the function that tells it: there the package's own version is
+    SUNDIALS', and stands in a name beside the file.
+
+    Parameters
+    ----------
+    ffi : object
+        Declares ``SUNDIALSGetVersionNumber``.
+    library : object
+        The opened library.
+    path : str
+        Its file.
+    """
+    try:
+        tell = library.SUNDIALSGetVersionNumber
+    except AttributeError:
+        for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
+            found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
+            if found:
+                return int(found[1]), int(found[2])
+        return ()
+    major, minor, patch = (ffi.new("int *") for _ in range(3))
+    failed = tell(major, minor, patch, ffi.new("char[32]"), 32)
+    return () if failed else (major[0], minor[0])
+
+
+def _in_sundials4py(library: str) -> LibraryPath:
+    """Find the module, which is a library itself; it need not be imported."""
+    try:
+        spec = importlib.util.find_spec("sundials4py")
+    except (ImportError, ValueError):
+        spec = None
+    if spec is not None and spec.origin is not None and os.path.isfile(spec.origin):
+        return LibraryPath(spec.origin)
+    version = ".".join(map(str, SUNDIALS_VERSION))
+    least, here = (".".join(map(str, v[:2])) for v in (_LEAST_PYTHON, sys.version_info))
+    install = "run `pip install sundials4py` (the extra cotree[sundials])"
+    if sys.version_info[:2] < _LEAST_PYTHON:
+        install = f"take Python {least} or later, here it is {here}, and {install}"
+    why = (
+        f"it needs SUNDIALS' {library.upper()}: {install}, or name the file of a library of "
+        f"SUNDIALS {version} that has it in the environment variable {VARIABLE}"
+    )
+    return LibraryPath("", why)
 
 
 # Threads that build ahead of runs.
@@ -70,8 +233,6 @@ def abandon_ahead() -> None:
 
 
 def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
-    from cotree.solvers.sweep import load_sweep
-
     with contextlib.suppress(Error):  # a run that needs the engine raises the same error
         # In sequence, because engines share object files, which the second takes from the cache.
         for stepper in steppers:
@@ -115,3 +276,118 @@ def _opened(stepper: str, path: str) -> Engine | str:
         return Engine(stepper, library)
     opened = open_sundials(library.ffi, stepper, path)
     return opened if isinstance(opened, str) else Engine(stepper, library, *opened)
+
+
+if TYPE_CHECKING:
+    Inputs = Callable[[float], FloatArray | None]
+
+
+def sweep(
+    model: CompiledModel,
+    p: FloatArray,
+    u: Inputs,
+    t: FloatArray,
+    z: FloatArray,
+    native: NativeModel,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Evaluate outputs, their sensitivities and inputs at many points.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    u : callable
+        Inputs at a time; None leaves them to the model.
+    t : ndarray, shape (n_t,)
+        Times, [s].
+    z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
+        States and sensitivities.
+    native : NativeModel
+        The model as C sees it, with these parameters.
+
+    Returns
+    -------
+    outputs, sensitivities, inputs : ndarray
+        Shapes (n_outputs, n_t), (n_outputs, n_sensitivities, n_t) and (n_inputs, n_t).
+
+    Raises
+    ------
+    SingularSystemError
+        If an output is not determined somewhere.
+    BuildError
+        If no compiler can build the loop over the points.
+    """
+    if not model.outputs and not model.inputs:
+        return (
+            np.zeros((0, len(t))),
+            np.zeros((0, len(model.sensitivities), len(t))),
+            np.zeros((0, len(t))),
+        )
+    library = load_sweep()
+    if library is None:
+        raise BuildError("no compiler can build the loop over the points of a run")
+    return _in_c(model, native, library, u, t, z) or _blame(model, p, u, t, z)
+
+
+@locked_cache
+def load_sweep() -> LoadedLibrary | None:
+    """Build and load the loop over points; None where there is no compiler."""
+    return build_engine(shared_code(sweep_files, sweep_declarations))
+
+
+def _in_c(
+    model: CompiledModel,
+    native: NativeModel,
+    library: LoadedLibrary,
+    u: Inputs,
+    t: FloatArray,
+    z: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Evaluate all points at once; None if a kernel fails somewhere."""
+    n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
+    # Inputs of the scene are evaluated in C, and written here; those of the run are handed over.
+    inputs = np.zeros((n_t, len(model.inputs)))
+    has_inputs = False
+    if model.inputs and u(float(t[0])) is not None:
+        inputs[:] = [u(float(at)) for at in t]
+        has_inputs = True
+    outputs, slopes = np.zeros((n_t, n_outputs)), np.zeros((n_t, m, n_outputs))
+    ffi = library.ffi
+
+    def pointer(array: FloatArray) -> object:
+        return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
+
+    # C reads point after point, hence the transpose of z, whose rows have the length len(z).
+    status = library.lib.cotree_sweep(
+        ffi.cast("cotree_model *", native.address),
+        pointer(native.p),
+        pointer(native.k),
+        n_t,
+        pointer(np.ascontiguousarray(t, dtype=np.float64)),
+        pointer(np.ascontiguousarray(z.T)),
+        len(z),
+        has_inputs,
+        pointer(inputs),
+        pointer(outputs),
+        pointer(slopes),
+    )
+    # Python evaluates the points again, one by one, since its error names the culprit.
+    if status != 0:
+        return None
+    # C writes point after point, while time is the last axis of results.
+    return outputs.T.copy(), slopes.transpose(2, 1, 0).copy(), inputs.T.copy()
+
+
+def _blame(
+    model: CompiledModel, p: FloatArray, u: Inputs, t: FloatArray, z: FloatArray
+) -> NoReturn:
+    """Raise the error of the first point whose outputs are not determined."""
+    n, m = len(model.states), len(model.sensitivities)
+    for j, at in enumerate(t.tolist()):
+        known, y, s = u(at), z[:n, j], z[n:, j].reshape(m, n).T
+        model.output_values(at, y, p, known)
+        if m:
+            model.output_sensitivity(at, y, s, p, known)
+    raise SolveError("the outputs cannot be evaluated along the run")

@@ -26,8 +26,8 @@ from cotree.solvers.problem import describe_entry
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cotree.solvers.base import FloatArray
     from cotree.solvers.problem import Problem
+    from cotree.solvers.result import FloatArray
 
 
 class IntegrationStopError(Exception):

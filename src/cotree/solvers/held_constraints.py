@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.model.model import CompiledModel
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
 
 # Gradients below this share of the largest, or of 1, are rounding.

@@ -1,24 +1,32 @@
-"""Sentences in which an integration reports its outcome."""
+"""Sentences in which an integration reports its outcome.
+
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, whose message names the state. No run
+is stopped by what is said here: budgets and values that are not finite end it.
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.statuses import SENTENCES
+from cotree.codegen.statuses import EVENT_STATUSES, SENTENCES
 from cotree.errors import listed
 from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
-from cotree.solvers.rescue import Rescue
+from cotree.solvers.callbacks import Rescue
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from cotree.solvers.base import FloatArray
+    from cotree.equations import EventRow
     from cotree.solvers.job import Job
     from cotree.solvers.problem import Problem
+    from cotree.solvers.result import FloatArray, Trajectory
+
 
 #: Reason given where a method stops because its steps no longer change t.
 ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
@@ -162,3 +170,280 @@ def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[
 
 def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
+
+
+#: The sentences by the name of the status, or of what ends a run without a failure: ``t`` is the
+#: time, ``detail`` a further time, a duration or a count.
+VERDICTS = {
+    "EVENTS_NOT_FINITE": "what event {event} looks at is not finite",
+    "EVENTS_SET_NOT_FINITE": "what event {event} sets is not finite",
+    "EVENTS_CONTRADICT": "what event {event} sets contradicts the constraints",
+    "EVENTS_UNDERDETERMINED": (
+        "event {event} sets fewer states than the constraints leave free, so the others follow by"
+        " a choice that sensitivities do not know of: set as many as there are degrees of "
+        "freedom, or use an impact"
+    ),
+    "EVENTS_REST_AT_ZERO": (
+        "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion goes on "
+        "through it: let a mode hold what comes to rest, or stop there"
+    ),
+    "EVENTS_GRAZING": (
+        "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, to within "
+        "the tolerances, and nothing there has sensitivities; where it is never much larger than "
+        "atol, give a smaller atol, else change a parameter, or compile without sensitivities"
+    ),
+    "EVENTS_ACCUMULATE": (
+        "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a mode hold "
+        "what comes to rest, or stop there"
+    ),
+    "EVENTS_CHATTER": (
+        "event {event} happened 100 times within {detail:.3g} s before t = {t:.10g}: let a mode "
+        "hold what chatters"
+    ),
+    "EVENTS_CASCADE": (
+        "events {event} make each other happen without end at t = {t:.10g}: let a mode hold what "
+        "chatters"
+    ),
+    "EVENTS_SLIDING": (
+        "{event} at t = {t:.10g}: from either side the motion is driven back to where this jumps,"
+        " so it neither crosses nor leaves; write a law that does not jump there (tanh for sign),"
+        " or let a mode of your own hold what sticks"
+    ),
+    "EVENTS_LEAVES_JUMP": (
+        "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, and "
+        "when, depends on the side: begin aside of the jump, or let a mode of your own hold what "
+        "sticks"
+    ),
+    "EVENTS_NOT_COMMUTING": (
+        "{event} and others jump at once at t = {t:.10g}, and what follows depends on which comes"
+        " first, so nothing has sensitivities there: change a parameter, or compile without "
+        "sensitivities"
+    ),
+    "EVENTS_NO_MODES": (
+        "at t = {t:.10g} the dry friction or rigid stops of {event} have no modes that agree with "
+        "each other: whichever of them hold, a force passes its limit or a motion goes against it; "
+        "look for friction that is less at rest than sliding, and for forces that follow friction"
+    ),
+    "EVENTS_INDETERMINATE": (
+        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the "
+        "gear loses depends on how they share the force, which nothing decides; let the gear be "
+        "ideal, or put an elastic shaft between them"
+    ),
+    "EVENTS_NEGATIVE_GAP": (
+        "{event} begins at t = {t:.10g} beyond its limit: let it begin within, or at the limit"
+    ),
+    "EVENTS_NO_IMPULSES": (
+        "at t = {t:.10g} the impact at {event} has no impulses that agree with each other: "
+        "whichever of them act, one pulls or a gap closes further"
+    ),
+    "EVENTS_COUPLED_IMPACTS": (
+        "{event} at t = {t:.10g} happens together with another impact that changes its speed, and "
+        "what follows depends on which comes first, so nothing has sensitivities there: change a "
+        "parameter, or compile without sensitivities"
+    ),
+    "EVENTS_ENERGY_GAIN": (
+        "the impact at {event} at t = {t:.10g} would leave more energy than there was, as Newton's "
+        "law of impact may with friction: give a smaller restitution"
+    ),
+    "EVENTS_NOT_UNIQUE": (
+        "at t = {t:.10g} the contact {event} may hold or let go: with friction as strong as this "
+        "more than one motion agrees with the laws (Painleve's paradox), so that none is chosen"
+    ),
+    "EVENTS_LOSSY_IMPACT": (
+        "at t = {t:.10g} an impact passes the gear with losses {event}, whose laws are those of "
+        "steady forces: let the gear be ideal, or put an elastic shaft between it and the stop"
+    ),
+    "EVENTS_BELOW_TOLERANCE": (
+        "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
+        "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
+    ),
+    "EVENTS_LOCKED_DIRECTION": (
+        "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
+        "at a relative speed of zero or more, and put an elastic shaft between it and a rigid stop"
+    ),
+    "spends": "the limit of {detail:g} events is reached",
+    "stops": "event {event} ends the run",
+    "EVENTS_FAILED": "the equations of the events cannot be evaluated at t = {t:.10g}",
+}
+
+#: Impacts that a message lists.
+_MOST_RESTS = 3
+
+#: Names by the results of C.
+BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
+
+
+#: Sentences that name edges.
+_OF_EDGES = (
+    *("EVENTS_NO_MODES", "EVENTS_LOCKED_DIRECTION", "EVENTS_NO_IMPULSES", "EVENTS_NEGATIVE_GAP"),
+    *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
+)
+
+#: What the names of events of friction and stops say of their edges.
+_EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
+
+
+def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
+    """List what a sentence names: events, or edges with dry friction.
+
+    Parameters
+    ----------
+    name : str
+        A name in :data:`VERDICTS`.
+    event : str
+        The event where it failed.
+    fired : sequence of str
+        Those that happened at that time.
+    """
+    are_many = (
+        "EVENTS_CASCADE",
+        "EVENTS_SLIDING",
+        "EVENTS_NO_MODES",
+        "EVENTS_NO_IMPULSES",
+        "EVENTS_INDETERMINATE",
+    )
+    listed = fired if name in are_many else [event]
+    if name not in _OF_EDGES:
+        return listed
+    # Names of edges may hold blanks; the words after them do not vary.
+    return [_EDGE.sub("", row) for row in listed]
+
+
+def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
+    """Describe which rigid stops an impact has brought to rest by their rule; empty where none.
+
+    Parameters
+    ----------
+    rows : sequence of EventRow
+        The events.
+    records : ndarray, shape (n_records, n)
+        What happened; see :attr:`cotree.solvers.result.Trajectory.events`.
+    """
+    listed = [
+        f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
+        for t, i in records[:, :2].tolist()
+        if rows[int(i)].is_rest
+    ]
+    if not listed:
+        return ""
+    more = len(listed) - _MOST_RESTS
+    shown = ", ".join(listed[:_MOST_RESTS]) + (f" and {more} more" if more > 0 else "")
+    return f"Impacts ended in rest, slower than rest_speed: {shown}."
+
+
+def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
+    """Return the sentence that says why events end a run.
+
+    Parameters
+    ----------
+    name : str
+        A name in :data:`VERDICTS`.
+    events : sequence of str
+        Names of the events.
+    t, detail : float
+        See :data:`VERDICTS`, [s].
+    """
+    listed = ", ".join(f"'{event}'" for event in events)
+    return VERDICTS[name].format(event=listed, t=t, detail=detail)
+
+
+# The share of the elapsed time that counts as the beginning, and the one that counts as the end.
+_EARLY, _LATE = 0.1, 0.9
+
+# Growth by less than this has other reasons: in ten times the time a steady motion covers ten times
+# the way, and an accelerated one a hundred times.
+_LEAST = 1e3
+
+# Nor does what grows more slowly than this power of time, as counts and angles do: an exponential
+# that has grown a thousandfold grows as the power of 7.7 at its end.
+_LEAST_POWER = 7.0
+
+# Unknowns whose determinant is formed, and those that a message names; how far aside it is formed.
+_MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
+
+
+def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Add to the message of a run that stopped early which state grows, or that a fold ended it."""
+    if trajectory.status == 0:
+        return trajectory
+    said = growth(problem, trajectory) or fold(problem, trajectory)
+    if not said:
+        return trajectory
+    return replace(trajectory, message=f"{trajectory.message} {said}")
+
+
+def fold(problem: Problem, trajectory: Trajectory) -> str:
+    """Report a fold of the algebraic equations where a run ended early, as a sentence, or empty.
+
+    Two solutions meet at a fold, and none goes on: the determinant of the derivatives by the
+    unknowns has different signs on either side of it.
+    """
+    m, n = problem.n_algebraic, problem.n_states
+    if not (0 < m <= _MOST_UNKNOWNS and trajectory.t.size) or problem.jacobian is None:
+        return ""
+    t, y = float(trajectory.t[-1]), trajectory.z[:n, -1].copy()
+    signs = set()
+    # A kink may be near rather than at the last point.
+    for i in range(n - m, n):
+        for aside in (-_ASIDE, _ASIDE):
+            there = y.copy()
+            there[i] += aside * max(abs(y[i]), float(problem.state_atol[i]))
+            slopes = np.asarray(problem.jacobian(t, there))[n - m :, n - m :]
+            if not np.all(np.isfinite(slopes)):
+                return ""
+            signs.add(float(np.linalg.slogdet(slopes)[0]))
+    if len(signs) < 2:
+        return ""
+    unknowns = listed(f"'{name}'" for name in list(problem.names[n - m : n])[:_MOST_NAMED])
+    return (
+        f"The algebraic equations have a fold at t = {t:.6g}: two of their solutions for "
+        f"{unknowns} meet there, and none goes on. Let a mode switch there by events, or put a "
+        "storage, such as a small capacitor, into the loop."
+    )
+
+
+def growth(problem: Problem, trajectory: Trajectory) -> str:
+    """Name the state that has grown most, as a sentence; empty where none has grown much.
+
+    A state has grown if it has left the range of the first tenth of the run a thousandfold, is as
+    large as ever in the last one, and grows there faster than any power of time below the seventh.
+    The range is at least the size below which the absolute tolerance decides.
+    """
+    n, start = problem.n_states, float(problem.settings.t_span[0])
+    if not trajectory.t.size or not n:
+        return ""
+    # The start may not be among the times that were asked for.
+    t = np.abs(np.concatenate([[start], trajectory.t]) - start)
+    y = np.abs(np.column_stack([problem.z0[:n], trajectory.z[:n]]))
+    early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
+    with np.errstate(all="ignore"):
+        floor = problem.state_atol / problem.settings.rtol
+        # The unknowns that the run began with may have been guesses.
+        ranges = np.maximum(np.max(y[:, early], axis=1), floor)
+        ranges[n - problem.n_algebraic :] = np.inf
+        last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
+        # The power of time by which each grows at the end, and has grown since the last time before
+        # the last tenth: what swings may be at rest at the end.
+        rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
+        power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
+        before = np.flatnonzero(~late)
+        if before.size and t[before[-1]] > 0.0:
+            size = np.maximum(np.max(y[:, before], axis=1), floor)
+            power = np.fmax(power, np.log(last / size) / np.log(t[-1] / t[before[-1]]))
+        is_growing = (last >= most) & (power >= _LEAST_POWER)
+        factors = np.where(is_growing, last / ranges, 0.0)
+    worst = int(np.argmax(factors))
+    if not factors[worst] >= _LEAST:
+        return ""
+    since = start + _left(problem.direction, t, y[worst], ranges[worst])
+    name = f"'{problem.names[worst]}'" if problem.names else f"State {worst}"
+    return (
+        f"{name} grows without bound: since t = {since:.4g} it has left the range of its beginning "
+        f"and reached {last[worst]:.3g}, {factors[worst]:.2g} times as much; look at the signs of "
+        "what feeds it."
+    )
+
+
+def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
+    """Return the time, from the start on, at which a value last was within its first range."""
+    return direction * float(t[np.flatnonzero(y <= largest)[-1]])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import SolveError, nearest
-from cotree.solvers.corners import corner_times
+from cotree.solvers.problem import corner_times
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,13 +1,10 @@
-"""Preparation of runs: the parts that runs with the same settings share are made once.
-
-In: a model and settings. Out: a ``Preparation``, which makes the ``Problem`` of a run from values
-of parameters and initial values: what depends on these is found for each run, and nothing else is.
-"""
+"""Preparation of runs: the parts that runs with the same settings share are made once."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from types import BuiltinFunctionType, FunctionType, MethodType
@@ -15,41 +12,197 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError, SolveError, nearest
-from cotree.model.model import Moment, states_only
-from cotree.model.signals import Sampled, read_signals
+from cotree.model.consistent import Start, consistent_start
+from cotree.model.model import CompiledModel, Moment, states_only
+from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.model.unknowns import content_sizes
 from cotree.records import filled
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping
-from cotree.scene.settings import in_python
+from cotree.scene.settings import MOST_STEPS, Settings, in_python
 from cotree.solvers.augmented import DENSE_LIMIT
-from cotree.solvers.functions import Functions
 from cotree.solvers.held_constraints import HeldConstraints
-from cotree.solvers.jumps import ModelEvents
-from cotree.solvers.problem import Native, Problem
-from cotree.solvers.sampling import Samples, reaching
-from cotree.solvers.shared import Shared
+from cotree.solvers.job import Shared
+from cotree.solvers.problem import ModelEvents, Native, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Hashable
-
     import numpy.typing as npt
+    from scipy.sparse import csc_matrix
 
-    from cotree.model.consistent import Start
-    from cotree.model.model import CompiledModel
-    from cotree.model.signals import ReplacedInputs
-    from cotree.scene.settings import Settings
     from cotree.sharing import Kept
-    from cotree.solvers.base import FloatArray
+    from cotree.solvers.result import FloatArray
 
+
+if TYPE_CHECKING:
+    Bound = Callable[[float, FloatArray, FloatArray, FloatArray | None], FloatArray]
+
+_NONE = np.zeros(0)
+
+
+class Functions:
+    """The functions of one run.
+
+    Parameters
+    ----------
+    model : CompiledModel
+        The model.
+    p : ndarray, shape (n_parameters,)
+        Parameters.
+    u : callable
+        ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
+    """
+
+    def __init__(
+        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
+    ) -> None:
+        self._model, self._p, self._u, self._n = model, p, u, len(model.states)
+        self._bound: dict[str, Bound] = {}
+
+    def augmented_rates(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the rates of states and sensitivities, a buffer of the kernel."""
+        return self._kernel("augmented_rhs")(t, z[: self._n], z[self._n :], self._u(t))
+
+    def rates(self, t: float, z: FloatArray) -> FloatArray:
+        """Return the rates of the states alone, a buffer of the kernel."""
+        return self._kernel("rhs")(t, z[: self._n], z[self._n :], self._u(t))
+
+    def jacobian(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the derivatives of the states' rates, dense."""
+        return self._model.structure.full(self._kernel("jacobian")(t, y, _NONE, self._u(t)))
+
+    def sparse_jacobian(self, t: float, y: FloatArray) -> csc_matrix:
+        """Return the same in SciPy's CSC form."""
+        return self._model.jacobian_sparse(t, y, self._p, self._u(t))
+
+    def undefined(self, t: float, y: FloatArray) -> str:
+        """Describe why the states' rates have no value at a point; empty where they have one."""
+        return self._model.why_undefined(t, y, self._p, self._u(t))
+
+    def settle(self, t: float, y: FloatArray, kept: Sequence[int]) -> FloatArray:
+        """Move states set by an event onto the constraints."""
+        # Only states are wanted: C goes on from them with the sensitivities.
+        none, at = (
+            np.zeros((self._n, len(self._model.sensitivities))),
+            Moment(self._model, t, self._p),
+        )
+        return consistent_start(at, y, none, kept, is_initial=False, is_probe=True).y
+
+    def _kernel(self, name: str) -> Bound:
+        found = self._bound.get(name)
+        if found is None:
+            found = self._bound[name] = self._model.bound(name, self._p)
+        return found
+
+
+class Measured(Mapping[str, float]):
+    """States and outputs by name, as a sampled function gets them."""
+
+    def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
+        self._y, self._model, self._outputs = y, model, outputs
+
+    def __getitem__(self, name: str) -> float:
+        """Return a state or an output."""
+        if name in self._model.states:
+            return float(self._y[self._model.states.index(name)])
+        if name in self._model.outputs:
+            return float(self._outputs()[self._model.outputs.index(name)])
+        raise ParameterError(
+            f"a sampled input asks for '{name}', which is no state and no output: known are "
+            f"{', '.join(self)}"
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._model.states, *self._model.outputs))
+
+    def __len__(self) -> int:
+        return len(self._model.states) + len(self._model.outputs)
+
+
+class Samples:
+    """The samples of one input during a run; it is mutable and belongs to the run.
+
+    Each is taken once, and remembered: a method that goes over the same time again, or takes over
+    from another one, gets the same value.
+
+    Parameters
+    ----------
+    sampled : Sampled
+        The function and its period.
+    name : str
+        The input, for messages.
+    span : (float, float)
+        Start and end of the run, [s].
+    before : float
+        Its value until the first sample is taken.
+
+    Attributes
+    ----------
+    times : list of float
+        The times of the samples within the span.
+    held : ndarray, shape (1,)
+        The value that C reads.
+    """
+
+    def __init__(
+        self, sampled: Sampled, name: str, span: tuple[float, float], before: float
+    ) -> None:
+        start, end = span
+        if end < start:
+            raise ParameterError(f"input '{name}' is sampled: such runs go forwards only")
+        count = (end - start) / sampled.period
+        if count > MOST_STEPS:
+            raise ParameterError(
+                f"input '{name}' is sampled {count:.3g} times in the span: its period is too short "
+                "for this run; check its unit"
+            )
+        self._sampled, self._name, self._before = sampled, name, before
+        self.times = [start + k * sampled.period for k in range(math.floor(count) + 1)]
+        self.held = np.array([before])
+        self._values: list[float] = []
+
+    def __call__(self, t: float) -> float:
+        """Return the value that acts up to a time; at that of a sample it is the one before."""
+        place = max(bisect_left(self.times, t) - 1, 0)
+        return self._values[min(place, len(self._values) - 1)] if self._values else self._before
+
+    def reach(self, t: float, measured: Measured) -> None:
+        """Take the sample that is due, and hold what acts from a time on."""
+        rounding = SAME * abs(t)
+        if len(self._values) < len(self.times) and self.times[len(self._values)] <= t + rounding:
+            value = self._sampled.at(self.times[len(self._values)], measured)
+            self._values.append(check_number(value, f"a sample of input '{self._name}'"))
+        place = min(bisect_right(self.times, t + rounding), len(self._values)) - 1
+        self.held[0] = self._values[place]
+
+
+def reaching(
+    model: CompiledModel,
+    p: FloatArray,
+    samples: Sequence[Samples],
+    u: Callable[[float], FloatArray | None],
+) -> Callable[[float, FloatArray], None]:
+    """Return the function that takes the samples due at a time, from the states that are there."""
+    n = len(model.states)
+
+    def reach(t: float, z: FloatArray) -> None:
+        y = np.array(z[:n])
+        # Measured before any of the inputs changes.
+        measured = Measured(y, model, lambda: model.output_values(t, y, p, u(t)))
+        for item in samples:
+            item.reach(t, measured)
+
+    return reach
+
+
+if TYPE_CHECKING:
     Inputs = Callable[[float], FloatArray | None]
 
 # Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
 _LARGEST_SHARE = 0.1
 
-_NONE = np.zeros(0)
 
 _T = TypeVar("_T")
 

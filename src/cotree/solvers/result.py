@@ -1,4 +1,4 @@
-"""The record of a simulation, by name.
+"""The record of a simulation, by name, and the outcome of every solver.
 
 In: trajectories of states, sensitivities, outputs and inputs with their names. Out: arrays by
 name, tables, a text. Pictures are made above this room, in :mod:`cotree.results`.
@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from cotree.errors import Error, ModelError, nearest
 from cotree.files import write_csv
+from cotree.markup import block, paragraph, table
 from cotree.records import Deferring
 
 if TYPE_CHECKING:
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from cotree.equations import PositionRow
-    from cotree.solvers.base import Drift, FloatArray, Statistics
 
 
 class UnknownNameError(ModelError, KeyError):
@@ -92,8 +93,6 @@ class RunRecord(Deferring):
 
     def _repr_html_(self) -> str:
         """Show what came out, and how it went, in a notebook."""
-        from cotree.solvers.display import result_html
-
         return result_html(self)
 
     @property
@@ -304,3 +303,131 @@ def _aligned(rows: Iterable[tuple[str, str, str]]) -> list[str]:
         f"  {name:<{name_width}}  {number:>{number_width}} {unit}".rstrip()
         for name, number, unit in table
     ]
+
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def _no_events() -> FloatArray:
+    return np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Work done by one integration.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method that ran, never "auto".
+    nfev, njev : int
+        Calls of the right-hand side, those for differences included, and state Jacobians.
+    nlu : int
+        Factorisations, 0 where the solver does not report them.
+    n_steps : int
+        Accepted steps.
+    seconds : float
+        Wall-clock time, [s].
+    compile_seconds : float
+        Wall-clock time that the C of the method itself took before, once on a machine, [s].
+    began_with : str
+        The method that ran before it, up to where the problem became stiff; or empty. The other
+        numbers count both.
+    """
+
+    method: str
+    nfev: int
+    njev: int
+    nlu: int
+    n_steps: int
+    seconds: float
+    compile_seconds: float = 0.0
+    began_with: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A measure of how well a constrained motion satisfies its constraints.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Constraints, their rates, and norms of quaternions less one.
+    residual : ndarray, shape (n_rows, n_t)
+        Their residuals at the stored points, in their own units. A point that could not be
+        projected, the last one of a failed integration, has its residuals as they are.
+    correction : float
+        The largest change that a projection made to a state, divided by that state or by 1 where
+        it is less. A step's own error is part of it, so it grows with the tolerances.
+    """
+
+    names: tuple[str, ...]
+    residual: FloatArray
+    correction: float
+
+    @property
+    def worst(self) -> float:
+        """Return the largest residual of all rows and points."""
+        return float(np.max(np.abs(self.residual), initial=0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The outcome of an integration, complete or not."""
+
+    #: Times, [s]. After a failure the last one is that of the last good point, whether it was asked
+    #: for or not.
+    t: FloatArray
+    z: FloatArray  # states and sensitivities at these times
+    status: int  # 0 for success, -1 for a failed integration, -2 for a spent budget
+    message: str  # one or two sentences
+    statistics: Statistics  # work done
+    #: Residuals of the constraints along the run; None where there are no constraints.
+    drift: Drift | None = None
+    #: The events that happened, in order, a row each: time, [s], number of the event, derivatives
+    #: of the time by the parameters, states before, and states after.
+    events: FloatArray = field(default_factory=_no_events)
+    #: Whether it failed because equations could not be solved, however short the step.
+    is_unsolved: bool = False
+
+
+def result_html(result: RunRecord) -> str:
+    """Show the end, least and largest value of each column, the events and the work."""
+    work = result.statistics
+    n = (len(result.states) + len(result.outputs)) * (1 + len(result.parameters_of_sensitivity))
+    span = f", t = {result.t[0]:.6g} to {result.t[-1]:.6g} s" if result.t.size else ""
+    events = [
+        (name, len(row.t), float(row.t[-1]) if row.t.size else "never")
+        for name, row in result.events.items()
+    ]
+    return block(
+        f"Result: {len(result.states)} states at {len(result.t)} times{span}",
+        paragraph(("" if result.success else "The run failed. ") + result.message),
+        table(
+            "",
+            ["", "unit", "start", "end", "least", "largest"],
+            _rows(result),
+            n_rows=n + len(result.inputs) if result.t.size else 0,
+        ),
+        table("events", ["name", "times", "last [s]"], events, n_rows=len(events)),
+        paragraph(
+            f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
+            muted=True,
+        ),
+    )
+
+
+def _rows(result: RunRecord) -> Iterator[tuple[object, ...]]:
+    """Return a row for each column of the result, the sensitivities last."""
+    for name in (*result.states, *result.outputs, *result.inputs):
+        yield _row(name, result.unit(name), result[name])
+    for name in (*result.states, *result.outputs):
+        for to in result.parameters_of_sensitivity:
+            yield _row(f"∂ {name} / ∂ {to}", "", result.sensitivity(name, to))
+
+
+def _row(title: str, unit: str, values: np.ndarray) -> tuple[object, ...]:
+    # Sensitivities of reactions that are not unique are nan throughout.
+    is_known = bool(np.any(np.isfinite(values)))
+    low, high = (np.nanmin(values), np.nanmax(values)) if is_known else (np.nan, np.nan)
+    return (title, unit, *map(float, (values[0], values[-1], low, high)))

@@ -15,24 +15,28 @@ import numpy as np
 from cotree.errors import SolveError
 from cotree.records import changed
 from cotree.solvers.augmented import RTOL_FLOOR
-from cotree.solvers.corners import corner_times
-from cotree.solvers.engine import load_engine
+from cotree.solvers.engine import has_sundials, load_engine
 from cotree.solvers.methods import METHODS, beyond_scipy, method_row, refusal
-from cotree.solvers.native import begin_in_c, check_available
-from cotree.solvers.outcome import compiled_in
-from cotree.solvers.problem import check_problem
+from cotree.solvers.native import begin_in_c, check_available, compiled_in
+from cotree.solvers.problem import check_problem, corner_times
 from cotree.solvers.scipy_ivp import solve_with_scipy
-from cotree.solvers.stiffness_probe import bound_of_decay, fastest_decay, fastest_growth
-from cotree.solvers.stiffness_switching import Succession, cost_of_rodas5, stiff_method, summed
-from cotree.solvers.sundials_library import has_sundials
+from cotree.solvers.stiffness import (
+    Succession,
+    bound_of_decay,
+    cost_of_rodas5,
+    fastest_decay,
+    fastest_growth,
+    stiff_method,
+    summed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.solvers.base import FloatArray, Trajectory
     from cotree.solvers.methods import Method
     from cotree.solvers.native import Attempt
     from cotree.solvers.problem import Problem
+    from cotree.solvers.result import FloatArray, Trajectory
 
 # DOP853 is stable up to about |lambda| h = 6 with 12 evaluations a step. At this number of time
 # constants in the span its evaluations, 4000, equal those of an implicit method at usual
@@ -185,7 +189,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     Strongly damped modes whose time constant is a small part of the span force explicit methods
     to steps that accuracy does not ask for. Modes that oscillate faster than they decay do not
     count: accuracy needs short steps for them with any method. Stiffness that appears later than
-    the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness_switching`.
+    the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness`.
 
     Modes that grow at the start, from below the tolerance to where they decide, are damped by the
     long steps of methods for stiff problems, whose error estimates cannot see them: there an

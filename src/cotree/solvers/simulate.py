@@ -5,35 +5,101 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import replace
+from numbers import Number
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import SolveError
-from cotree.quiet import level_of_user
-from cotree.records import filled
+import numpy as np
+
+from cotree.errors import Error, SolveError
+from cotree.model.arrays import derived_values
+from cotree.model.signals import read_signals
+from cotree.quiet import level_of_user, without_warnings
+from cotree.records import deferred, filled
+from cotree.solvers.engine import sweep
 from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.growth import with_growth
-from cotree.solvers.observed import observed
-from cotree.solvers.prepare import prepared
+from cotree.solvers.messages import with_growth
+from cotree.solvers.prepare import Preparation, Run, prepared
 from cotree.solvers.problem import check_values
-from cotree.solvers.result import RunRecord
+from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
 from cotree.solvers.select import run as integrate
-from cotree.solvers.timely import timely
 from cotree.solvers.trust import (
     held,
     is_balanced,
+    timely,
     warn_of_redundancy,
     warn_of_result,
     warn_of_tolerances,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.model.model import CompiledModel
     from cotree.scene.settings import Settings
-    from cotree.solvers.base import Trajectory
     from cotree.solvers.held_constraints import HeldConstraints
-    from cotree.solvers.prepare import Preparation
+
+
+_SWEPT = ("output_values", "output_sensitivities", "input_values")
+
+# A trajectory of more bytes is not copied for later: what is made of it is made at once.
+_MOST_COPIED = 2**18
+
+
+def observed(
+    preparation: Preparation, run: Run, trajectory: Trajectory, left_out: Sequence[int]
+) -> dict[str, Any]:
+    """Return entries of a record; see :func:`cotree.records.deferred`.
+
+    Parameters
+    ----------
+    preparation, run : Preparation and Run
+        What the trajectory was integrated with.
+    trajectory : Trajectory
+        The trajectory.
+    left_out : sequence of int
+        Outputs whose sensitivities are not unique, and therefore nan.
+
+    Raises
+    ------
+    SingularSystemError
+        If an output is not determined somewhere; where outputs are made later, then.
+    """
+    model, t, z = preparation.model, trajectory.t, trajectory.z
+    assert run.problem.native is not None  # runs of models in Python are refused
+    native = run.problem.native.model
+    later: dict[str, Callable[[], Mapping[str, Any]]] = {
+        "parameter_values": lambda: {"parameter_values": _parameter_values(model, run.p)},
+        "events": lambda: {"events": _event_times(model, trajectory.events)},
+    }
+
+    def swept() -> dict[str, FloatArray]:
+        values = sweep(model, run.p, run.u, t, z, native)
+        values[1][left_out] = np.nan
+        return dict(zip(_SWEPT, values, strict=True))
+
+    # Functions of Python may remember their calls: they are asked in the order of the run.
+    if preparation.asks_python or z.nbytes > _MOST_COPIED:
+        return {**swept(), **deferred(**later)}
+    t, z = t.copy(), z.copy()
+    return deferred(**later, **dict.fromkeys(_SWEPT, swept))
+
+
+def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:
+    """Return the tunable parameters, and those that follow from them, by name."""
+    named = dict(zip(model.parameters, p.tolist(), strict=True))
+    return named | derived_values(model.layout.derived, p)
+
+
+def _event_times(model: CompiledModel, happened: FloatArray) -> dict[str, EventTimes]:
+    """Group the events that happened by their names."""
+    n, m, found = len(model.states), len(model.sensitivities), {}
+    for i, row in enumerate(model.layout.events):
+        own = happened[happened[:, 1] == i]
+        # Shapes are given, since methods without events give no columns for them.
+        parts = own[:, 2:].reshape(len(own), m + 2 * n)
+        slopes, before, after = np.split(parts, [m, m + n], axis=1)
+        found[row.name] = EventTimes(own[:, 0].copy(), before.T, after.T, slopes.T)
+    return found
 
 
 def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
@@ -150,3 +216,83 @@ def _left_out(model: CompiledModel) -> list[int]:
             stacklevel=level_of_user(),
         )
     return found
+
+
+# Points that make a curve look like one, parts of each interval between points, and the most steps
+# of a run that is repeated.
+_SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
+
+# Sides of a jump are drawn these shares of the span away from it, less than a tenth of a pixel. An
+# event is located to a tolerance, so that the nearer one may be on the other side already.
+_ASIDE = np.array([[1e-5], [1e-4]])
+
+# A repetition that differs by more of the range of a state, about the width of a line, is not used.
+_LINE_WIDTH = 2e-3
+
+
+def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
+    """Repeat a run of few points at more times; give the record itself where that cannot be done.
+
+    Runs that failed, have many points, took many steps, or whose inputs are functions of Python,
+    which may remember their calls, are left as they are.
+    """
+    t = record.t
+    is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
+    is_known = all(map(_is_known, settings.inputs.values()))
+    if record.status != 0 or not (is_short and is_known):
+        return record
+    jumps = _jumps(record, model, settings)
+    wanted = _times(t, jumps)
+    try:
+        with without_warnings():
+            found = simulate(model, replace(settings, t_eval=wanted, throw=False))
+    except Error:
+        return record
+    return found if _agrees(record, found, jumps) else record
+
+
+def _is_known(value: object) -> bool:
+    """Return whether an input is the same at each run: a number, an expression or a table."""
+    parts = value if isinstance(value, (tuple, list)) else [value]
+    return not any(map(callable, parts)) and isinstance(
+        value, (str, Number, tuple, list, np.ndarray)
+    )
+
+
+def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
+    """List the times within a run where something may jump, in no order."""
+    span = (float(record.t[0]), float(record.t[-1]))
+    signals = read_signals(settings.inputs, model.inputs)
+    p = model.arguments_of(record.parameter_values)
+    corners = model.corners(p, span, settings.inputs, signals.breakpoints).times
+    return np.concatenate([corners, *(e.t for e in record.events.values())])
+
+
+def _times(t: FloatArray, jumps: FloatArray) -> FloatArray:
+    """Divide each interval, space times evenly over the whole, and add the sides of jumps."""
+    shares = np.arange(1, _PARTS) / _PARTS
+    inside = (t[:-1, None] + shares * np.diff(t)[:, None]).ravel()
+    # A fixed distance would be lost in the rounding of late times.
+    aside = np.maximum(_ASIDE * abs(t[-1] - t[0]), 8 * np.spacing(np.abs(jumps)))
+    sides = np.concatenate([(jumps - aside).ravel(), (jumps + aside).ravel()])
+    even = np.linspace(t[0], t[-1], _SMOOTH)
+    times = np.concatenate([t, inside, even, sides])
+    low, high = min(t[0], t[-1]), max(t[0], t[-1])
+    found = np.unique(times[(times >= low) & (times <= high)])
+    return found if t[-1] >= t[0] else found[::-1]
+
+
+def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
+    """Return whether a repetition passes through the points of the run, to the width of a line."""
+    if found.status != 0:
+        return False
+    # At a jump itself one may have the value before and the other the one after.
+    is_smooth = ~np.isin(record.t, jumps)
+    here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
+    y = record.y[:, is_smooth]
+    if len(here) != y.shape[1]:
+        return False
+    size = np.ptp(record.y, axis=1, keepdims=True)
+    # A state that stays as it is has no range; its rounding is no curve.
+    size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
+    return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))

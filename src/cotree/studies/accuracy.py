@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from cotree.results import Result
-    from cotree.solvers.base import Statistics
+    from cotree.solvers.result import Statistics
 
 
 Array = npt.NDArray[np.float64]

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
     from cotree.scene.settings import SettingsDict
-    from cotree.solvers.base import Statistics
+    from cotree.solvers.result import Statistics
 
 
 @dataclass
