@@ -12,7 +12,7 @@ import pytest
 from c_programs import need
 
 import cotree
-from cotree.codegen.runtime import ALL, abi_header
+from cotree.codegen.runtime import ALL, header_text
 from cotree.export.c_project import Kit, write_c_project
 from cotree.files import template_folder
 from cotree.pipeline import formulate, generate
@@ -40,7 +40,7 @@ CPPCHECK += [f"-D{name}=1" for name in ALL.macros()]
 
 def runtime_flags(folder: Path) -> list[str]:
     """Write the generated header, and return the folders of all headers as flags."""
-    (folder / "cotree_abi.h").write_text(abi_header())
+    (folder / "cotree_abi.h").write_text(header_text("cotree_abi.h"))
     return [f"-I{path}" for path in (folder, *sorted({p.parent for p in RUNTIME.rglob("*.h")}))]
 
 

@@ -373,6 +373,7 @@ class ModelContext(KernelFile):
             moving_corners=False,
             implicit=False,
             helper=False,
+            sundials=False,
         )
 
     @property

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
 from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.runtime import ALL, Features, with_runtime
 from cotree.quiet import without_collection
 
 if TYPE_CHECKING:
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
 
 
 @without_collection()
-def render_model(model: ModelContext) -> Mapping[str, str]:
+def render_model(model: ModelContext, features: Features = ALL) -> Mapping[str, str]:
     """Write the C files of a model.
 
     Parameters
     ----------
     model : ModelContext
         From :func:`cotree.codegen.context.model_context`.
+    features : Features
+        What is compiled.
 
     Returns
     -------
@@ -44,7 +46,7 @@ def render_model(model: ModelContext) -> Mapping[str, str]:
         f"{model.prefix}.c": render("c/model.c.jinja", target, model=model),
         **vectors,
     }
-    return with_runtime(files, target, has_sources=False)
+    return with_runtime(files, target, features=features, has_sources=False)
 
 
 def cdef(header: str, prefix: str) -> str:

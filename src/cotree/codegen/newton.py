@@ -17,7 +17,7 @@ from cotree.codegen.context import KernelFile, file_fields, kernel_context, name
 from cotree.codegen.ir import Argument, Assign, apply, element, named, number, temporary
 from cotree.codegen.printing import Body, int_table, print_body, wrapped
 from cotree.codegen.render import render
-from cotree.codegen.runtime import with_runtime
+from cotree.codegen.runtime import ALL, Features, with_runtime
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.nodes import INPUT, TIME, kinds_in
 from cotree.naming import c_identifier
@@ -156,8 +156,15 @@ class NewtonContext(KernelFile):
         return [*super().bodies, *((plan.factor, plan.solve) if plan is not None else ())]
 
 
-def render_newton(model: NewtonContext) -> Mapping[str, str]:
+def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str, str]:
     """Write the file of a model, and the headers that it includes.
+
+    Parameters
+    ----------
+    model : NewtonContext
+        From :func:`newton_context`.
+    features : Features
+        What is compiled.
 
     Returns
     -------
@@ -169,7 +176,7 @@ def render_newton(model: NewtonContext) -> Mapping[str, str]:
         f"{model.prefix}_newton{end}": render(f"c/newton/newton{end}.jinja", target, model=model)
         for end in (".h", ".c")
     }
-    return with_runtime(files, target, has_sources=False)
+    return with_runtime(files, target, features=features, has_sources=False)
 
 
 def newton_declarations(model: NewtonContext) -> str:

@@ -39,6 +39,7 @@ class Features:
     moving_corners: bool = True
     implicit: bool = True  # whether a method takes a Jacobian
     helper: bool = True  # whether another program finds states where iterations fail
+    sundials: bool = True  # whether a method of SUNDIALS may take the steps
     #: Of an FMU: whether the start satisfies constraints or conditions; whether there are time
     #: events or upper bounds of steps.
     conditions: bool = True
@@ -109,17 +110,6 @@ def with_runtime(
     return found
 
 
-def abi_header(target: Target = DOUBLE) -> str:
-    """Write the header that is the same for every model: its structure, and types of kernels."""
-    return render(
-        "c/cotree_abi.h.jinja",
-        target,
-        abi_version=ABI_VERSION,
-        generator=VERSION,
-        kernels=tuple(KERNELS.values()),
-    )
-
-
 def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
     """Return the text of a public header, ``cotree_abi.h`` among them.
 
@@ -128,9 +118,15 @@ def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) ->
     CodegenError
         If the runtime has no such header.
     """
-    if name == "cotree_abi.h":
-        return abi_header(target)
-    return _resolved(_read(name), target, features)
+    text = _abi(target) if name == "cotree_abi.h" else _read(name)
+    return _resolved(text, target, features)
+
+
+def _abi(target: Target) -> str:
+    kernels = tuple(KERNELS.values())
+    return render(
+        "c/cotree_abi.h.jinja", target, abi_version=ABI_VERSION, generator=VERSION, kernels=kernels
+    )
 
 
 def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL) -> dict[str, str]:

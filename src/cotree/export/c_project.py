@@ -170,17 +170,10 @@ def write_c_project(
     model = model_context(program, target)
     evaluated = Evaluated(program)
     is_dependent = evaluated.is_dependent()
-    texts = dict(render_model(model))
     implicit = [name for name in methods if METHODS[name].is_implicit]
     # Stages of an implicit method would contradict constraints that are dependent.
     if implicit:
         check_loops(program, implicit[0], is_dependent)
-        texts |= render_newton(newton_context(program, target))
-    for name in methods:
-        texts |= method_files(name, target)
-        # Steps of one length go to the end time without breakpoints, points or events: no job is
-        # needed.
-        texts |= {} if name in FIXED else stepper_files(name, target)
     # All is refused or found before the first file is written.
     found = evaluated.found_start() if start is None else start
     check_start(evaluated, found)
@@ -196,15 +189,21 @@ def write_c_project(
         is_strict=is_dependent,
         is_found=found is not None and start is None and evaluated.is_found_in_c(found),
     )
-    text = render("c/main/main.c.jinja", target, main=main)
-    texts["main.c"] = resolve(text, main.conditions(model))
-    is_fixed = methods[0] in FIXED
     features = replace(
         model.features(),
         implicit=bool(implicit),
-        events=bool(model.hybrid.events) and not is_fixed,
-        moving_corners=bool(main.stops and model.sensitivities) and not is_fixed,
+        moving_corners=bool(main.stops and model.sensitivities) and methods[0] not in FIXED,
     )
+    texts = dict(render_model(model, features))
+    if implicit:
+        texts |= render_newton(newton_context(program, target), features)
+    for name in methods:
+        texts |= method_files(name, target)
+        # Steps of one length go to the end time without breakpoints, points or events: no job is
+        # needed.
+        texts |= {} if name in FIXED else stepper_files(name, target)
+    text = render("c/main/main.c.jinja", target, main=main)
+    texts["main.c"] = resolve(text, main.conditions(model))
     texts = with_runtime(texts, target, features=features)
     # The model's own file first, then those of every model.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")

@@ -20,6 +20,7 @@ static cotree_status begin_at(integrator *d, cotree_real t, const cotree_real *y
     return status;
 }
 
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 /* Projects the solution, which belongs to t; where that fails, it stays. */
 static cotree_status project(integrator *d, cotree_real t)
 {
@@ -76,3 +77,4 @@ static cotree_status project_end(integrator *d, cotree_real t)
     for (i = 0; i < N; ++i) sum += d->trial[i] * d->trial[i];
     return sum > d->farthest * d->farthest * (cotree_real)N ? COTREE_PROJECTION_FAILED : status;
 }
+#endif

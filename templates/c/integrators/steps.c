@@ -43,8 +43,10 @@ static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void
     d->max_step = COTREE_MAX;
     d->max_steps = 1000000;
     d->n_steps = d->n_rejected = d->n_evaluations = 0;
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     d->project = NULL;
     d->farthest = COTREE_INFINITY;
+#endif
     d->atols = NULL;
     d->n = n;
     d->has_rate = 0;
@@ -81,7 +83,10 @@ cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
     cotree_real *const rate = d->stages[LAST], *const there = d->stages[0];
 #endif
     cotree_real slope, step;
-    cotree_status status = project(d, d->t);
+    cotree_status status = COTREE_OK;
+#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
+    status = project(d, d->t);
+#endif
     if (status == COTREE_OK) status = begin_at(d, d->t, d->now, rate);
     if (status != COTREE_OK) return status;
     d->has_rate = 1;
@@ -149,7 +154,9 @@ static cotree_status take_step(integrator *d)
         }
         ++d->n_rejected;
 #if !COTREE_IMPLICIT
+#if COTREE_HAS_CONSTRAINTS
         if (d->rejected != NULL) d->rejected(d->context);
+#endif
 #endif
         if (status == COTREE_RATE_STOPPED) break;
     }

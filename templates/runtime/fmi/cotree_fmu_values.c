@@ -199,10 +199,13 @@ static int check_finite(fmu *m, int what)
                                                : 0;
     int i;
     for (i = 0; i < n; ++i) {
+        const char *name = is_rate ? m->model->states[i].name : "";
         if (fabs(values[i]) <= DBL_MAX) continue;
+#if COTREE_HAS_EVENTS
+        if (!is_rate) name = m->model->hybrid->events[i].name;
+#endif
         return fmu_discard(m, "the %s '%s' is not finite at t = %.10g",
-                           is_rate ? "derivative of state" : "indicator of event",
-                           is_rate ? m->model->states[i].name : m->model->hybrid->events[i].name,
+                           is_rate ? "derivative of state" : "indicator of event", name,
                            m->numbers[FMU_NOW]);
     }
     return 0;

@@ -21,14 +21,15 @@ const char *cotree_status_message(cotree_status status)
         return "the right-hand side stopped the integration";
     case COTREE_PROJECTION_FAILED:
         return "the projection onto the constraints fails, or moves a step by many tolerances";
-    case COTREE_NO_MEMORY:
-        return "SUNDIALS got no memory";
     case COTREE_NOT_FINITE:
         return "the solution is no longer finite";
     case COTREE_NOT_SOLVED:
         return "the algebraic unknowns cannot be solved for";
     case COTREE_NOT_PROJECTED:
         return "the constraints cannot be met";
+#if COTREE_HAS_SUNDIALS
+    case COTREE_NO_MEMORY:
+        return "SUNDIALS got no memory";
     case COTREE_CANNOT_START:
         return "it cannot start";
     case COTREE_TOO_TIGHT:
@@ -41,6 +42,7 @@ const char *cotree_status_message(cotree_status status)
         return "the rates of sensitivities fail";
     case COTREE_FLAGGED:
         return "the integrator gives a flag of its own";
+#endif
     }
     return "the status is unknown";
 }

@@ -17,6 +17,7 @@ typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *c
 /* Callback after a rejected step, before a shorter one is tried. */
 typedef void (*cotree_rejection_function)(void *context);
 
+#if COTREE_HAS_IMPLICIT
 /* M y' = f(t, y) for implicit methods. M is diagonal: one, zero for algebraic unknowns.
  * Functions return like a rate function. */
 typedef struct cotree_implicit_equation {
@@ -39,6 +40,7 @@ typedef struct cotree_implicit_equation {
     int (*is_bent)(void *context);
     void *context;
 } cotree_implicit_equation;
+#endif
 
 /* Stiffness detection of an explicit method. */
 typedef struct cotree_stiffness {
@@ -62,10 +64,8 @@ typedef enum cotree_status {
         6, /* the right-hand side stopped the integration: it returned a negative number */
     COTREE_PROJECTION_FAILED = 7, /* the projection onto the constraints fails, or moves a step by
                                      many tolerances: however small the step */
-    COTREE_NO_MEMORY = 8,         /* SUNDIALS got no memory */
-    COTREE_NOT_FINITE = 9,        /* the solution is no longer finite */
-    COTREE_NOT_SOLVED = 10,    /* the algebraic unknowns cannot be solved for: or what needs them */
-    COTREE_NOT_PROJECTED = 11, /* the constraints cannot be met: where a point is kept */
+#if COTREE_HAS_SUNDIALS
+    COTREE_NO_MEMORY = 8,      /* SUNDIALS got no memory */
     COTREE_CANNOT_START = 12,  /* it cannot start */
     COTREE_TOO_TIGHT = 13,     /* the tolerances are too tight for double precision */
     COTREE_ERROR_TEST_FAILED =
@@ -73,7 +73,11 @@ typedef enum cotree_status {
     COTREE_NOT_CONVERGED =
         15, /* Newton's method fails again and again, or the step size fell to its least */
     COTREE_SENSITIVITIES_FAILED = 16, /* the rates of sensitivities fail */
-    COTREE_FLAGGED = 17               /* the integrator gives a flag of its own */
+    COTREE_FLAGGED = 17,              /* the integrator gives a flag of its own */
+#endif
+    COTREE_NOT_FINITE = 9,        /* the solution is no longer finite */
+    COTREE_NOT_SOLVED = 10,    /* the algebraic unknowns cannot be solved for: or what needs them */
+    COTREE_NOT_PROJECTED = 11 /* the constraints cannot be met: where a point is kept */
 } cotree_status;
 
 #ifdef __cplusplus

@@ -18,7 +18,6 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
                        cotree_arena *arena)
 {
     const cotree_model *const model = run->model;
-    const cotree_hybrid *const h = model->hybrid;
     const int m = run->n_blocks - 1;
     start->run = run;
     start->tables = tables;
@@ -48,13 +47,16 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
         start->moved_p = cotree_arena_reals(arena, model->n_parameters);
         start->moved_k = cotree_arena_reals(arena, model->n_prepared);
     }
-    if (h != NULL) {
+#if COTREE_HAS_EVENTS
+    if (model->hybrid != NULL) {
+        const cotree_hybrid *const h = model->hybrid;
         start->event_values =
             cotree_arena_reals(arena, h->n_events + h->n_branches + h->n_quantities);
         start->new_values = cotree_arena_reals(arena, h->n_jumps);
         start->sides = cotree_arena_reals(arena, 3 * model->n_states);
         start->event_slopes = cotree_arena_reals(arena, m * (h->n_events + h->n_jumps));
     }
+#endif
 }
 
 /* Initial values. */
@@ -63,17 +65,18 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
 static int write_states(const cotree_start *start, cotree_real *z)
 {
     const cotree_run *const run = start->run;
-    const cotree_hybrid *const h = MODEL->hybrid;
     int i, status = 0;
     if (start->initial == NULL) status = MODEL->initial(run->p, run->k, z);
     for (i = 0; i < N_STATES && start->initial != NULL; ++i) z[i] = start->initial[i];
     if (start->guess != NULL) {
         for (i = N_RATES; i < N_STATES; ++i) z[i] = start->guess[i];
-        for (i = 0; h != NULL && i < h->n_events; ++i) {
-            const cotree_event *const row = h->events + i;
+#if COTREE_HAS_EVENTS
+        for (i = 0; MODEL->hybrid != NULL && i < MODEL->hybrid->n_events; ++i) {
+            const cotree_event *const row = MODEL->hybrid->events + i;
             if (row->kind > COTREE_JUMP && row->n_targets > 0)
                 z[row->targets[0]] = start->guess[row->targets[0]];
         }
+#endif
     }
     for (i = 0; i < start->n_set && status == 0; ++i) z[start->set[i]] = start->values[i];
     return status;
@@ -302,7 +305,10 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
 /* Return whether initial values have no equations to satisfy. */
 static int is_plain(const cotree_start *start)
 {
-    return start->tables->assembly == NULL && MODEL->n_algebraic == 0 && MODEL->hybrid == NULL;
+#if COTREE_HAS_EVENTS
+    if (MODEL->hybrid != NULL) return 0;
+#endif
+    return start->tables->assembly == NULL && MODEL->n_algebraic == 0;
 }
 
 int cotree_start_once(cotree_start_call *call)
@@ -372,9 +378,11 @@ const char *cotree_start_culprit(const cotree_start *start, int status)
         return start->tables->assembly->rows == NULL ? "" : start->tables->assembly->rows[i].name;
     case COTREE_START_CONTRADICTED:
         return start->tables->redundant[i].name;
+#if COTREE_HAS_EVENTS
     case COTREE_START_TURNED_BACK:
     case COTREE_START_ON_JUMP:
         return MODEL->hybrid->events[i].name;
+#endif
     case COTREE_START_UNDEFINED:
         return MODEL->states[i].name;
     default:

@@ -266,13 +266,7 @@ def source_files(
         unused = replace(program.kernels["jacobian"], results=())
         program = replace(program, kernels={**program.kernels, "jacobian": unused})
     model = model_context(program)
-    files = dict(render_model(model))
-    if integrator:
-        files |= {**method_files(integrator), **stepper_files(integrator)}
-    if is_implicit:
-        files |= render_newton(newton_context(program))
     tables = _tables_context(program, kernels, facts)
-    files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
     features = replace(
         model.features(),
         sensitivities=facts.has_sensitivities,
@@ -283,6 +277,12 @@ def source_files(
         exchange=facts.is_exchangeable,
         steps=bool(integrator),
     )
+    files = dict(render_model(model, features))
+    if integrator:
+        files |= {**method_files(integrator), **stepper_files(integrator)}
+    if is_implicit:
+        files |= render_newton(newton_context(program), features)
+    files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
     files |= source_texts(f"cotree_fmi{version}.h", features=features)
     return with_runtime(files, features=features)
 
