@@ -59,12 +59,12 @@ class Features:
 ALL = Features()
 
 
-_INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
+INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
 _TERM = r"!?COTREE_\w+"
 #: Macros, joined by one operator.
 _CONDITION = re.compile(rf"#if ({_TERM}(?: && {_TERM})*|{_TERM}(?: \|\| {_TERM})*)$")
 _INTERNAL = "_internal.h"
-_SYSTEM = re.compile(r"^#include <\w+\.h>\n", re.MULTILINE)
+SYSTEM = re.compile(r"^#include <\w+\.h>\n", re.MULTILINE)
 #: Comments and directives, which compile to nothing.
 _EMPTY = re.compile(r"/\*[\s\S]*?\*/|^#(?:.*\\\n)*.*$", re.MULTILINE)
 #: A source, or several, in one file: functions that only the module calls are its own.
@@ -97,7 +97,7 @@ def with_runtime(
         Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
     """
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
-    waiting = [name for text in found.values() for name in _INCLUDE.findall(text)]
+    waiting = [name for text in found.values() for name in INCLUDE.findall(text)]
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
@@ -106,7 +106,7 @@ def with_runtime(
         if has_sources:
             added |= source_texts(header, target, features)
         found |= added
-        waiting += [name for text in added.values() for name in _INCLUDE.findall(text)]
+        waiting += [name for text in added.values() for name in INCLUDE.findall(text)]
     return found
 
 
@@ -156,7 +156,7 @@ def _without_repeated_headers(text: str) -> str:
         seen.add(found[0])
         return found[0] if is_new else ""
 
-    return re.sub(r"\n{3,}", "\n\n", _SYSTEM.sub(once, text))
+    return re.sub(r"\n{3,}", "\n\n", SYSTEM.sub(once, text))
 
 
 def _bare(header: str) -> str:
@@ -186,7 +186,7 @@ def _sources(header: str) -> list[str]:
     found = []
     for name in _paths():
         if name.endswith(".c"):
-            first = _INCLUDE.search(_read(name))
+            first = INCLUDE.search(_read(name))
             if first is not None and first[1] in (header, own + _INTERNAL):
                 found.append(name)
     return sorted(found, key=lambda name: (name != f"{own}.c", name))
