@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,13 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
-from cotree.errors import Error, ModelError, SolveError
 from cotree.files import target_path
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import Moment
 from cotree.model.start import find_start, scene_start
-from cotree.naming import c_identifier
-from cotree.quiet import level_of_user
 from cotree.records import changed, filled
 from cotree.results import Result
 from cotree.scene.expressions import check_number, parse
@@ -27,7 +22,7 @@ from cotree.sharing import Kept, forming, locked_cached_property
 from cotree.solvers.methods import METHODS
 from cotree.solvers.prepare import Preparation, kept_for
 from cotree.solvers.simulate import run_values
-from cotree.spec import BuildSpec
+from cotree.spec import BuildSpec, open_spec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +32,7 @@ if TYPE_CHECKING:
 
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
-    from cotree.export.fmi.fmu import Fmu, FmuChoice
+    from cotree.export.fmi.fmu import Fmu
     from cotree.model.arrays import Array
     from cotree.model.consistent import Start
     from cotree.model.linearization import Linearization
@@ -106,7 +101,7 @@ class Model:
         """
         # Components that a user registered there need not be known here before that.
         if isinstance(self._spec, bytes):
-            self._spec = _opened(self._spec)
+            self._spec = open_spec(self._spec)
         return self._spec
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -704,66 +699,20 @@ class Model:
             If there is no compiler, or it fails.
         """
         from cotree.export.c_checks import Evaluated
-        from cotree.export.fmi.fmu import choose, write_fmu
+        from cotree.export.fmi.fmu import choose, extra_files, write_fmu
 
         choice = choose(version, kinds, integrator, inputs, platforms)
         d = self._defaults
         rest = self.start() if self.kernels.begins_at_rest else None
-        to, extra = target_path(path, "the FMU"), self._fmu_extras(choice)
+        to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
         # Further kernels are new nodes of the program's arena, which threads share.
         with forming:
             own = Evaluated(self.kernels.program)
             numbers = d.t_end, d.rtol, d.atol
             return write_fmu(self.kernels.program, to, choice, own, numbers, rest=rest, extra=extra)
 
-    def _fmu_extras(self, choice: FmuChoice) -> dict[str, bytes]:
-        """Return the expected results and the icon of an FMU."""
-        from cotree.export.fmi.fmu import icon_files, interval_of, reference_files, reference_times
-        from cotree.pipeline import draw_graphs
-        from cotree.plot import draw_graphs as picture
-
-        t_end = self._defaults.t_end
-        graphs, trees = draw_graphs(self.spec.scene, None)
-        drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
-        files = icon_files(drawn, choice.version)
-        # Inputs from outside stay where they begin.
-        begin = self.kernels.input_values(0.0)
-        wanted = choice.inputs or ()
-        held = {name: u for name, u in zip(self.inputs, begin, strict=True) if name in wanted}
-        try:
-            result = self.simulate(
-                (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held, throw=True
-            )
-        except SolveError as error:
-            warnings.warn(
-                f"the FMU holds no expected results, since the scene's default run fails: {error}",
-                RuntimeWarning,
-                stacklevel=level_of_user(),
-            )
-            return files
-        columns = {name: result[name] for name in self.outputs}
-        return files | reference_files(c_identifier(self.layout.name), result.t, columns)
-
 
 def compile_spec(spec: BuildSpec) -> Model:
     """Form the equations, generate C, compile and load it; see :meth:`cotree.Scene.compile`."""
     kernels, times = spec.compile()
     return Model(kernels, spec, times)
-
-
-def _opened(data: bytes) -> BuildSpec:
-    """Read the specification of a model from another process."""
-    reason = "it could not be pickled"
-    if data:
-        try:
-            spec = pickle.loads(data)
-            assert isinstance(spec, BuildSpec)
-            return spec
-        except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
-            # Without the names that are known here.
-            reason = str(error).split(";")[0].rstrip(".")
-    raise ModelError(
-        "this model came from another process as C text, and what is asked for needs its "
-        f"scene, which cannot be had here ({reason}): register its components and import its "
-        "modules here before, or ask where the model was compiled"
-    )

@@ -8,6 +8,7 @@ again where someone asks for them, as linearization and animation do.
 
 from __future__ import annotations
 
+import pickle
 import time
 import warnings
 from dataclasses import dataclass, field, fields, replace
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.build import BuildOptions
 from cotree.build.cache import kept
 from cotree.components import OWN
+from cotree.errors import Error, ModelError
 from cotree.model.loading import load_model
 from cotree.quiet import level_of_user
 from cotree.scene.checks import impossible_inertias
@@ -129,3 +131,21 @@ class BuildSpec:
 
         # Only bound here: the network at rest is formed when a start is first asked for.
         return form
+
+
+def open_spec(data: bytes) -> BuildSpec:
+    """Read the specification of a model from another process."""
+    reason = "it could not be pickled"
+    if data:
+        try:
+            spec = pickle.loads(data)
+            assert isinstance(spec, BuildSpec)
+            return spec
+        except (Error, AttributeError, ImportError, pickle.UnpicklingError) as error:
+            # Without the names that are known here.
+            reason = str(error).split(";")[0].rstrip(".")
+    raise ModelError(
+        "this model came from another process as C text, and what is asked for needs its "
+        f"scene, which cannot be had here ({reason}): register its components and import its "
+        "modules here before, or ask where the model was compiled"
+    )

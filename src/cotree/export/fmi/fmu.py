@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 import io
 import math
+import warnings
 import zipfile
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cotree.codegen.integrators import INTEGRATORS
-from cotree.errors import CodegenError, nearest
+from cotree.errors import CodegenError, SolveError, nearest
 from cotree.export.c_checks import check_loops, check_numbers
 from cotree.export.fmi.fmu_variables import list_variables
 from cotree.export.fmi.model_description import Description, xml_text
@@ -23,6 +24,7 @@ from cotree.files import write_rows, written_whole
 from cotree.markup import names
 from cotree.naming import c_identifier
 from cotree.program.surfaces import without_corners
+from cotree.quiet import level_of_user
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -352,6 +354,33 @@ def _token(files: Mapping[str, str], choice: FmuChoice) -> str:
     digest = hashlib.sha256(text.encode()).hexdigest()
     parts = (digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])
     return f"{{{'-'.join(parts)}}}"
+
+
+def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]:
+    """Return the expected results and the icon of the FMU of a :class:`cotree.Model`."""
+    from cotree.pipeline import draw_graphs
+    from cotree.plot import draw_graphs as picture
+
+    graphs, trees = draw_graphs(model.spec.scene, None)
+    drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
+    files = icon_files(drawn, choice.version)
+    # Inputs from outside stay where they begin.
+    begin = model.kernels.input_values(0.0)
+    wanted = choice.inputs or ()
+    held = {name: u for name, u in zip(model.inputs, begin, strict=True) if name in wanted}
+    try:
+        result = model.simulate(
+            (0.0, t_end), reference_times(t_end, interval_of(t_end)), inputs=held, throw=True
+        )
+    except SolveError as error:
+        warnings.warn(
+            f"the FMU holds no expected results, since the scene's default run fails: {error}",
+            RuntimeWarning,
+            stacklevel=level_of_user(),
+        )
+        return files
+    columns = {name: result[name] for name in model.outputs}
+    return files | reference_files(c_identifier(model.layout.name), result.t, columns)
 
 
 def interval_of(t_end: float) -> float:
