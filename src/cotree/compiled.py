@@ -526,7 +526,7 @@ class Model:
         return Linearizer(*equations_of_deviations(self.spec.formed.first))
 
     def as_casadi(self, t: float | None = None) -> Any:
-        """Give the rates as an external function of CasADi, with their exact Jacobian.
+        """Return the rates as an external function of CasADi, with their exact Jacobian.
 
         Parameters
         ----------
@@ -550,7 +550,7 @@ class Model:
         return casadi_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_casadi"))
 
     def as_jax(self, t: float | None = None) -> Any:
-        """Give the rates as a function of JAX, with their exact first derivatives.
+        """Return the rates as a function of JAX, with their exact first derivatives.
 
         Parameters
         ----------

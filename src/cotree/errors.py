@@ -112,7 +112,7 @@ _MOST_IN_SENTENCE = 8
 
 
 def nearest(name: object, known: Iterable[str]) -> str:
-    """Say which known name was probably meant, for the end of a message."""
+    """Return a hint at the known name that was probably meant, for the end of a message."""
     choices = sorted(known)
     # Names come from files: they may be many and long, and every pair takes time to compare.
     close = _closest(str(name)[:80], choices[:_MOST_COMPARED])

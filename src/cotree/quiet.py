@@ -68,7 +68,7 @@ def _filters() -> list[Any]:
 
 
 def level_of_user() -> int:
-    """Give the stack level for ``warnings.warn`` that blames the line of the user.
+    """Return the stack level for ``warnings.warn`` that blames the line of the user.
 
     It is that of the first caller outside this package, however deep the call is inside.
     """

@@ -20,7 +20,7 @@ _PENDING = "_pending"
 
 
 def changed(record: T, **values: Any) -> T:
-    """Give a record with some other values.
+    """Return a record with some other values.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def changed(record: T, **values: Any) -> T:
 
 
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Give a record of a frozen dataclass from the values of all its fields, by name.
+    """Return a record of a frozen dataclass from the values of all its fields, by name.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Deferring:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Give all values: what makes them belongs to this process."""
+        """Return all values: what makes them belongs to this process."""
         own = vars(self)
         for name in own.get(_PENDING, ()):
             getattr(self, name)
@@ -82,7 +82,7 @@ class Deferring:
 
 
 def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-    """Give the entry of a record's values by which others are made when they are asked for.
+    """Return the entry of a record's values by which others are made when they are asked for.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ LIMITS = Limits()
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
-    """Say why a number is not accepted as a relative tolerance; empty where it is.
+    """Describe why a number is not accepted as a relative tolerance; empty where it is.
 
     Parameters
     ----------

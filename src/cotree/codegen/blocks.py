@@ -104,7 +104,7 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: i
 
 
 def _of_helper(name: str) -> int:
-    """Give what a function of every model takes, with those that it calls; 0 of any other name."""
+    """Return the stack of a function of every model with its callees; 0 for any other name."""
     base, _, size = name.rpartition("_")
     if base == "cotree_factorise" and size.isdecimal():
         n = int(size)

@@ -107,7 +107,7 @@ def _written_table(table: Table | LookupData, name: str, target: Target) -> Iter
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
-    """Give each table among some values a name in C."""
+    """Return each table among some values a name in C."""
     tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}
 
@@ -156,7 +156,7 @@ def file_fields(
 
 
 def _is_call(node: Node) -> bool:
-    """Tell whether C needs a function of its mathematics library for it."""
+    """Return whether C needs a function of its mathematics library for it."""
     return node.op == "sines" or (node.op in OPERATIONS and OPERATIONS[node.op].is_call)
 
 

@@ -457,7 +457,7 @@ def function_of(
 
 
 def kind_of(key: Temporary) -> str:
-    """Tell whether a temporary is a real or a whole number."""
+    """Return whether a temporary is a real or a whole number."""
     return WHOLE if key[0] in _WHOLE_PREFIXES else REAL
 
 
@@ -474,7 +474,7 @@ def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
 
 
 def declared_by(statement: Statement) -> Temporary | None:
-    """Tell which temporary a statement declares."""
+    """Return which temporary a statement declares."""
     return statement.declares if isinstance(statement, Assign) else None
 
 

@@ -185,7 +185,7 @@ class LanesContext(KernelFile):
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Say why members of a model do not run in lanes; empty where they can.
+    """Describe why members of a model do not run in lanes; empty where they can.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
-    """Say why vectors do not evaluate some kernels; empty where they can."""
+    """Describe why vectors do not evaluate some kernels; empty where they can."""
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
@@ -323,7 +323,7 @@ def lanes_declarations(model: LanesContext) -> str:
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Give the kernels of rates, and of inputs and of corners where there are any."""
+    """Return the kernels of rates, and of inputs and of corners where there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.corners else []
@@ -332,7 +332,7 @@ def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
 
 
 def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Give the kernels of outputs."""
+    """Return the kernels of outputs."""
     names = ["outputs", *(["output_sensitivity"] if has_sensitivities else [])]
     return [program.kernels[name] for name in names]
 

@@ -105,7 +105,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
 
 
 def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
-    """Give each form a number; a statement without one is like no other."""
+    """Return each form a number; a statement without one is like no other."""
     numbers: dict[Hashable, int] = {}
     return np.array(
         [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
@@ -263,7 +263,7 @@ def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
 
 
 def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]:
-    """Give the statements, and the comment before each."""
+    """Return the statements, and the comment before each."""
     rows: list[Statement] = []
     comments: list[str] = []
     comment = ""
@@ -310,7 +310,7 @@ def _row(statement: Statement) -> StatementRow:
 def _kept_in_array(
     rows: Sequence[Statement], found: Sequence[tuple[int, int, int]], array: str
 ) -> dict[Temporary, CExpression]:
-    """Give the temporaries that loops make or read a place, in the order of their numbers."""
+    """Return the temporaries that loops make or read a place, in the order of their numbers."""
     kept: set[Temporary] = set()
     for start, period, times in found:
         if times > 1:
@@ -339,7 +339,7 @@ class _LoopWriter:
         self.n_lines = 0
 
     def written(self) -> list[Statement]:
-        """Give the array, the tables and the statements, in this order."""
+        """Return the array, the tables and the statements, in this order."""
         array = [Array(self._array, len(self._kept))] if self._kept else []
         return [*array, *self._tables, *self._statements]
 

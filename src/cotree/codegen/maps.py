@@ -354,7 +354,7 @@ def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Tell whether the longest path of one vector takes longer than starting all operations."""
+    """Return whether the longest path of one vector takes longer than starting all operations."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
@@ -401,7 +401,7 @@ def _in_blocks(own: OwnRows, name: str) -> _Cut:
 
 
 def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
-    """Give the places of the inputs of a map: sensitivities in columns, others in rows."""
+    """Return the places of the inputs of a map: sensitivities in columns, others in rows."""
 
     def read(kind: str, i: int) -> CExpression:
         if kind != "column" or i < own.first:

@@ -81,7 +81,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
 
 
 def _ranks(plan: Elimination) -> list[list[int]]:
-    """Give the columns of each row's factors, by the ranks of their pivots."""
+    """Return the columns of each row's factors, by the ranks of their pivots."""
     return [
         [*(m for m, _ in before), k, *(j for j, _ in after)]
         for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
@@ -180,7 +180,7 @@ def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str
 
 
 def newton_declarations(model: NewtonContext) -> str:
-    """Give the declarations that cffi reads."""
+    """Return the declarations that cffi reads."""
     return f"const void *{model.prefix}_newton(void);\n"
 
 
@@ -225,7 +225,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
 
 
 def is_unrolled(plan: Elimination) -> bool:
-    """Tell whether an elimination is written as straight lines."""
+    """Return whether an elimination is written as straight lines."""
     return plan.n_operations <= _LONGEST
 
 

@@ -141,7 +141,7 @@ class Starts:
     places: tuple[int, ...]
 
     def place(self, i: int, n_rows: int) -> CExpression:
-        """Give the element that holds a result of the map."""
+        """Return the element that holds a result of the map."""
         # Nodes number the results of a map column by column.
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)
@@ -168,7 +168,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
 
 
 def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
-    """Give each table of places a name."""
+    """Return each table of places a name."""
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
@@ -253,7 +253,7 @@ def print_nodes(
 
 
 def is_written_out(node: Node) -> bool:
-    """Tell whether a linear system, if it is definite, is solved by statements without loops."""
+    """Return whether a linear system, if it is definite, is solved by statements without loops."""
     return (
         node.op == "solve"
         and node.data.size <= _LARGEST_SYSTEM
@@ -294,7 +294,7 @@ class _StatementWriter:
             uses[root] = uses.get(root, 0) + 1
 
     def printed(self, roots: Sequence[Node], parts: list[list[Statement]]) -> Printed:
-        """Give all that was found, for those values."""
+        """Return all that was found, for those values."""
         values = [self._known[root] for root in roots]
         return Printed(parts, values, len(self._number), self.uses_status, self.filled)
 
@@ -329,7 +329,7 @@ class _StatementWriter:
         return element(f"v{self._number[owner]}", i)
 
     def _declare(self, node: Node) -> int:
-        """Give a statement its number, after a comment where a group begins."""
+        """Return a statement its number, after a comment where a group begins."""
         if self.has_groups and node.section and node.section != self._section:
             self.statements.append(Comment(node.section))
         self._section = node.section

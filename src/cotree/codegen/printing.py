@@ -156,7 +156,7 @@ class _Printer:
         return text % numbers
 
     def _fitted(self, expression: CExpression) -> tuple[Number, ...]:
-        """Give the numbers of an expression as their type holds them, or refuse them."""
+        """Return the numbers of an expression as their type holds them, or refuse them."""
         return tuple(
             self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
             for number, slot in zip(expression.numbers, expression.form.slots, strict=True)

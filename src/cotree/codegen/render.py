@@ -20,7 +20,7 @@ LARGEST_FILE = 200_000_000
 
 @cache
 def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Environment:
-    """Give the environment that fills templates; it escapes names and texts in HTML.
+    """Return the environment that fills templates; it escapes names and texts in HTML.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ class Target:
         )
 
     def holds(self, value: float) -> bool:
-        """Tell whether a number is within the range of the type; doubles hold all numbers."""
+        """Return whether a number is within the range of the type; doubles hold all numbers."""
         if self.most_decades == DOUBLE.most_decades or not value:
             return True
         return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades

@@ -130,7 +130,7 @@ class Algebraic:
             self._check_index(slope(point) for point in (z, *_aside(z)))
 
     def _equation(self, t: float, point: Array) -> Equation:
-        """Give the equations at a time and at the states of a point."""
+        """Return the equations at a time and at the states of a point."""
         # One buffer serves all evaluations: only the unknowns, its last entries, change.
         point = point.copy()
 
@@ -147,7 +147,7 @@ class Algebraic:
         )
 
     def linearised(self, t: float, y: Array) -> tuple[Matrix, Linear]:
-        """Give the Jacobian at a solution, and what solves with its last block.
+        """Return the Jacobian at a solution, and what solves with its last block.
 
         The Jacobian is a buffer that the next call may change.
         """
@@ -164,7 +164,7 @@ class Algebraic:
         return matrix, linear
 
     def reduced(self, t: float, y: Array) -> Array:
-        """Give the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
+        """Return the derivatives of x' by x along the solutions, shape (n_x, n_x)."""
         matrix, linear = self.linearised(t, y)
         return eliminated(matrix, linear.solve, self.cut)
 
@@ -199,7 +199,7 @@ class Algebraic:
 
 
 def _aside(z: Array) -> tuple[Array, Array]:
-    """Give a point some way above and one below, the same at every call."""
+    """Return a point some way above and one below, the same at every call."""
     rng = np.random.default_rng(0)
     away = np.maximum(1.0, np.abs(z)) * np.abs(rng.standard_normal(len(z)))
     return z + away, z - away

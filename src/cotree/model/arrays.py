@@ -91,7 +91,7 @@ def as_parameters(
 
 
 def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, float]:
-    """Give the values of derived parameters, by name.
+    """Return the values of derived parameters, by name.
 
     Parameters
     ----------

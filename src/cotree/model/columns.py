@@ -27,7 +27,7 @@ _NONE = np.zeros(0)
 
 
 def is_many(y: Any) -> bool:
-    """Tell whether there is a column of states for each of several points."""
+    """Return whether there is a column of states for each of several points."""
     try:
         return np.ndim(y) == 2
     except ValueError:  # of no shape

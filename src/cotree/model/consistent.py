@@ -230,7 +230,7 @@ class _Search:
         )
 
     def is_chosen(self, given: Array, y: Array) -> bool:
-        """Tell whether the start was chosen as the least of several possible moves."""
+        """Return whether the start was chosen as the least of several possible moves."""
         finder = self.finder
         for level in (0, 1):
             change = finder.scaled(y, level) - finder.scaled(given, level)
@@ -247,7 +247,7 @@ class _Search:
         return False
 
     def sensitivities(self, y: Array, s: Array) -> Array:
-        """Let sensitivities follow from the constraints as the states do.
+        """Project the sensitivities onto the constraints, as the states are.
 
         Raises
         ------

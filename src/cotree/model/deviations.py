@@ -289,7 +289,7 @@ def core(system: Reduced) -> npt.NDArray[np.int_]:
 
 
 def is_still(system: Reduced, point: Slopes) -> bool:
-    """Tell whether all deviations on which others depend are at rest."""
+    """Return whether all deviations on which others depend are at rest."""
     rates = np.abs(system.rates[core(system)])
     return bool(
         np.max(rates, initial=0.0) <= _STILL * max(1.0, np.max(np.abs(point.rates), initial=0.0))
@@ -297,7 +297,7 @@ def is_still(system: Reduced, point: Slopes) -> bool:
 
 
 def is_same(first: Reduced, second: Reduced) -> bool:
-    """Tell whether two linear systems agree in all deviations on which others depend."""
+    """Return whether two linear systems agree in all deviations on which others depend."""
     # Deviations on which nothing depends, such as a heading, may differ.
     block = np.ix_(core(first), core(first))
     size = np.max(np.abs(first.A[block]), initial=0.0)

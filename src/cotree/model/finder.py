@@ -38,14 +38,14 @@ _POSITIONS, _TURNED = 3, 0.5
 
 
 def turning_speeds(layout: Layout) -> npt.NDArray[np.bool_]:
-    """Tell which speeds of the multibody system are angular, shape (n_speeds,)."""
+    """Return which speeds of the multibody system are angular, shape (n_speeds,)."""
     first = layout.n_coordinates
     rows = layout.states[first : first + layout.n_speeds]
     return np.array([row.unit.startswith("rad") for row in rows], dtype=np.bool_)
 
 
 def gradient_groups(layout: Layout) -> list[tuple[str, str]]:
-    """Give edge and unit of each row of the kernel ``gradient``."""
+    """Return edge and unit of each row of the kernel ``gradient``."""
     n = len(layout.constraint_edges)
     # Rates stand before the norms of quaternions, which come last.
     first = len(layout.constraints) - len(layout.quaternions) - n
@@ -60,7 +60,7 @@ def scene_length(
     y: Array,
     gaps: Sequence[float] | Array = (),
 ) -> float:
-    """Give how far constraints reach in a scene: what a turn moves for what a shift does.
+    """Return the characteristic length of the constraints of a scene: translation per rotation.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def turned(layout: Layout, y: Array, place: int) -> Array:
 
 
 def length_of_turns(rows: Array, groups: Sequence[object], turns: npt.NDArray[np.bool_]) -> float:
-    """Give what a turn moves for what a shift does, in the middle of all gradients.
+    """Return the median lever arm (translation per rotation) of the constraint gradients.
 
     The quotient of both parts of a row is a length whatever the row's own unit. Rows of one edge
     are taken together, since axes across which a joint holds are arbitrary.
@@ -246,7 +246,7 @@ class Finder:
         return scene_length(layout, self._gradient, groups, y, self.residual(y, 0)[of_length])
 
     def _shifts(self) -> npt.NDArray[np.bool_]:
-        """Tell which coordinates are lengths."""
+        """Return which coordinates are lengths."""
         rows = self.model.layout.states[: self.n_coordinates]
         return np.array([row.unit == "m" for row in rows], dtype=np.bool_)
 
@@ -272,19 +272,19 @@ class Finder:
         return found
 
     def _places(self, level: int) -> slice:
-        """Say where the constraints of a level stand among the results of their kernel."""
+        """Return the slice of the constraints of a level among the results of their kernel."""
         if level == 0:
             return slice(0, self.n_values)
         return slice(self.n_values, self.n_values + self.n_rows)
 
     def scaled(self, y: Array, level: int) -> Array:
-        """Give coordinates, or speeds, free of units of length."""
+        """Return coordinates, or speeds, free of units of length."""
         if level == 1:
             return np.asarray(y[self.own[1]] / self.units)
         return np.asarray(y[self.own[0]] / np.where(self._shifts(), self.length, 1.0))
 
     def size(self, y: Array, level: int) -> float:
-        """Give the size of the states that residuals of a level are made of, at least 1."""
+        """Return the size of the states that residuals of a level are made of, at least 1."""
         found = [self.scaled(y, own) for own in range(level + 1)]
         return 1.0 + float(np.max(np.abs(np.concatenate(found)), initial=0.0))
 
@@ -314,7 +314,7 @@ class Finder:
         return np.asarray(rows * self.units / self.sizes[level][:, None])
 
     def normalised(self, y: Array) -> Array:
-        """Give quaternions the norm one."""
+        """Normalise quaternions."""
         y = y.copy()
         for first in self.model.layout.quaternions:
             length = float(np.linalg.norm(y[first : first + 4]))
@@ -346,7 +346,7 @@ class Finder:
         return self.normalised(y)
 
     def shift(self, y: Array, step: Array) -> Array:
-        """Give the change of the coordinates for a step, free of units, along the directions."""
+        """Return the change of the coordinates for a step, free of units, along the directions."""
         step = step * self.units
         change = np.zeros(self.n_coordinates)
         i = 0
@@ -405,7 +405,7 @@ class Finder:
         return min(names, key=self.order.__getitem__)
 
     def any_way(self, level: int) -> Way:
-        """Let all that was given move, and keep all residuals."""
+        """Free all given values, and keep all residuals."""
         free = set(self.columns[level])
         columns = [i for i in range(self.n_speeds) if i not in free]
         return Way(columns, list(range(len(self.rows[level]))))

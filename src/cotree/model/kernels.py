@@ -48,7 +48,7 @@ _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 
 
 def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Say which operation makes values of a kernel nan or infinite; empty where none does.
+    """Describe which operation makes values of a kernel nan or infinite; empty where none does.
 
     Parameters
     ----------
@@ -296,11 +296,11 @@ class Kernels(Protocol):
         ...
 
     def native(self) -> NativeModel | None:
-        """Give the model as C sees it, as this thread last prepared it; None where it is none."""
+        """Return the model as C sees it, as this thread last prepared it; None where it is none."""
         ...
 
     def address(self, name: str) -> int | None:
-        """Give the address of a kernel in C; None where it is none."""
+        """Return the address of a kernel in C; None where it is none."""
         ...
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -415,7 +415,7 @@ class CKernels:
         return result
 
     def native(self) -> NativeModel:
-        """Give the model and the parameters that this thread last prepared."""
+        """Return the model and the parameters that this thread last prepared."""
         # Copies, since a run outlives what this thread may prepare next.
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())

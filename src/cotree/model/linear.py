@@ -93,7 +93,7 @@ class Linear(NamedTuple):
 
 
 def longest(step: Array) -> float:
-    """Give the size of the largest entry; nan where an entry is nan.
+    """Return the size of the largest entry; nan where an entry is nan.
 
     ``numpy.max`` gives the same, but its call takes longer.
     """
@@ -180,7 +180,7 @@ def _solver(n: int) -> tuple[Callable[..., tuple[Array, Array, Array, int]], Arr
 
 @functools.lru_cache(maxsize=8)
 def _signs(n: int) -> Array:
-    """Give random signs, the same at every call, shape (n, number of probes)."""
+    """Return random signs, the same at every call, shape (n, number of probes)."""
     return np.random.default_rng(0).choice([-1.0, 1.0], (n, _PROBES))
 
 
@@ -234,7 +234,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def vanishing_combinations(rows: Array, whole: Array) -> Array:
-    """Give the combinations of rows that vanish beside the whole gradient, orthonormal.
+    """Return the combinations of rows that vanish beside the whole gradient, orthonormal.
 
     Returns
     -------
@@ -288,7 +288,7 @@ def independent_columns(rows: Array) -> list[int]:
 
 
 def singular_direction(slopes: Iterable[Matrix]) -> tuple[int, ...]:
-    """Give the unknowns that square matrices leave undetermined; none as soon as one is regular.
+    """Return the unknowns that square matrices leave undetermined; none as soon as one is regular.
 
     Rows and columns are scaled first, so the answer is free of units.
     """

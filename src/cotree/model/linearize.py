@@ -412,7 +412,7 @@ class Linearizer:
         return LinearSlopes(*reduce_along(point, change, found, self.states), change.D)
 
     def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
-        """Tell whether the linear system is constant along the motion and in time."""
+        """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
         # At rest and autonomous: an equilibrium.
         if not (fastest or self.is_timed or (self.has_timed_inputs and at.u is None)):

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 def whole_kernel(
     kernels: Kernels, layout: Layout, name: str
 ) -> Callable[[float, Array, Array, Array], Array]:
-    """Give a kernel as a function of time, states, all sensitivities and inputs.
+    """Return a kernel as a function of time, states, all sensitivities and inputs.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ class CompiledModel:
         return self._defaults.copy()
 
     def parameter_array(self, values: Any = None, others: Any = None) -> Array:
-        """Give the parameter array, as every call that takes parameters does.
+        """Return the parameter array, as every call that takes parameters does.
 
         Parameters
         ----------
@@ -199,14 +199,14 @@ class CompiledModel:
         return as_parameters(values, self._place_of, known, self.layout.derived)
 
     def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Give the parameters of a run as an array, of all its values by name.
+        """Return the parameters of a run as an array, of all its values by name.
 
         Those that follow from others are among the values, and are left out.
         """
         return self.parameter_array({name: values[name] for name in self._place_of})
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
-        """Give a kernel as a function of time, states, flat sensitivities and inputs.
+        """Return a kernel as a function of time, states, flat sensitivities and inputs.
 
         For solvers: no checks and no copies, the result is a buffer of the thread that calls. It
         stays valid until that thread calls the kernel again; the function prepares its own
@@ -228,7 +228,7 @@ class CompiledModel:
         return call
 
     def native(self, p: Array) -> NativeModel | None:
-        """Give the model as C sees it, at fixed parameters; None where there is no compiler."""
+        """Return the model as C sees it, at fixed parameters; None where there is no compiler."""
         self._prepare(p)
         return self._kernels.native()
 
@@ -238,13 +238,13 @@ class CompiledModel:
         return self._kernels.backend
 
     def address(self, name: str) -> int | None:
-        """Give the address of a kernel in C; None where it is none."""
+        """Return the address of a kernel in C; None where it is none."""
         return self._kernels.address(name)
 
     def bound_jacobian(
         self, p: Array, *, is_sparse: bool = False
     ) -> Callable[[float, Array, Array | None], Any]:
-        """Give the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
+        """Return the Jacobian, full or by rows, as a function like those of :meth:`bound`."""
         kernel = self.bound("jacobian", p)
         place = self.structure.by_rows if is_sparse else self.structure.full
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
@@ -257,7 +257,7 @@ class CompiledModel:
         return self._kernel(name)(t, x, s, u).copy()
 
     def _kernel(self, name: str) -> Call:
-        """Give a kernel of full arrays, found once."""
+        """Return a kernel of full arrays, found once."""
         found = self._whole.get(name)
         if found is None:
             found = self._whole[name] = whole_kernel(self._kernels, self.layout, name)
@@ -375,7 +375,7 @@ class CompiledModel:
         return bool(self.program.longest_steps)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
-        """Give the longest step that passes over nothing, [s]; see :meth:`corners`."""
+        """Return the longest step that passes over nothing, [s]; see :meth:`corners`."""
         return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
@@ -395,7 +395,7 @@ class CompiledModel:
         return tuple(row.name for row in self.layout.constraints)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
-        """Give initial states and sensitivities: those of the operating point, or the scene's.
+        """Return initial states and sensitivities: those of the operating point, or the scene's.
 
         Parameters
         ----------
@@ -423,19 +423,19 @@ class CompiledModel:
         return self._at("constraints", t, y, p, None)
 
     def initial(self, p: Any = None) -> Array:
-        """Give the initial states, shape (n_states,), for parameters ``p``."""
+        """Return the initial states, shape (n_states,), for parameters ``p``."""
         self._prepare(p)
         return self._call("initial", 0.0, _NONE, _NONE, _NONE)
 
     def initial_sensitivity(self, p: Any = None) -> Array:
-        """Give the sensitivities of the initial states, shape (n_states, n_parameters)."""
+        """Return the sensitivities of the initial states, shape (n_states, n_parameters)."""
         self._prepare(p)
         return self._by_parameter(
             self._call("initial_sensitivity", 0.0, _NONE, _NONE, _NONE), len(self.states)
         )
 
     def input_values(self, t: float, p: Any = None) -> Array:
-        """Give the scene's own inputs at a time, shape (n_inputs,)."""
+        """Return the scene's own inputs at a time, shape (n_inputs,)."""
         self._prepare(p)
         return self._call("inputs", float(t), _NONE, _NONE, _NONE)
 
@@ -466,7 +466,7 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Say why rates have no value at a point, as a sentence without a capital and an end.
+        """Describe why rates have no value at a point, as a sentence without a capital and an end.
 
         Parameters
         ----------
@@ -509,7 +509,7 @@ def _listed(files: Mapping[str, str]) -> list[str]:
 
 
 def states_only(model: CompiledModel) -> CompiledModel:
-    """Give a model without its sensitivities; itself where it has none."""
+    """Return a model without its sensitivities; itself where it has none."""
     if not model.sensitivities:
         return model
     found: CompiledModel = model.kept.of(StatesOnly, lambda: StatesOnly(model))
@@ -545,11 +545,11 @@ class StatesOnly(CompiledModel):
         return self._whole_model.initial_values(t, p, u)[0], np.zeros((len(self.states), 0))
 
     def initial_sensitivity(self, p: Any = None) -> Array:
-        """Give the sensitivities of the initial states, none, shape (n_states, 0)."""
+        """Return the sensitivities of the initial states, none, shape (n_states, 0)."""
         return np.zeros((len(self.states), 0))
 
     def native(self, p: Array) -> NativeModel | None:
-        """Give the model as C sees it; see :meth:`CompiledModel.native`."""
+        """Return the model as C sees it; see :meth:`CompiledModel.native`."""
         native = super().native(p)
         # The kernel of the states alone may be there where the one with sensitivities is too long.
         return native and changed(native, can_extend=self.program.can_extend)

@@ -73,11 +73,11 @@ class Residuals(Protocol):
         ...
 
     def linearised(self, z: Array) -> Linear:
-        """Give the linear equations of the last point evaluated; raise LinAlgError if singular."""
+        """Return the linear equations of the last point; raise LinAlgError if singular."""
         ...
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Give the point that a step leads to, after limiting the step."""
+        """Return the point that a step leads to, after limiting the step."""
         ...
 
 
@@ -110,7 +110,7 @@ class Equation:
         self.n_carried = n_carried
 
     def linearised(self, z: Array) -> Linear:
-        """Give the linear equations of a Newton step; see :class:`Residuals`."""
+        """Return the linear equations of a Newton step; see :class:`Residuals`."""
         return linearise(self.slope(z), np.concatenate([self.held, z]))
 
     def moved(self, z: Array, step: Array) -> Array:
@@ -118,11 +118,11 @@ class Equation:
         return z + step
 
     def by_unknowns(self, z: Array) -> Matrix:
-        """Give the derivatives by the unknowns."""
+        """Return the derivatives by the unknowns."""
         return self.slope(z)[:, -len(z) :]
 
     def square(self, z: Array) -> Array:
-        """Give the derivatives by the unknowns as a full matrix."""
+        """Return the derivatives by the unknowns as a full matrix."""
         slope = self.by_unknowns(z)
         found: Array = slope if isinstance(slope, np.ndarray) else slope.toarray()
         return found
@@ -178,7 +178,7 @@ class NaturalTest:
         self._before = max(length, TINY)
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Say what follows where the step is accepted; None where it is not."""
+        """Return the next point if the step is accepted, else None."""
         step = -self._linear.solve(g)
         after = longest(step / self._units)
         if not after <= (1.0 - self.share * damping) * self._before:
@@ -207,7 +207,7 @@ class ResidualTest:
         self._before = float(np.linalg.norm(self._weights * point.g))
 
     def following(self, g: Array, damping: float) -> _Following | None:
-        """Say what follows where the step is accepted; None where it is not."""
+        """Return the next point if the step is accepted, else None."""
         after = float(np.linalg.norm(self._weights * g))
         return _ANEW if after <= (1.0 - _ARMIJO * damping) * self._before else None
 
@@ -333,12 +333,12 @@ def _damped(
 
 
 def _is_stalled(point: Root, linear: Linear, step: Array) -> bool:
-    """Say whether a step that is not accepted may be taken for rounding."""
+    """Return whether a step that is not accepted may be taken for rounding."""
     return linear.is_stalled(point.z, step) and linear.is_met(point.g)
 
 
 def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> bool:
-    """Say whether a point from which no step is accepted is exact up to rounding."""
+    """Return whether a point from which no step is accepted is exact up to rounding."""
     if _is_stalled(point, linear, step):
         return True
     size = max(1.0, float(np.max(np.maximum(np.abs(point.z), linear.scale))))
@@ -347,7 +347,7 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 
 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
-    """Say whether a residual is nothing but rounding, where laws lose digits inside.
+    """Return whether a residual is nothing but rounding, where laws lose digits inside.
 
     A difference of squares of two volts leaves 1e-18 A of a conductance without a voltage, which
     neither the slopes nor the sizes of terms tell of. In that case, the values at neighbouring
@@ -472,7 +472,7 @@ def _far(equation: Equation, z: Array) -> Root:
 
 
 def _falling(equation: Equation, z: Array) -> Root:
-    """Let the residual fall as far as it goes, and end by the natural test."""
+    """Reduce the residual as far as possible, and end by the natural test."""
     root = iterate(equation, z, _FALLING)
     return iterate(equation, root.z, _FAR) if root.is_found else root
 
@@ -633,14 +633,14 @@ class HeldEquations:
         return values
 
     def linearised(self, z: Array) -> Linear:
-        """Give the linear equations of the point that was evaluated last."""
+        """Return the linear equations of the point that was evaluated last."""
         own, entries = np.arange(self._n, len(z)), self._entries
         rows, columns = np.append(self._rows, own), np.append(self._columns, own)
         scale = np.maximum(1.0, np.abs(z))
         return Linear(lambda g: solve_entries(rows, columns, entries, g), scale)
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Let exponents rise by the logarithm of what is wanted, from zero if they are below it."""
+        """Limit the growth of exponents to the logarithm of the wanted one."""
         wanted, own = z + step, slice(self._n, None)
         base = np.maximum(z[own], 0.0)
         rise = np.maximum(wanted[own] - base, 0.0)
@@ -649,7 +649,7 @@ class HeldEquations:
         return wanted
 
     def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
-        """Give equations and exponents, and the entries of their derivatives."""
+        """Return equations and exponents, and the entries of their derivatives."""
         size = len(z) + len(e)
         values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
         results = self._results.copy()

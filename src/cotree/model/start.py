@@ -241,7 +241,7 @@ def check_start(model: CompiledModel) -> None:
 
 
 def is_slope(name: str) -> bool:
-    """Tell whether a name among initial values is that of a sensitivity."""
+    """Return whether a name among initial values is that of a sensitivity."""
     return name.startswith("d(")
 
 

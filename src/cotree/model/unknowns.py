@@ -279,7 +279,7 @@ def solve_states(at: Moment, y: Array) -> Array:
 
 
 def of_model(at: Moment) -> Algebraic:
-    """Give the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
+    """Return the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
     none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic
@@ -309,7 +309,7 @@ _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
 def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
-    """Give edges that move relative to their mode the mode of their speed.
+    """Set the modes of edges that move relative to their mode to those of their speed.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
 
 
 def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
-    """Give a guess the modes of its dry friction, and on joints the forces that these ask for.
+    """Add the modes of dry friction to a guess, and on joints the forces that these need.
 
     What sticks is an equilibrium where its force holds it: a search would move it otherwise.
 
@@ -417,7 +417,7 @@ def _refused(edge: str, mode: float, why: str) -> SolveError:
 
 
 def _still(y: Array) -> float:
-    """Give the largest speed that is none."""
+    """Return the largest speed that counts as rest."""
     return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
 
 
