@@ -159,13 +159,6 @@ class NewtonContext(KernelFile):
 def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str, str]:
     """Write the file of a model, and the headers that it includes.
 
-    Parameters
-    ----------
-    model : NewtonContext
-        From :func:`newton_context`.
-    features : Features
-        What is compiled.
-
     Returns
     -------
     mapping of str to str

@@ -111,13 +111,7 @@ def with_runtime(
 
 
 def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
-    """Return the text of a public header, ``cotree_abi.h`` among them.
-
-    Raises
-    ------
-    CodegenError
-        If the runtime has no such header.
-    """
+    """Return the text of a public header, ``cotree_abi.h`` among them."""
     text = _abi(target) if name == "cotree_abi.h" else _read(name)
     return _resolved(text, target, features)
 

@@ -55,28 +55,16 @@ class SettingsDict(OtherSettings, total=False):
 
 
 class Row(NamedTuple):
-    """What is known of a setting.
+    """What is known of a setting."""
 
-    Attributes
-    ----------
-    doc : str
-        Its documentation.
-    check : callable
-        ``check(value, name)`` returns the value that is kept, or raises an error.
-    option : str
-        Help of its option on the command line, with its default in place of ``{}``; it has none if
-        empty.
-    metavar : str or None
-        The value in that help.
-    in_scenes : bool
-        Whether scene files may set it.
-    """
-
-    doc: str
+    doc: str  # its documentation
+    #: ``check(value, name)`` returns the value that is kept, or raises an error.
     check: Callable[[Any, str], Any]
+    #: Help of its option on the command line, with its default in place of ``{}``; it has none if
+    #: empty.
     option: str = ""
-    metavar: str | None = None
-    in_scenes: bool = True
+    metavar: str | None = None  # the value in that help
+    in_scenes: bool = True  # whether scene files may set it
 
 
 def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: Any) -> Any:
@@ -429,15 +417,13 @@ class Simulation(Settings):
     ----------
     t_span, method, rtol, ...
         As of :class:`Settings`.
-    start : {"initial values", "operating point"}
-        The state in which it begins. At its operating point an electrical network rests with what
-        its sources give at the start: no current flows into capacitors, no voltage is across
-        inductors.
-    held : tuple of (str, Expression)
-        Nodes whose voltages are held during the search for the operating point, then released.
     """
 
+    #: The state in which it begins. At its operating point an electrical network rests with what
+    #: its sources give at the start: no current flows into capacitors, no voltage is across
+    #: inductors.
     start: str = INITIAL
+    #: Nodes whose voltages are held during the search for the operating point, then released.
     held: tuple[tuple[str, Expression], ...] = ()
 
     @property

@@ -139,11 +139,6 @@ def fill(
         Gives the scene that a part names, and what it was read from.
     points : callable
         Gives the text of a file that a table names.
-
-    Raises
-    ------
-    ModelError
-        If a statement is not accepted.
     """
     # Each statement is made by the method that Python users call, so that files are checked alike.
     for name, value in data.items():
