@@ -7,12 +7,11 @@ import re
 from pathlib import Path
 
 import pytest
-from component_files import examples_text, stub_text
+from component_files import examples_text
 
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import render_model
 from cotree.components import OWN
-from cotree.scene.edge import examples
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "components"
 SENSITIVITIES = {"slider-pendulum": ["L"], "spring-mass-damper": ["k"]}
@@ -28,12 +27,9 @@ def test_generated_text(golden, program_of, name):
         golden(f"{name}/{file}", text)
 
 
-def test_the_methods_of_components_are_those_of_the_table(golden):
-    """Editors read the stub; examples are edges of the component pages."""
+def test_examples_of_components_are_those_of_their_pages(golden):
     pages = {name: (PAGES / f"{name}.md").read_text(encoding="utf-8") for name in OWN}
     scenes = {
         name: re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1] for name, text in pages.items()
     }
     golden("examples.toml", examples_text(scenes), "src/cotree/components")
-    examples.cache_clear()
-    golden("component_methods.pyi", stub_text(), "src/cotree/scene")

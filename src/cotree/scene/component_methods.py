@@ -1,7 +1,7 @@
 """A method of scenes for each component that cotree comes with.
 
-Types and docstrings for editors and type checkers stand in ``component_methods.pyi``, which a test
-compares with the table of components.
+Types and docstrings for editors and type checkers stand in ``component_methods.pyi``, which the
+build writes, see :mod:`cotree.scene.stub`.
 """
 
 from __future__ import annotations
