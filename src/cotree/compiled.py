@@ -154,7 +154,6 @@ class Model:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
             counts = [(name, n, report.after[name]) for name, n in report.before.items()]
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
-            # Kernels that a pass leaves as they are have no row.
             lines += rows or ["  none changed"]
         return "\n".join(lines)
 
@@ -550,24 +549,9 @@ class Model:
         return casadi_function(rates_of(self.kernels, lambda: self._linearizer, t, "as_casadi"))
 
     def as_jax(self, t: float | None = None) -> Any:
-        """Return the rates as a function of JAX, with their exact first derivatives.
+        """Return the rates as a function of JAX, (x, u, p) -> dx, with exact first derivatives.
 
-        Parameters
-        ----------
-        t : float, optional
-            Time at which rates are taken, [s]; needed where they depend on it.
-
-        Returns
-        -------
-        callable
-            The function (x, u, p) -> dx of states, inputs, and those parameters that the model was
-            compiled with sensitivities to; the scene's where p is absent.
-
-        Raises
-        ------
-        ParameterError
-            If the model has algebraic unknowns or constraints, or needs a time; if the package is
-            missing; or if JAX computes in single precision.
+        Parameters and errors as for :meth:`as_casadi`; JAX must compute in double precision.
         """
         from cotree.model.bridges import jax_function, rates_of
 
@@ -581,17 +565,15 @@ class Model:
             return self, settings
         scene, parameters = self.spec.scene, settings.parameters
         known = parameters if isinstance(parameters, Mapping) else {}
-        # Names that the scene does not have become parameters of the model.
         gains = new_names(scene, expressions, known)
         texts = {name: parse(text, "input").text.strip() for name, text in expressions.items()}
         key = frozenset(texts.items()), tuple(gains)
 
-        def compile() -> Model:
-            values = {name: known[name] for name in gains}
-            other = with_inputs(scene, expressions, values, "input")
-            return compile_spec(self.spec.of(other))
-
-        model = self._variants.of(key, compile)
+        values = {name: known[name] for name in gains}
+        model = self._variants.of(
+            key,
+            lambda: compile_spec(self.spec.of(with_inputs(scene, expressions, values, "input"))),
+        )
         rest = {name: value for name, value in given.items() if name not in expressions}
         return model, replace(settings, inputs=rest)
 
@@ -625,8 +607,7 @@ class Model:
         cpp : bool
             Whether to write a header for C++, too.
         single_file : bool
-            Whether to write one header and one source, whose names all begin with the prefix, in
-            place of a file for each part and of build files.
+            Whether to write one header and one source; all their names begin with the prefix.
 
         Returns
         -------
@@ -641,14 +622,15 @@ class Model:
         """
         from cotree.export.c_project import Kit, write_c_project
 
-        d, to = self._defaults, Path(directory)
-        kit = Kit(integrator, real, prefix, cpp, single_file)
+        d, kit = self._defaults, Kit(integrator, real, prefix, cpp, single_file)
         numbers = {"t_end": d.t_end, "rtol": d.rtol, "atol": d.atol}
-        # A C project has no search for operating points: it begins with the numbers found here.
+        # A C project does not search for operating points.
         start = self.start() if self.kernels.begins_at_rest else None
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
-            return write_c_project(self.kernels.program, to, kit, **numbers, step=step, start=start)
+            return write_c_project(
+                self.kernels.program, Path(directory), kit, **numbers, step=step, start=start
+            )
 
     def export_fmu(
         self,
