@@ -137,7 +137,7 @@ def test_an_overflow_that_does_no_harm_does_none_without_a_compiler(monkeypatch)
     compiled = scene.compile()
     monkeypatch.setenv("COTREE_COMPILER", "none")
     python = scene.compile()
-    assert python.backend == "Python"
+    assert python.kernels.backend == "Python"
     for s in (-1.0, -0.7, 0.0, 1e-4, 1.0):
         assert np.array_equal(python.rhs(0.0, [s, 0.2]), compiled.rhs(0.0, [s, 0.2]))
         assert np.array_equal(
