@@ -57,7 +57,7 @@ static cotree_status set_up(integrator *d, cotree_real step)
 static long step_of(long row, long n_points, long n)
 {
     const cotree_real ratio = (cotree_real)row * (cotree_real)n / (cotree_real)(n_points - 1);
-    return (long)COTREE_FLOOR(ratio + COTREE_F(0.5));
+    return (long)(ratio + COTREE_F(0.5));
 }
 
 int main(int argc, char **argv)
