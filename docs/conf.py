@@ -134,8 +134,8 @@ def _without_making(_app: object, what: str, name: str, *_rest: object) -> tuple
 def _with_inherited_attributes(
     _app: object, what: str, name: str, item: Any, _options: object, lines: list[str]
 ) -> None:
-    """List the attributes that a result or a model has from the class below it, too."""
-    if what == "class" and name in ("cotree.Result", "cotree.Model"):
+    """List the attributes that a result has from the class below it, too."""
+    if what == "class" and name == "cotree.Result":
         inherited = (inspect.getdoc(item.__mro__[1]) or "").splitlines()
         start = inherited.index("Attributes") + 2
         at = lines.index("Attributes") + 2

@@ -295,18 +295,34 @@ def _listed(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """The uncertainty of estimates, with parameters on their scales."""
+    """The uncertainty of estimates, with parameters on their scales.
 
-    fisher: Array  # Fisher information, including that of priors, shape (n, n)
-    #: Undetermined parameters have infinite variances, and nan elsewhere, shape (n, n).
+    Attributes
+    ----------
+    fisher : ndarray, shape (n, n)
+        Fisher information, including that of priors.
+    covariance, correlation : ndarray, shape (n, n)
+        Undetermined parameters have infinite variances, and nan elsewhere.
+    errors : ndarray, shape (n,)
+        Standard errors.
+    root : ndarray, shape (n, n_determined)
+        R such that R R^T is the covariance in the determined subspace.
+    freedom : float
+        Degrees of freedom of Student's t; infinite if the noise is given.
+    spread : float
+        Correction factor of variances, for estimated noise and for robust losses.
+    split : Split
+        Determined and undetermined directions.
+    """
+
+    fisher: Array
     covariance: Array
     correlation: Array
-    errors: Array  # standard errors, shape (n,)
-    #: R such that R R^T is the covariance in the determined subspace, shape (n, n_determined).
+    errors: Array
     root: Array
-    freedom: float  # degrees of freedom of Student's t; infinite if the noise is given
-    spread: float  # correction factor of variances, for estimated noise and for robust losses
-    split: Split  # determined and undetermined directions
+    freedom: float
+    spread: float
+    split: Split
 
     def quantile(self, level: float) -> float:
         """Return half the width of a confidence interval in standard errors."""

@@ -59,33 +59,71 @@ class RunRecord(Deferring):
 
     Outputs, inputs, events and values of parameters are evaluated when they are first read; an
     output that is not determined somewhere then raises ``SingularSystemError``.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_t,)
+        Times, [s].
+    y : ndarray, shape (n_states, n_t)
+        States.
+    s : ndarray, shape (n_states, n_parameters, n_t)
+        Sensitivities of the states, [state unit / parameter unit].
+    states : tuple of str
+        Names along the first axis of ``y``.
+    outputs : tuple of str
+        Names along the first axis of ``output_values``.
+    output_values : ndarray, shape (n_outputs, n_t)
+        Outputs.
+    output_sensitivities : ndarray, shape (n_outputs, n_parameters, n_t)
+        Sensitivities of the outputs.
+    inputs : tuple of str
+        Names along the first axis of ``input_values``.
+    input_values : ndarray, shape (n_inputs, n_t)
+        Inputs.
+    parameters_of_sensitivity : tuple of str
+        Names along the second axis of ``s``.
+    units : mapping of str to str
+        Unit of each name that has one.
+    status : int
+        0 for success, negative for an integration that stopped early.
+    message : str
+        The solver's report.
+    statistics : Statistics
+        Work done by the solver.
+    times : mapping of str to float
+        Seconds spent in each stage: formulate, generate, compile, start (of the
+        model: its operating point, or its initial values), integrate.
+    drift : Drift or None
+        Residuals of the constraints along the run; None where the model has none.
+    redundant : int
+        The largest number of constraints that follow from the others.
+    events : mapping of str to EventTimes
+        Times and states of each event of the scene.
+    parameter_values : mapping of str to float
+        The tunable parameters of the run.
+    positions : tuple of PositionRow
+        Positions in networks that are sums of states; ``result["k.s"]`` finds them, too.
     """
 
-    t: FloatArray  # times, [s]
-    y: FloatArray  # states
-    s: FloatArray  # sensitivities of the states, [state unit / parameter unit]
-    states: tuple[str, ...]  # names along the first axis of ``y``
-    outputs: tuple[str, ...]  # names along the first axis of ``output_values``
-    output_values: FloatArray  # outputs
-    output_sensitivities: FloatArray  # sensitivities of the outputs
-    inputs: tuple[str, ...]  # names along the first axis of ``input_values``
-    input_values: FloatArray  # inputs
-    parameters_of_sensitivity: tuple[str, ...]  # names along the second axis of ``s``
-    units: Mapping[str, str]  # unit of each name that has one
-    status: int  # 0 for success, negative for an integration that stopped early
-    message: str  # the solver's report
-    statistics: Statistics  # work done by the solver
-    #: Seconds spent in each stage: formulate, generate, compile, start (of the model: its operating
-    #: point, or its initial values), integrate.
+    t: FloatArray
+    y: FloatArray
+    s: FloatArray
+    states: tuple[str, ...]
+    outputs: tuple[str, ...]
+    output_values: FloatArray
+    output_sensitivities: FloatArray
+    inputs: tuple[str, ...]
+    input_values: FloatArray
+    parameters_of_sensitivity: tuple[str, ...]
+    units: Mapping[str, str]
+    status: int
+    message: str
+    statistics: Statistics
     times: Mapping[str, float] = field(default_factory=dict)
-    #: Residuals of the constraints along the run; None where the model has none.
     drift: Drift | None = None
-    redundant: int = 0  # the largest number of constraints that follow from the others
-    #: Times and states of each event of the scene.
+    redundant: int = 0
     events: Mapping[str, EventTimes] = field(default_factory=dict)
-    #: The tunable parameters of the run.
     parameter_values: Mapping[str, float] = field(default_factory=dict)
-    #: Positions in networks that are sums of states; ``result["k.s"]`` finds them, too.
     positions: tuple[PositionRow, ...] = ()
 
     def __repr__(self) -> str:
