@@ -94,8 +94,7 @@ def _load(parcel: Parcel) -> Plan | None:
                     f"the worker on '{socket.gethostname()}' evaluates the model in "
                     f"{plan.model.backend}, and where the ensemble was started it is "
                     f"{parcel.backend}: results would differ in their last digits. Install a C "
-                    "compiler on all machines (or: pip install ziglang), or set "
-                    "COTREE_COMPILER=none on all"
+                    "compiler on all machines (or: pip install ziglang)"
                 )
             _plans[parcel.key] = plan
             if len(_plans) > _MOST_PLANS:

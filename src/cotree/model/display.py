@@ -81,7 +81,7 @@ def _quantities(rows: Iterable[Quantity]) -> str:
 def _compiler(model: CompiledModel) -> str:
     """Name the compiler; a model that Python evaluates has none."""
     if model.backend != "C":
-        return "none: evaluated in Python, slowly"
+        return "none: nothing is simulated"
     try:
         found = find_toolchain()
     except BuildError:

@@ -364,6 +364,8 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
     graphs, trees = draw_graphs(model.spec.scene, None)
     drawn = picture((graph, trees.get(domain)) for domain, graph in graphs.items())
     files = icon_files(drawn, choice.version)
+    if model.kernels.backend != "C":
+        return files
     # Inputs from outside stay where they begin.
     begin = model.kernels.input_values(0.0)
     wanted = choice.inputs or ()
