@@ -315,9 +315,9 @@ def test_check_passes_and_fails(
 @pytest.mark.slow
 def test_check_takes_a_tree_a_method_and_a_tolerance(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["check", "slider-pendulum", "-s", "L", "--t-end", "0.2", "--rtol", "1e-9"]
-    assert main([*arguments, "--tree", "m5,m6,r3,r4", "--method", "RK45"]) == 0
+    assert main([*arguments, "--tree", "m5,m6,r3,r4", "--method", "rkf45"]) == 0
     out = capsys.readouterr().out
-    assert "RK45, rtol 1e-09" in out
+    assert "rkf45, rtol 1e-09" in out
     assert "m6" in out.partition("closest is ")[2]  # coordinates of bodies, not of joints
     assert out.endswith("all sensitivities passed: 1\n")
 
