@@ -46,8 +46,8 @@ def test_a_height_that_is_a_parameter_is_guarded():
 @pytest.mark.slow
 def test_the_exported_program_says_the_same(tmp_path):
     project = four_bar("h").compile().write(tmp_path)
-    main = next(path for path in project.files if path.name == "main.c").read_text()
-    assert "constraint 'j4.z' is not met and nothing moves along it" in main
+    model = next(path for path in project.files if path.name == "bars.c").read_text()
+    assert "constraint 'j4.z' is not met and nothing moves along it" in model
 
 
 def test_a_prescribed_motion_that_nothing_follows_is_refused():
