@@ -68,6 +68,11 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
     return ""
 
 
+def _plain(item: Any) -> Any:
+    """Return the value of an item of a document; booleans are values themselves."""
+    return item if isinstance(item, bool) else item.unwrap()
+
+
 def _merge(old: Any, new: Any, has_removed: bool) -> None:
     """Change what differs in the tables of a document, and leave the rest as it is written."""
     for key in [key for key in old if has_removed and key not in new]:
@@ -76,7 +81,7 @@ def _merge(old: Any, new: Any, has_removed: bool) -> None:
         own = old.get(key)
         if isinstance(own, Mapping) and isinstance(value, Mapping):
             _merge(own, value, has_removed)
-        elif own is None or own.unwrap() != value.unwrap():
+        elif own is None or _plain(own) != _plain(value):
             old[key] = value
 
 
