@@ -463,7 +463,7 @@ class Finder:
 
 
 class Way(NamedTuple):
-    """What gives way of what was given, at one level."""
+    """The given values of one level that a start may change."""
 
     columns: list[int]  # the directions of motion whose given values move
     rows: list[int]  # the residuals that hold: initial values of what is no state may be left out
@@ -479,7 +479,7 @@ class Level:
     level : int
         0 for positions, 1 for velocities.
     way : Way or None
-        What gives way of what was given; nothing where absent.
+        The given values that may change; none if absent.
     """
 
     n_carried = 0

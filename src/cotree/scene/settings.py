@@ -55,7 +55,7 @@ class SettingsDict(OtherSettings, total=False):
 
 
 class Row(NamedTuple):
-    """What is known of a setting."""
+    """Documentation, check and option of a setting."""
 
     doc: str  # its documentation
     #: ``check(value, name)`` returns the value that is kept, or raises an error.

@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-/* What holds within the present stretch. */
+/* Tolerances and rates within the present stretch. */
 typedef enum cotree_stretch {
     COTREE_ORDINARY = 0,
     COTREE_STRICT = 1, /* rates are evaluated on the constraints */

@@ -61,7 +61,7 @@ int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotre
     return status;
 }
 
-/* Let all friction that sticks slide forwards: sticking friction may be redundant. Return whether
+/* Set all sticking friction to slide forwards: sticking friction may be redundant. Return whether
  * there is any. */
 int cotree_start_release_friction(const cotree_start *start, cotree_real *z)
 {
