@@ -127,30 +127,9 @@ def choose_first_graph(
 ) -> tuple[FirstGraph, tuple[Alternative, ...]]:
     """Form the first graph in the tree and the axes that cost least.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    trees : sequence of Trees
-        The trees to try.
-    sensitivities : sequence of str
-        Parameters and states to take sensitivities to.
-    baumgarte : float
-        Rate, [1/s], at which violated constraints decay.
-    check : callable, optional
-        May refuse the first graph of the first tree, before others are formed.
-
-    Returns
-    -------
-    first : FirstGraph
-        The cheapest.
-    alternatives : tuple of Alternative
-        All that were tried, the cheapest first.
-
-    Raises
-    ------
-    ModelError, FormulationError
-        If the first tree, or the check, raises it.
+    Returns all alternatives that were tried, too, the cheapest first. ``check`` may refuse the
+    first graph of the first tree, before others are formed; ``baumgarte`` is the rate, [1/s], at
+    which violated constraints decay. Raises what the first tree, or the check, raises.
     """
     first, *others = trees
     found = _tried(scene, first, sensitivities, baumgarte, check)

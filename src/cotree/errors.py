@@ -139,21 +139,9 @@ def _closest(name: str, choices: Sequence[str]) -> str:
 
 
 def check_known(given: Iterable[object], known: Iterable[str], what: str) -> None:
-    """Refuse names that are not among the known ones.
+    """Raise SceneError for the first name that is not known, and suggest one that is.
 
-    Parameters
-    ----------
-    given : iterable of str
-        The names that were given.
-    known : iterable of str
-        The names that are accepted.
-    what : str
-        The beginning of the message, before the name: ``"edge 'k' has no field"``.
-
-    Raises
-    ------
-    SceneError
-        For the first name that is not known; the message suggests one that is.
+    ``what`` begins the message, before the name: ``"edge 'k' has no field"``.
     """
     names = frozenset(known)
     for name in given:

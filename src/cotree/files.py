@@ -28,20 +28,7 @@ def template_folder() -> Path:
 
 
 def read_text(source: str | Path, largest: int) -> str:
-    """Read a text file in UTF-8.
-
-    Parameters
-    ----------
-    source : str or Path
-        Its path.
-    largest : int
-        Bytes that it may have.
-
-    Raises
-    ------
-    SceneError
-        If it is no file, is too large, cannot be read, or is not a text in UTF-8.
-    """
+    """Read a text file in UTF-8 of at most ``largest`` bytes; SceneError if it is none."""
     if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
         raise SceneError(f"'{brief(source, 200)}' is not a file: check its path")
     try:
@@ -69,22 +56,11 @@ def is_number(text: str) -> bool:
 
 
 def read_rows(text: str, where: str) -> list[tuple[int, list[str]]]:
-    """Read the rows of a table whose cells are separated by commas, semicolons or tabs.
+    """Read the rows of a table, with the number of the line that each row ends in.
 
-    The most frequent one in the first row separates. Blank lines, and comments that begin with
-    ``#``, are skipped. If commas do not separate cells, they are decimal points.
-
-    Parameters
-    ----------
-    text : str
-        The table.
-    where : str
-        Its origin, for messages.
-
-    Returns
-    -------
-    list of tuple of int and list of str
-        The number of the line that each row ends in, and its cells.
+    Commas, semicolons or tabs separate cells: the most frequent one in the first row. Blank lines,
+    and comments that begin with ``#``, are skipped. If commas do not separate cells, they are
+    decimal points.
     """
     lines = (line for line in text.splitlines() if line.strip() and line[0] != "#")
     separator = max(",;\t", key=next(lines, "").count)
@@ -127,17 +103,7 @@ def _cell(value: object) -> object:
 
 
 def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
-    """Return the suffix of a file that is to be written, in small letters.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    known : sequence of str
-        Suffixes that can be written: ``.svg``.
-    act : str
-        The act that a wrong suffix prevents, for the message: ``draw``.
-    """
+    """Return the suffix, in small letters, of a file to write; ``act`` begins the message."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise SceneError(
@@ -148,19 +114,9 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
 
 
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
-    """Return the path of what is to be written, if a file can have that name.
+    """Return the path of what is to be written; SceneError if no file can have that name.
 
-    Parameters
-    ----------
-    path : path
-        The file or folder.
-    what : str
-        Description of it, for messages.
-
-    Raises
-    ------
-    SceneError
-        If no file can have the name: it holds a NUL, or characters that the system has none for.
+    Such a name holds a NUL, or characters that the system has none for.
     """
     target = Path(path)
     try:
@@ -178,13 +134,6 @@ def written_whole(path: str | os.PathLike[str], what: str = "the file") -> Itera
     """Return a draft to write, which takes a file's place once it is complete.
 
     A reader never sees a file half written, and what fails leaves an older file as it was.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    what : str
-        Description of it, for messages.
     """
     target = target_path(path, what)
     # In the same folder, since a file takes another one's place at once only within a file system.

@@ -47,12 +47,9 @@ _NOT_OF_MODELS, _OWN = frozenset({"main", "makefile", "all", "install", "clean",
 def check_name(kind: str, name: object) -> str:
     """Accept the name of a node, edge, parameter, input or output.
 
-    Raises
-    ------
-    SceneError
-        If it is not a letter or underscore followed by at most 63 letters, digits or underscores,
-        or is a word of the language of expressions, unless it is that of a node or edge, which
-        stands before a dot there.
+    Raises SceneError if it is not a letter or underscore followed by at most 63 letters, digits or
+    underscores, or is a word of the language of expressions, unless it is that of a node or edge,
+    which stands before a dot there.
     """
     if not isinstance(name, str) or not _NAME.match(name):
         raise SceneError(
@@ -72,13 +69,7 @@ def check_name(kind: str, name: object) -> str:
 
 
 def check_path(kind: str, name: object) -> str:
-    """Accept the name of something that may stand in a part: ``leg1.foot``.
-
-    Raises
-    ------
-    SceneError
-        If it is neither a name nor several ones joined by dots.
-    """
+    """Accept one name or several joined by dots, of something in a part: ``leg1.foot``."""
     if isinstance(name, str) and "." in name and len(name) <= _LONGEST_PATH:
         for step in name.split("."):
             check_name(kind, step)

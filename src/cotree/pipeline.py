@@ -68,10 +68,7 @@ def draw_graphs(
 ) -> tuple[dict[str, LinearGraph], dict[str, Tree]]:
     """Draw the linear graphs of a scene and choose their trees.
 
-    Raises
-    ------
-    TopologyError
-        If the scene has no edges, a node is floating, or a named tree is none.
+    Raises TopologyError if the scene has no edges, a node is floating, or a named tree is none.
     """
     check_edges(scene)
     mechanics = scene.mechanics
@@ -118,12 +115,8 @@ def formulate(
 
     Returns
     -------
-    first : FirstGraph
-        The first graph.
-    equations : Equations
-        The equations formed from it.
-    alternatives : tuple of Alternative
-        The formulations that were tried, the cheapest first.
+    first, equations, alternatives : FirstGraph, Equations, tuple of Alternative
+        The alternatives are the formulations that were tried, the cheapest first.
 
     Raises
     ------
@@ -197,13 +190,8 @@ def trees_to_try(scene: SceneDescription, tree: TreeChoice) -> list[Trees]:
 def count_trees(scene: SceneDescription) -> tuple[Alternative, ...]:
     """Count what the equations of each tree cost, the cheapest first; one line for each tree.
 
-    Trees that translation and rotation do not share come last: they are taken only where they are
-    named. A scene that has no equations yet has none of it.
-
-    Raises
-    ------
-    TopologyError
-        If the scene has no edges, or a node is floating.
+    Trees that translation and rotation do not share come last: they are taken only if they are
+    named. A scene that has no equations yet has none. Raises TopologyError as :func:`draw_graphs`.
     """
     trees = trees_to_try(scene, None)
     try:
@@ -253,13 +241,7 @@ def form_text(
     baumgarte: float,
     locates_corners: bool = True,
 ) -> Formed:
-    """Take a scene to its C text; parameters as of :class:`cotree.spec.BuildSpec`.
-
-    Raises
-    ------
-    ModelError, FormulationError, CodegenError
-        If a stage cannot do its work; the message says which edge, node or name is at fault.
-    """
+    """Take a scene to its C text; parameters as of :class:`cotree.spec.BuildSpec`."""
     with within_range(scene):
         return _form_text(scene, sensitivities, tree, baumgarte, locates_corners)
 

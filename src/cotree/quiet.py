@@ -31,13 +31,7 @@ _ignored: dict[tuple[Any, ...], tuple[int, list[Any]]] = {}
 def without_warnings(
     message: str = "", category: type[Warning] = Warning, module: str = ""
 ) -> Iterator[None]:
-    """Ignore some warnings, in all threads meanwhile: filters belong to the process.
-
-    Parameters
-    ----------
-    message, category, module
-        As of ``warnings.filterwarnings``.
-    """
+    """Ignore some warnings, as ``warnings.filterwarnings``, in all threads meanwhile."""
     pattern = re.compile(message, re.IGNORECASE) if message else None
     # As `warnings` keeps its filters: action, message, category, module, line; 0 is any line.
     entry = ("ignore", pattern, category, re.compile(module) if module else None, 0)
@@ -81,10 +75,7 @@ def level_of_user() -> int:
 
 @contextlib.contextmanager
 def without_collection() -> Iterator[None]:
-    """Pause the cycle collector: an arena is one large structure that lives as a whole.
-
-    Otherwise it looks through all nodes and statements again and again, and frees nothing.
-    """
+    """Pause the cycle collector: an arena is one large structure that lives as a whole."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

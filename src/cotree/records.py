@@ -20,28 +20,15 @@ _PENDING = "_pending"
 
 
 def changed(record: T, **values: Any) -> T:
-    """Return a record with some other values.
+    """Return a record with some other values, by field.
 
-    Parameters
-    ----------
-    record : object
-        Of a frozen dataclass without ``__post_init__`` and without cached properties.
-    **values
-        The other values, by field.
+    The frozen dataclass has no ``__post_init__`` and no cached properties.
     """
     return filled(type(record), vars(record) | values)
 
 
 def filled(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return a record of a frozen dataclass from the values of all its fields, by name.
-
-    Parameters
-    ----------
-    kind : type
-        The dataclass.
-    values : mapping of str to object
-        A dict of these values becomes the record's own: nobody else may change it.
-    """
+    """Return a record of a frozen dataclass from a dict of its fields, which becomes its own."""
     record = object.__new__(kind)
     # Setting the dict takes no time per field, and frozen dataclasses refuse any other way.
     object.__setattr__(record, "__dict__", values if type(values) is dict else dict(values))
@@ -82,12 +69,9 @@ class Deferring:
 
 
 def deferred(**makes: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the entry of a record's values by which others are made when they are asked for.
+    """Return the entry of a record's values by which others are made on first use.
 
-    Parameters
-    ----------
-    **makes : callable
-        By field, what makes it and all that is made along with it, by name. It is called once for
-        each thread that asks before the first one is done, and gives the same each time.
+    ``makes`` has, by field, what makes it and all that is made along with it, by name. It is called
+    once for each thread that asks before the first one is done, and returns the same each time.
     """
     return {_PENDING: makes}

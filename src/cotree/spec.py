@@ -74,12 +74,7 @@ class BuildSpec:
     def of(self, scene: SceneDescription, sensitivities: Sequence[str] | None = None) -> BuildSpec:
         """Return the specification of another scene of the same edges, in the same coordinates.
 
-        Parameters
-        ----------
-        scene : SceneDescription
-            The scene, which nobody changes afterwards.
-        sensitivities : sequence of str, optional
-            Parameters and states to take sensitivities to; the same ones if absent.
+        The scene is not changed afterwards. Sensitivities are the same unless given.
         """
         tree, own = self.tree, self.formed.first.system.trees
         if scene.mechanics.edges:

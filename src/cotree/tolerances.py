@@ -72,15 +72,9 @@ LIMITS = Limits()
 
 
 def rtol_fault(rtol: float, least: float = math.ulp(0.0)) -> str:
-    """Describe why a number is not accepted as a relative tolerance; empty where it is.
+    """Describe why a number is not accepted as a relative tolerance; empty if it is.
 
-    Parameters
-    ----------
-    rtol : float
-        The number.
-    least : float
-        The least that is accepted: the smallest positive number, or zero where that means as
-        little as can be tested.
+    The least is the smallest positive number, or zero if that means as little as can be tested.
     """
     if not (math.isfinite(rtol) and rtol >= least):
         return f"rtol is {rtol}; give a positive finite number"

@@ -135,14 +135,9 @@ def unit_text(dimension: Dimension) -> str:
 
 
 def check_unit(text: str, what: str) -> Unit | None:
-    """Read a unit; None for an empty text, which says nothing.
+    """Read a unit, such as ``kg m^2`` or ``W/(m^2 K)``; None for an empty text.
 
-    Parameters
-    ----------
-    text : str
-        The unit: products, quotients and powers of symbols, as ``kg m^2`` or ``W/(m^2 K)``.
-    what : str
-        What it belongs to, for messages: "unit of parameter 'L'".
+    ``what`` names its owner in messages: "unit of parameter 'L'".
     """
     if not text.strip():
         return None
@@ -163,13 +158,7 @@ def stated_unit(text: str) -> Unit | None:
 
 
 def check_fits(unit: Unit, wanted: str, what: str) -> None:
-    """Refuse a unit of another dimension than the one that is wanted.
-
-    Raises
-    ------
-    UnitError
-        If it is; the message names both.
-    """
+    """Raise UnitError, which names both, if a unit has another dimension than the one wanted."""
     stated = stated_unit(wanted)
     if stated is None or unit.fits(stated):
         return
@@ -181,13 +170,7 @@ def check_fits(unit: Unit, wanted: str, what: str) -> None:
 
 @lru_cache(maxsize=1024)
 def read_unit(text: str) -> Unit:
-    """Read a unit.
-
-    Raises
-    ------
-    UnitError
-        If it is none; the message goes on after its name: "which holds ...".
-    """
+    """Read a unit; UnitError, which continues "which holds ...", if it is none."""
     if len(text) > _LONGEST:
         raise UnitError(f"which is longer than {_LONGEST} characters")
     parts = _parts(text.strip())

@@ -102,28 +102,11 @@ def cache_key(
     flags: Sequence[str],
     cpu_features: str = "",
 ) -> str:
-    """Hash everything that determines the bytes of a library.
+    """Hash everything that determines the bytes of a library; return 64 hexadecimal digits.
 
-    Parameters
-    ----------
-    files : mapping of str to str
-        C text by file name; the order does not matter.
-    abi_version : int
-        Version of the contract between the library and its caller.
-    toolchain : Toolchain
-        The compiler.
-    flags : sequence of str
-        Its flags.
-    cpu_features : str, optional
-        The processor's features, where the flags ask for this machine's processor.
+    ``files`` are C texts by name, in any order; ``cpu_features`` are the processor's, if the flags
+    ask for this machine's processor.
 
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-
-    Examples
-    --------
     >>> from cotree.build import Toolchain, cache_key
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
     >>> len(cache_key({"a.c": "int a;"}, abi_version=1, toolchain=gcc, flags=["-O1"]))
@@ -176,13 +159,8 @@ def kept(of: object, make: Callable[[], _T]) -> _T:
     """Return what a function makes of a value and of cotree's own files, from the folder if there.
 
     Forming equations and printing C take longer than to load the library that was compiled of them.
-
-    Parameters
-    ----------
-    of : object
-        All that the result follows from; None, or what cannot be pickled, if that is not known.
-    make : callable
-        Makes the result, which is not kept if it cannot be pickled.
+    ``of`` is all that the result follows from, None if unknown; it and the result are kept if they
+    can be pickled.
     """
     data = pickled(of) if KEEPS and of is not None else None
     if data is None:
@@ -242,14 +220,10 @@ def private_directory() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def building(key: str, time_limit: float) -> Iterator[None]:
-    """Hold the lock of a library while it is looked for again and built.
+    """Hold the lock of a library while it is looked up again and built.
 
-    Parameters
-    ----------
-    key : str
-        The library's, from :func:`cache_key`.
-    time_limit : float
-        Longest wait for another process that builds it, [s]; after that both build it.
+    Another process that builds it is waited for, at most ``time_limit`` seconds; after that both
+    build.
     """
     import filelock
 

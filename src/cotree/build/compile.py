@@ -100,24 +100,8 @@ def compiler_flags(
 ) -> tuple[str, ...]:
     """Choose the flags that stand before the files' names.
 
-    Parameters
-    ----------
-    toolchain : Toolchain
-        The compiler.
-    options : BuildOptions
-        The user's choice.
-    n_operations : int
-        Number of operations in the longest C function.
-    n_all : int
-        Number of operations in all functions; both decide what ``'auto'`` means.
+    The numbers of operations in the longest C function and in all decide what ``'auto'`` means.
 
-    Returns
-    -------
-    tuple of str
-        Flags in the order of the command line.
-
-    Examples
-    --------
     >>> from cotree.build import BuildOptions, Toolchain, compiler_flags
     >>> gcc = Toolchain(("/usr/bin/gcc",), "gcc 12.2.0", "cc")
     >>> "-O0" in compiler_flags(gcc, BuildOptions(), n_operations=50_000)
@@ -140,15 +124,10 @@ def compiler_flags(
 
 
 def loop_flags(toolchain: Toolchain) -> str:
-    """Choose the level of a file whose loops over equations become vectors.
+    """Return the flags, separated by blanks, of a file whose loops over equations become vectors.
 
     These are the parts of ``-O3`` that the loops gain from: they need half of the compiler's time,
     and the code executes at most a hundredth more instructions.
-
-    Returns
-    -------
-    str
-        Flags with blanks between them.
     """
     return "-O3" if toolchain.is_clang else _LOOPS_GCC
 
@@ -239,25 +218,15 @@ def build_library(
         C text by file name. The ``.c`` files are compiled side by side, each with all ``.h`` files.
     abi_version : int
         Version of the contract between the library and its caller.
-    n_operations : int
-        Number of operations in the longest C function.
-    n_all : int
-        Number of operations in all functions.
-    options : BuildOptions
-        The user's choice.
-    toolchain : Toolchain
-        The compiler, from :func:`find_toolchain`.
+    n_operations, n_all : int
+        Number of operations in the longest C function, and in all.
+    options, toolchain : BuildOptions, Toolchain
+        The user's choice and the compiler.
     levels : mapping of str to str
-        Compiler level of single files, where it is another one than that of ``options``, with
-        further flags behind blanks.
+        Compiler levels of single files, with further flags behind blanks.
     shared : collection of str
-        Names of files that other libraries have, too, with the same text. They include no files but
-        each other. The objects of these ``.c`` files are kept in the cache for those libraries.
-
-    Returns
-    -------
-    BuiltLibrary
-        The library, intact in the cache.
+        Files that other libraries have, too, with the same text, and that include only each other:
+        the objects of these ``.c`` files are kept in the cache.
 
     Raises
     ------
@@ -366,15 +335,7 @@ def _compile(files: Mapping[str, str], steps: Sequence[_Step], key: str, time_li
 def _attempt(
     files: Mapping[str, str], steps: Sequence[_Step], key: str, time_limit: float
 ) -> Path | None:
-    """Compile once; None where the private folder was taken away meanwhile.
-
-    Raises
-    ------
-    BuildError
-        If the compiler refuses the text or takes too long.
-    OSError
-        If the folder cannot be written, as on a full disk.
-    """
+    """Compile once; None if the private folder was taken away meanwhile."""
     with private_directory() as directory:
         try:
             write_files(files, directory)

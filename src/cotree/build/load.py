@@ -25,25 +25,10 @@ class LoadedLibrary:
 
 
 def load_library(path: str | os.PathLike[str], cdef: str) -> LoadedLibrary:
-    """Load a shared library, once per process, path and declarations.
+    """Load a shared library, once per process, path and declarations (without preprocessor lines).
 
-    Parameters
-    ----------
-    path : str or path-like
-        The library, usually :attr:`BuiltLibrary.path`. Only intact files belong here: the system's
-        loader may crash on a damaged one.
-    cdef : str
-        C declarations without preprocessor lines.
-
-    Returns
-    -------
-    LoadedLibrary
-        The same object for the same arguments.
-
-    Raises
-    ------
-    BuildError
-        If the system refuses to load the file, or it lacks something that is declared.
+    Only intact files belong here: the system's loader may crash on a damaged one. Raises BuildError
+    if the system refuses to load the file, or it lacks something that is declared.
     """
     # Absolute, since the system searches its own folders for a bare name.
     return _load(os.path.abspath(path), cdef)
@@ -78,23 +63,9 @@ def _load(path: str, cdef: str) -> LoadedLibrary:
 def obtain_library(
     files: Mapping[str, str], declarations: str, **options: Any
 ) -> tuple[BuiltLibrary, LoadedLibrary]:
-    """Find or build a library and load it.
+    """Find or build a library and load it; ``options`` are those of :func:`build_library`.
 
     A library that another process's ``clear_cache()`` removes before it is loaded is built again.
-
-    Parameters
-    ----------
-    files : mapping of str to str
-        C text by file name.
-    declarations : str
-        C declarations of what it exports, without preprocessor lines.
-    **options
-        The other arguments of :func:`build_library`.
-
-    Returns
-    -------
-    tuple of BuiltLibrary and LoadedLibrary
-        The library's file, and its functions.
     """
     for attempt in range(1, ATTEMPTS + 1):
         built = build_library(files, **options)

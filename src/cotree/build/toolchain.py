@@ -56,34 +56,12 @@ def run_limited(
     time_limit: float,
     owner: threading.Thread | None = None,
 ) -> Outcome:
-    """Run a command and wait for it, at most ``time_limit`` seconds.
+    """Run a command, without a shell, and wait for it, at most ``time_limit`` seconds.
 
     The command's temporary files go to ``directory``, which is also its current directory, so that
-    nothing outlives it there. It reads nothing, and whatever it started dies with it when time
-    runs out or the caller is interrupted.
-
-    Parameters
-    ----------
-    command : sequence of str
-        The program and its arguments; no shell reads them.
-    directory : Path
-        Its current directory.
-    time_limit : float
-        Seconds after which it is killed.
-    owner : threading.Thread, optional
-        The thread that the command is for; the one that calls where absent.
-
-    Returns
-    -------
-    Outcome
-        Exit status and output, or that time ran out.
-
-    Raises
-    ------
-    OSError
-        If the command cannot be started.
-    BuildError
-        If nobody wants it any more; see :func:`abandon`.
+    nothing outlives it there. It reads nothing, and whatever it started dies with it when time runs
+    out or the caller is interrupted. Raises OSError if it cannot be started, BuildError if the
+    ``owner``, by default the calling thread, has been abandoned (:func:`abandon`).
     """
     folder, owner = str(directory), owner or threading.current_thread()
     process = subprocess.Popen(
@@ -180,20 +158,11 @@ class Toolchain:
 
 
 def find_toolchain() -> Toolchain | None:
-    """Find the C compiler to use.
+    """Find the C compiler to use; None if there is none, or ``COTREE_COMPILER`` is ``none``.
 
-    The environment is read at each call; only version texts are remembered, by command.
-
-    Returns
-    -------
-    Toolchain or None
-        None if no compiler is installed, or if ``COTREE_COMPILER`` is ``none``.
-
-    Raises
-    ------
-    BuildError
-        If ``CC`` names something that is not a usable compiler, or ``COTREE_COMPILER`` holds
-        anything but ``none``.
+    The environment is read at each call; only version texts are cached, by command. Raises
+    BuildError if ``CC`` is not a usable compiler, or ``COTREE_COMPILER`` holds anything but
+    ``none``.
     """
     if _is_switched_off():
         return None

@@ -74,23 +74,9 @@ def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: i
 
     The bound is of gcc on 64-bit machines without optimisation: every declared value has a place on
     the stack, and so has each argument. An optimising compiler keeps many of them in registers, so
-    that its frames are smaller, mostly by a third.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        Its statements, and those of its blocks, which it calls in turn.
-    called : mapping of str to int
-        Bytes that other functions take which it may call, by their names in C.
-    n_arguments : int
-        How many arguments it has.
-    real : int
-        Bytes of one of the values that statements compute with.
-
-    Returns
-    -------
-    int
-        The bytes, without those of functions of the C library and of users.
+    that its frames are smaller, mostly by a third. ``called`` are the bytes of functions that it
+    may call; functions of the C library and of users are not counted. A number takes ``real``
+    bytes.
     """
     inner = [(function.body, len(function.arguments)) for function in blocks.functions]
     own = [(blocks.statements, n_arguments), *inner]
@@ -153,23 +139,11 @@ FRAMES = {REAL: "w", WHOLE: "ranks"}
 
 
 class Crossing:
-    """Allots places for values that cross between groups, and writes each group with them.
+    """Places of values that cross between groups of statements, which are run in order.
 
     Blocks of a kernel and segments of a map keep their temporaries to themselves. A value that one
-    group computes and a later one reads stands in an array besides, whose place is used again as
-    soon as the value is no longer read.
-
-    Parameters
-    ----------
-    groups : sequence of sequence of Statement
-        In the order in which they are run.
-
-    Attributes
-    ----------
-    places : dict of Temporary to CExpression
-        Place of each temporary that crosses: an element of an array.
-    lengths : dict of str to int
-        Length of the array of each kind.
+    group computes and a later one reads also stands in an array (``places``), whose element is used
+    again as soon as the value is no longer read. ``lengths`` are those of the array of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
@@ -279,25 +253,18 @@ def cut_into_blocks(
     results: Collection[str] = (),
     longest: int = LONGEST_BLOCK,
 ) -> Blocks:
-    """Cut the statements of a kernel.
+    """Cut the statements of a kernel, unless they are few.
 
     Parameters
     ----------
     names : str
         Name of each block in C, its number left open.
-    statements : sequence of Statement
-        Its statements; loops and tables as :func:`cotree.codegen.loops.roll` writes them.
-    arguments : sequence of Argument
-        Its arguments, in order.
+    statements, arguments : sequences of Statement, Argument
+        Those of the kernel; loops and tables as :func:`cotree.codegen.loops.roll` writes them.
     results : collection of str
         Arrays that no statement reads; each of their values is then written where it is known.
     longest : int
         Operations that a block has at most, but for loops and single statements that are longer.
-
-    Returns
-    -------
-    Blocks
-        Not cut where the statements are few.
     """
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:

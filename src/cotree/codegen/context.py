@@ -119,21 +119,7 @@ def file_fields(
     further: Sequence[str] = (),
     target: Target = DOUBLE,
 ) -> dict[str, Any]:
-    """Gather the fields of :class:`KernelFile`.
-
-    Parameters
-    ----------
-    title : str
-        The model's name.
-    nodes : sequence of Node
-        All that the kernels compute.
-    kernels : list of KernelContext
-        The kernels.
-    further : sequence of str
-        Other lines of the file that its digest is to follow.
-    target : Target
-        The type of the numbers in tables.
-    """
+    """Gather the fields of :class:`KernelFile`; its digest follows the lines ``further``, too."""
     lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)]
     solved = [node for node in nodes if node.op == "solve"]
     return {
@@ -168,22 +154,10 @@ def kernel_context(
     called: Mapping[str, int],
     target: Target = DOUBLE,
 ) -> KernelContext:
-    """Gather what the templates need of one kernel.
+    """Gather what the templates need of one kernel of a program.
 
-    Parameters
-    ----------
-    prefix : str
-        Prefix of the model's names.
-    kernel : Kernel
-        The kernel.
-    program : Program
-        That it is of.
-    names : mapping
-        As for :func:`cotree.codegen.node_statements.print_nodes`.
-    called : mapping of str to int
-        Bytes of the stack that functions take which it may call.
-    target : Target
-        The type of numbers that it computes with.
+    ``names`` are those of :func:`cotree.codegen.node_statements.print_nodes`, ``called`` the bytes
+    of the stack that functions take which it may call.
     """
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
@@ -384,15 +358,7 @@ class ModelContext(KernelFile):
 
 @without_collection()
 def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
-    """Gather what the templates of a model need.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    target : Target
-        The type of numbers, one at a time.
-    """
+    """Gather what the templates of a model need, for numbers one at a time."""
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]

@@ -239,15 +239,7 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
 
 
 def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) -> CExpression:
-    """Read temporaries from their places in arrays, where they have one.
-
-    Parameters
-    ----------
-    expression : CExpression
-        An expression that reads temporaries, or is one.
-    places : mapping of Temporary to CExpression
-        The element of an array that holds each.
-    """
+    """Read temporaries from their places in arrays, where they have one."""
     form, numbers = expression.form, expression.numbers
     if not form.temporaries:
         return expression
@@ -439,17 +431,7 @@ class FunctionPart:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[FunctionPart, CExpression]:
-    """Make a function of statements, and its call.
-
-    Parameters
-    ----------
-    name : str
-        Its name, which the target completes.
-    body : sequence of Statement
-        Its statements.
-    arguments : iterable of Argument
-        The arguments to choose from; those that it uses are taken.
-    """
+    """Make a function of statements, with those of the arguments that it uses, and its call."""
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]

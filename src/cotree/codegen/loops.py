@@ -63,17 +63,8 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     """Cut statements into pieces: start, length of the body, number of repetitions.
 
     In even loops every number grows by the same amount each time; the numbers of others need
-    tables. An even loop is preferred where it covers about as many statements.
-
-    Parameters
-    ----------
-    statements : sequence of StatementRow
-        In order of evaluation.
-
-    Yields
-    ------
-    tuple of int
-        Pieces that follow one another; those that are no loops are repeated once.
+    tables. An even loop is preferred if it covers about as many statements. Pieces follow one
+    another; those that are no loops are repeated once.
     """
     n = len(statements)
     # From each place on: the statements of the longest loop whatever its numbers, and those of the
@@ -228,20 +219,9 @@ _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
 def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
-    """Turn repeated statements into loops.
+    """Turn repeated statements into loops; tables and the array of temporaries come first.
 
-    Parameters
-    ----------
-    statements : sequence of Statement
-        In order of evaluation, with comments.
-    array : str
-        Name of the array of loops' temporaries.
-
-    Returns
-    -------
-    list of Statement
-        The same with loops; tables and the array of their temporaries come first. Statements that
-        loops would not shorten much, and that are not too many, stay as they are.
+    Statements that loops would not shorten much, and that are not too many, stay as they are.
     """
     rows, comments = _apart(statements)
     if len(rows) < FEWEST_LINES:
@@ -352,17 +332,7 @@ class _LoopWriter:
             self.n_lines += 1 + bool(comment)
 
     def loop(self, rows: Sequence[Statement], comments: Sequence[str], period: int) -> None:
-        """Write a loop of statements that repeat after a period.
-
-        Parameters
-        ----------
-        rows : sequence of Statement
-            All of them, every repetition.
-        comments : sequence of str
-            The comment before each; empty where there is none.
-        period : int
-            Number of statements of the body.
-        """
+        """Write a loop of statements that repeat after a period, with comments between them."""
         body: list[Statement] = []
         for i in range(period):
             comment = _of_all(comments[i::period])

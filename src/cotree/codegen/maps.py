@@ -69,16 +69,9 @@ def cut_into_segments(
     symbols: Callable[[str, int], CExpression],
     longest: int = LONGEST_BLOCK,
 ) -> Segments:
-    """Cut a map into segments, and these into parts of so many statements at most.
+    """Cut a map into segments, and these into parts of at most ``longest`` statements.
 
-    Parameters
-    ----------
-    linear : LinearMap
-        The map.
-    symbols : callable
-        The expression of an input, from its kind and its position.
-    longest : int
-        Statements of a part at most.
+    ``symbols`` returns the expression of an input, from its kind and its position.
     """
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
@@ -293,17 +286,7 @@ class _Cut:
 
 
 def map_context(node: Node, name: str, target: Target) -> MapContext:
-    """Gather what the templates need of one map.
-
-    Parameters
-    ----------
-    node : Node
-        An application of the map.
-    name : str
-        Its name in C.
-    target : Target
-        The type of its numbers, one at a time.
-    """
+    """Gather what the templates need of an application of a map."""
     linear: LinearMap = node.data
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)

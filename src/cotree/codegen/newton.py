@@ -37,19 +37,11 @@ if TYPE_CHECKING:
 def elimination_tables(plan: Elimination) -> list[Constants]:
     """List the tables that the factorisation and the solution in C read.
 
-    Parameters
-    ----------
-    plan : Elimination
-        The plan; C forms its products in the same order.
-
-    Returns
-    -------
-    list of Constants
-        ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``:
-        the rank of its column. ``pivot_rows``: for each pivot its row, its column, the numbers of
-        factors before and after it in the row, and whether the shift is added. ``updates``: for
-        each pivot the number of rows that it updates, and for each of these rows the place of the
-        multiplier and the number of runs; for each run its destination, source and length.
+    ``factor_values``: the place of each factor among the nonzeros, or -1. ``factor_columns``: the
+    rank of its column. ``pivot_rows``: for each pivot its row, its column, the numbers of factors
+    before and after it in the row, and whether the shift is added. ``updates``: for each pivot the
+    number of rows that it updates, and for each of these rows the place of the multiplier and the
+    number of runs; for each run its destination, source and length.
     """
     ranks = _ranks(plan)
     starts = [0]
@@ -179,15 +171,7 @@ def newton_declarations(model: NewtonContext) -> str:
 
 @without_collection()
 def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
-    """Gather what the template needs.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    target : Target
-        The type of numbers, one at a time.
-    """
+    """Gather what the template needs, for numbers one at a time."""
     layout, prefix = program.layout, c_identifier(program.layout.name)
     plan = program.elimination
     elimination = None if plan is None else elimination_context(plan, target)

@@ -69,12 +69,9 @@ class Target:
         return repr(self.checked(float(value))) + self.suffix
 
     def constant(self, text: str) -> str:
-        """Write a coefficient: a decimal number, or the quotient of two.
+        """Write a coefficient, a decimal number or the quotient of two.
 
-        Raises
-        ------
-        CodegenError
-            If the type cannot hold one of them.
+        Raises CodegenError if the type cannot hold it.
         """
         parts = text.split(" / ")
         for part in parts:
@@ -103,13 +100,7 @@ class Target:
         return 10.0**-self.most_decades < abs(value) < 10.0**self.most_decades
 
     def share(self, tolerance: str | float) -> str:
-        """Write a tolerance as the share of the type's digits that it is of those of a double.
-
-        Parameters
-        ----------
-        tolerance : str or float
-            What it is for doubles, above their rounding; or one over that.
-        """
+        """Write a tolerance, or one over it, scaled by the type's digits to those of a double."""
         value = float(tolerance)
         if self.digits == DOUBLE.digits:
             return str(tolerance)

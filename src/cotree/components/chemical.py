@@ -55,14 +55,8 @@ def _mass_action(
 ) -> Law:
     """Make the law of a port: the rate at which the reaction consumes a species.
 
-    Parameters
-    ----------
-    orders, products : tuple of int
-        How often each species, by number, is a reactant and a product.
-    net : int
-        How many of the port's species a turn of the reaction takes.
-    is_reversible : bool
-        Whether it has a reverse rate.
+    ``orders`` and ``products`` are how often each species, by number, is a reactant and a product,
+    ``net`` how many of the port's species a turn of the reaction takes.
     """
     # Other species enter by the number of their ports, in the order in which they were named.
     names = tuple(f"across_{i}" for i in range(len(orders)))

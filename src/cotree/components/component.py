@@ -234,26 +234,14 @@ Adapt = Callable[[str, Nodes, Given], Adapted]
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
     """Declare a required field of a law, which may depend on anything.
 
-    Parameters
-    ----------
-    name, unit, doc : str
-        Its name in scenes, SI unit and meaning.
-    sign : {'', 'nonnegative', 'positive', 'nonzero'}
-        Sign that it must have where it is constant.
+    ``sign`` is '', 'nonnegative', 'positive' or 'nonzero', if the field is constant.
     """
     return Field(name, unit, doc, required=True, constant=False, sign=sign)
 
 
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Declare a field of a law that may be left out.
+    """Declare a field of a law that may be left out; a default of None leaves its term out.
 
-    Parameters
-    ----------
-    name, unit, doc : str
-        Its name in scenes, SI unit and meaning.
-    default : float or None
-        Value where a scene gives none; None leaves the field out.
-    sign : {'', 'nonnegative', 'positive'}
-        Sign that it must have where it is constant.
+    ``sign`` is '', 'nonnegative' or 'positive', if the field is constant.
     """
     return Field(name, unit, doc, default=default, constant=False, sign=sign)

@@ -122,13 +122,7 @@ GEOMETRY = Component(
 
 
 def spots_of(edge: str, given: Given) -> int:
-    """Count the places of an edge that may touch, by its fields.
-
-    Raises
-    ------
-    SceneError
-        If the shapes are none that may touch.
-    """
+    """Count the places of an edge that may touch; SceneError if its shapes are none that may."""
     whose = f"edge '{edge}'"
     if ("normal" in given) == ("ball" in given):
         raise SceneError(
@@ -168,13 +162,7 @@ def spots_of(edge: str, given: Given) -> int:
 
 
 def box_edges(size: Any) -> tuple[int, ...]:
-    """Return the directions in which a box extends: a size that is written as 0 is that of a plate.
-
-    Parameters
-    ----------
-    size : sequence of three, or mapping
-        The edges, as a scene gives them: a list, or a table of a list and its unit.
-    """
+    """Return the directions in which a box extends; a size written as 0 is that of a plate."""
     if isinstance(size, Mapping) and "value" in size:
         return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
@@ -198,14 +186,9 @@ def suffix_of(spot: int, n_spots: int) -> str:
 
 
 def slide_name(direction: int, suffix: str) -> str:
-    """Name the port along a direction in which a place slides.
+    """Name the port along a direction in which a place slides; ``suffix`` ends the place's ports.
 
-    Parameters
-    ----------
-    direction : int
-        Its number, from 0 on. In a planar system the first one is in the plane of motion.
-    suffix : str
-        The ending of the names of the place's ports.
+    In a planar system direction 0 is in the plane of motion.
     """
     return f"slide{direction + 1}{suffix}"
 
@@ -299,13 +282,7 @@ def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
 
 
 def _exponent(edge: str, given: Given) -> Any:
-    """Take the exponent, which decides how smooth the law is, as a number.
-
-    Raises
-    ------
-    SceneError
-        If it is none, or less than one.
-    """
+    """Take the exponent of the law, a number not less than one, which decides how smooth it is."""
     import sympy
 
     value = given.get("exponent", 1.5)

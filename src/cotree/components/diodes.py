@@ -28,17 +28,8 @@ def symbol(name: str) -> Any:
 
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:
-    """Form the current of a junction: I (exp(v / V) - 1).
+    """Form the current of a junction, I (exp(v / V) - 1).
 
-    Parameters
-    ----------
-    voltage : sympy.Expr
-        v across the junction, [V].
-    saturation_current, thermal_voltage : sympy.Expr
-        I, [A], and V, [V].
-
-    References
-    ----------
     W. Shockley, Bell Syst. Tech. J. 28 (1949) 435.
     """
     import sympy
@@ -51,16 +42,8 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     """Return C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
 
     The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
-    undefined.
-
-    Parameters
-    ----------
-    voltage : sympy expression
-        Of the junction.
-    prefix : str
-        Of the fields; see :func:`depletion_fields`.
-    share : sympy expression, optional
-        F; the field ``forward_share`` where absent.
+    undefined. By default F is the field ``forward_share``; ``prefix`` is that of
+    :func:`depletion_fields`.
     """
     import sympy
 
@@ -77,12 +60,8 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
 def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Field, ...]:
     """Make the fields of a depletion capacitance, except the start of its linear continuation.
 
-    Parameters
-    ----------
-    prefix : str
-        How the names of the fields begin.
-    potential, grading : float
-        Default of the built-in potential, [V], and of the grading coefficient.
+    ``prefix`` begins their names; the defaults are the built-in potential, [V], and the grading
+    coefficient.
     """
     return (
         optional(f"{prefix}_capacitance", "F", "of its charge at no voltage", 0.0, "nonnegative"),
@@ -99,21 +78,9 @@ FORWARD_SHARE = optional(
 def split_extras(
     fields: tuple[Field, ...], given: Mapping[str, Any]
 ) -> tuple[frozenset[str], dict[str, Any]]:
-    """Find which of some fields add a term to a law.
+    """Return the names of ``fields`` that add a term to a law, and the others that are given.
 
-    Parameters
-    ----------
-    fields : tuple of Field
-        Fields whose term is left out where they are zero or not given.
-    given : mapping of str to object
-        The fields that a scene gives.
-
-    Returns
-    -------
-    has : frozenset of str
-        Names of the fields that add a term.
-    rest : dict
-        The given fields, without those that add nothing.
+    A field's term is left out if it is zero or not given.
     """
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))

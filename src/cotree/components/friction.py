@@ -99,13 +99,7 @@ class _Rubbing:
 
 
 def _curve(edge: str, field: str, given: Given, speed: str) -> dict[str, Any]:
-    """Make a lookup table of speeds and values: linear between, constant beyond.
-
-    Raises
-    ------
-    SceneError
-        If it is no list of pairs with ascending speeds from zero on.
-    """
+    """Make a lookup table of speeds and values: linear between, constant beyond."""
     rows = given[field]
     whose = f"{field} of edge '{edge}'"
     if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):

@@ -33,10 +33,8 @@ def law_symbol(name: str) -> Any:
 
 @dataclass(frozen=True)
 class Law:
-    """A scalar law.
+    """A scalar law: an expression of its arguments.
 
-    Examples
-    --------
     >>> law = Law(lambda length, stiffness, free_length: -stiffness * (length - free_length))
     >>> law.partials["stiffness"]
     free_length - length
@@ -149,17 +147,7 @@ class Law:
         return varied(value, d)
 
     def partial_value(self, dag: Dag, arguments: Mapping[str, Node], name: str) -> Node | None:
-        """Evaluate one pre-formed partial derivative; None where it is or folds to zero.
-
-        Parameters
-        ----------
-        dag : Dag
-            The arena.
-        arguments : mapping of str to Node
-            Values of the law's arguments.
-        name : str
-            The argument to differentiate by.
-        """
+        """Evaluate one pre-formed partial derivative; None if it is or folds to zero."""
         return self.partial_values(dag, arguments, [name]).get(name)
 
     def partial_values(

@@ -27,21 +27,11 @@ PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 
 
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
-    """Return the motion space of a body in the tree: along a line, in a plane, or free.
+    """Return the motion space of a body in the tree: translations first, then the rotation.
 
-    Parameters
-    ----------
-    plane : {'', 'x', 'y', 'z'}
-        Normal of the plane that it moves in; empty where it moves in space.
-    is_particle : bool
-        Whether it has no inertia to rotation, so that its orientation does not matter.
-    line : {'', 'x', 'y', 'z'}
-        Direction of the line that it moves along; empty where there is none.
-
-    Returns
-    -------
-    tuple of MotionStep
-        Translations first, then the rotation.
+    ``plane`` is the normal, x, y or z, of the plane that it moves in, ``line`` the direction of the
+    line; empty in space. A particle has no inertia to rotation, so that its orientation does not
+    matter.
     """
     # The order of translations and rotation is the order of the coordinates among the states.
     if line:

@@ -17,18 +17,10 @@ if TYPE_CHECKING:
 def scalar(
     name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
 ) -> Component:
-    """Make a scalar component, in the graphs of its ports.
+    """Make a scalar component with some terminal equations, in the graphs of their domains.
 
-    Parameters
-    ----------
-    name, doc : str
-        Name of the component type, and one line on what it is.
-    fields : tuple of Field
-        Its fields.
-    *ports : Terminal
-        The terminal equation of each port.
-    **options
-        Further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``, ...
+    ``options`` are further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``,
+    ...
     """
     # Domains keep the order of the ports: sets would make the order of edges depend on the run.
     domains = tuple(dict.fromkeys(port.domain for port in ports))
@@ -36,15 +28,7 @@ def scalar(
 
 
 def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a source of a prescribed across variable.
-
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The across variable.
-    """
+    """Make a source that prescribes an across variable."""
     law = Law.field(field.name)
     return scalar(name, doc, (field,), Terminal(domain, Kind.ACROSS_SOURCE, across=law))
 
@@ -52,16 +36,9 @@ def across_source(domain: str, name: str, doc: str, field: Field) -> Component:
 def through_source(
     domain: str, name: str, doc: str, field: Field, acts_on_head: bool = False
 ) -> Component:
-    """Make a source of a prescribed through variable.
+    """Make a source that prescribes a through variable.
 
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The through variable.
-    acts_on_head : bool
-        Whether it flows from tail to head within the source, in place of from head to tail.
+    With ``acts_on_head`` it flows from tail to head within the source, not from head to tail.
     """
     # A through variable flows from head to tail inside; what acts on the head is its negative.
     sign = -1 if acts_on_head else 1
@@ -79,17 +56,8 @@ def storage(
 ) -> Component:
     """Make a linear storage, whose state is its across or its through variable.
 
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The capacity, through = capacity * rate of across, or the inertance, across = inertance *
-        rate of through.
-    kind : Kind
-        A storage of across or of through variables.
-    is_absolute : bool
-        Whether it must begin at the ground, as inertias do.
+    ``field`` is the capacity, through = capacity * rate of across, or the inertance, across =
+    inertance * rate of through. ``is_absolute``: it must begin at the ground, as inertias do.
     """
     terminal = Terminal(domain, kind, storage=Law.field(field.name), is_absolute=is_absolute)
     return scalar(name, doc, (field,), terminal)
@@ -98,49 +66,22 @@ def storage(
 def content_storage(
     domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
 ) -> Component:
-    """Make a storage whose content is an expression of its across or through variable.
-
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The content, such as charge of voltage.
-    kind : Kind
-        A storage of across or of through variables.
-    """
+    """Make a storage whose content, such as charge of voltage, is a field."""
     content = Law.field(field.name)
     return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
 
 def resistance(domain: str, name: str, doc: str, field: Field) -> Component:
-    """Make a dissipator with across = field * through.
-
-    Parameters
-    ----------
-    domain, name, doc : str
-        Its domain, the name of the type, and one line on what it is.
-    field : Field
-        The resistance.
-    """
+    """Make a dissipator with across = field * through."""
     return scalar(name, doc, (field,), resistive(domain, field.name))
 
 
 def resistive(
     domain: str, field: str, port: str = "", between: tuple[str, str] = ("", "")
 ) -> Terminal:
-    """Form the terminal equation across = field * through.
+    """Form the terminal equation across = field * through of a port.
 
-    Parameters
-    ----------
-    domain : str
-        The domain of the port.
-    field : str
-        Name of the field that holds the resistance.
-    port : str
-        Name of the port; empty where it is the only one.
-    between : pair of str
-        The terminals at head and tail, where ports share nodes.
+    ``between`` are the terminals at head and tail, if ports share nodes.
     """
     return Terminal(
         domain,
@@ -165,18 +106,7 @@ def ideal_coupling(
     """Make a lossless transformer: across of the first port is ``field`` times that of the second.
 
     Power is conserved, so the through variables have the inverse ratio, with opposite sign. Ports
-    are given as their domain and name.
-
-    Parameters
-    ----------
-    name, doc : str
-        Name of the component type, and one line on what it is.
-    field : Field
-        The ratio.
-    first, second : pair of str
-        Domain and name of each port.
-    reverses : bool
-        Whether the across variables have opposite signs where the ratio is positive.
+    are given as their domain and name; ``reverses`` changes the sign of the ratio.
     """
     sign = -1 if reverses else 1
     laws = (
@@ -197,15 +127,6 @@ def ideal_gyration(
 
     Power is conserved, so that through of the second port is minus ``field`` times across of the
     first. Ports are given as their domain and name.
-
-    Parameters
-    ----------
-    name, doc : str
-        Name of the component type, and one line on what it is.
-    field : Field
-        The constant of gyration.
-    first, second : pair of str
-        Domain and name of each port.
     """
     laws = (
         # f1 = k v2 and f2 = -k v1, solved both ways: v1 f1 + v2 f2 vanishes.

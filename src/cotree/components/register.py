@@ -92,19 +92,9 @@ def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, .
 
 
 def checked_law(function: Callable[..., Any], what: str) -> Law:
-    """Make a law, and check that it gives an expression of its arguments.
+    """Make a law, and check that it gives an expression of its arguments; ``what`` names it.
 
-    Parameters
-    ----------
-    function : callable
-        As a user wrote it.
-    what : str
-        Whose law it is, as the subject of a message.
-
-    Raises
-    ------
-    SceneError
-        If it does not, or if there is no operation for what it or a derivative of it is made of.
+    Raises SceneError if it does not, or if it or a derivative of it has no operation.
     """
     import sympy
 

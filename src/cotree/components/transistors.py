@@ -122,12 +122,8 @@ def _transistor(
 def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure, ...]:
     """Return currents into the terminals, and voltages between them.
 
-    Parameters
-    ----------
-    inner : mapping of str to str
-        The inner node behind each terminal that has a resistance.
-    substrate : {-1, 0, 1}
-        Sign of the transistor where it has a port to the substrate, else zero.
+    ``inner`` are the nodes behind terminals that have a resistance, ``substrate`` the sign of a
+    transistor with a port to the substrate, else zero.
     """
 
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
@@ -271,17 +267,7 @@ class _Laws:
 
 
 def bipolar(name: str, doc: str, sign: int, plain: Component) -> Adapt:
-    """Add to a transistor the terms whose fields a scene gives.
-
-    Parameters
-    ----------
-    name, doc : str
-        Of the component.
-    sign : int
-        -1 where junctions conduct the other way.
-    plain : Component
-        The transistor with none of these terms.
-    """
+    """Add to a transistor the terms whose fields a scene gives; ``sign`` as in :func:`_bipolar`."""
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
         has, rest = split_extras(_EXTRAS, given)

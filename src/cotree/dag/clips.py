@@ -63,11 +63,7 @@ class Clips:
     """Terms of the chain rule for operations whose arguments are constant in some branch.
 
     One object serves one walk over a program. Terms of all other operations are plain products.
-
-    Parameters
-    ----------
-    standing : mapping of Node to Node
-        What takes the place of some symbols later, which may have branches, too.
+    ``standing`` are nodes that later replace symbols and may have branches, too.
     """
 
     def __init__(self, standing: Mapping[Node, Node]) -> None:

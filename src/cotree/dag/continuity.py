@@ -58,17 +58,7 @@ _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
-    """Return nodes of parameters that are negative where a value jumps at one of its stops.
-
-    Parameters
-    ----------
-    dag : Dag
-        Its arena.
-    value : Node
-        A node of time and parameters.
-    time : Node
-        The symbol of time.
-    """
+    """Return nodes of parameters that are negative where a value jumps at one of its stops."""
     found: dict[Node, None] = {}
     for stop in find_stops(dag, [value]):
         times = [stop.first]
@@ -93,32 +83,15 @@ def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Valu
 
 
 def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
-    """Return whether all conditions that a value may jump at have stops.
-
-    Parameters
-    ----------
-    dag : Dag
-        Its arena.
-    value : Node
-        The value.
-    moving : sequence of Node
-        The symbols that change during a run.
-    """
+    """Return whether all conditions that a value may jump at, as symbols move, have stops."""
     known = stops_within(dag, [value])
     return all(known.get(node) for node in _conditions(value, moving))
 
 
 def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
-    """Return whether a value jumps at one of its stops, or has no value there, at random places.
+    """Return whether a value jumps at one of its stops, or has no value there.
 
-    Parameters
-    ----------
-    dag : Dag
-        Its arena.
-    value : Node
-        A node of time and of symbols that are continuous in time, such as states.
-    time : Node
-        The symbol of time.
+    Its symbols are continuous in time; random places are tried.
     """
     # A fixed seed gives the same answer at each run.
     found, numbers = margins(dag, value, time), random.Random(1)
@@ -137,17 +110,7 @@ def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Return whether a value jumps along some motion, or has a condition that none of them meets.
-
-    Parameters
-    ----------
-    value : Node
-        The value.
-    moving : sequence of Node
-        The symbols that change during a run.
-    time : Node
-        The symbol of time.
-    """
+    """Return whether a value jumps along some motion, or has a condition that none meets."""
     conditions = _conditions(value, moving)
     numbers = random.Random(1)
     met: set[Node] = set()
@@ -227,15 +190,7 @@ def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: floa
 
 
 def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
-    """List the symbols that decide when a value has corners; none where it has none.
-
-    Parameters
-    ----------
-    node : Node
-        The value, which does not jump.
-    moving : iterable of Node
-        Time, and the symbols that change with it.
-    """
+    """List the symbols of ``moving`` that decide when a continuous value has corners."""
     order = reachable([node])
     changing = dependent(order, moving)
     looked_at = [
@@ -247,19 +202,12 @@ def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
 
 
 def meets(above: Node, below: Node, boundary: Node) -> bool:
-    """Return whether two branches agree wherever a boundary between them passes through zero.
+    """Return whether the branches above and below zero of a boundary agree wherever it is zero.
 
-    Where a substitution of the boundary by zero, or of one of its terms by the others, does not
-    make the branches one node, they are compared at random points on the boundary. A point where
-    they differ disproves it. So does a further condition of theirs of which one side was never met,
+    If a substitution of the boundary by zero, or of one of its terms by the others, does not make
+    the branches one node, they are compared at random points on the boundary. A point where they
+    differ disproves it. So does a further condition of theirs of which one side was never met,
     unless it has the same value at all points.
-
-    Parameters
-    ----------
-    above, below : Node
-        The values where the boundary is positive, and where it is negative.
-    boundary : Node
-        What passes through zero.
     """
     return _folds(above - below, boundary) or _Boundary(above, below, boundary).is_continuous()
 

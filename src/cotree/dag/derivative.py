@@ -247,27 +247,11 @@ def tangents_along(
     seeds: Sequence[Mapping[Node, Node]],
     standing: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[dict[int, Node]]:
-    """Differentiate forward along several directions at once, and form only what changes.
+    """Differentiate forward along several directions at once; return what does not vanish.
 
-    Parameters
-    ----------
-    roots : sequence of Node
-        The values to differentiate.
-    seeds : sequence of mapping of Node to Node
-        For each direction a seed as in :func:`tangents`. A value that one direction seeds is
-        constant along the others, unless they seed it, too.
-    standing : mapping of Node to Node
-        As in :func:`tangents`.
-
-    Returns
-    -------
-    list of dict of int to Node
-        For each root, its derivatives by number of the direction, those that vanish left out.
-
-    Raises
-    ------
-    ArithmeticError
-        If a root calls an external function without partial derivatives.
+    The result has for each root its derivatives by number of the direction. Seeds and ``standing``
+    are those of :func:`tangents`; a value that one direction seeds is constant along the others,
+    unless they seed it, too.
     """
     # A value that is seeded with zero still gets a row here: it is held, and its arguments are not
     # followed along any direction.
@@ -326,20 +310,7 @@ def tangent(root: Node, seed: Mapping[Node, Node]) -> Node:
 
 
 def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[Node]) -> list[Node]:
-    """Differentiate in reverse: the derivative of ``sum(weights * roots)``.
-
-    Parameters
-    ----------
-    roots, weights : sequences of Node
-        The values and what each is weighted with.
-    wanted : sequence of Node
-        The nodes to differentiate with respect to, usually symbols.
-
-    Returns
-    -------
-    list of Node
-        One derivative for each node of ``wanted``.
-    """
+    """Differentiate ``sum(weights * roots)`` in reverse, by each of ``wanted``."""
     if not roots:
         return []
     zero = roots[0].dag.zero

@@ -139,14 +139,8 @@ def _zeros(value: Any) -> Any:
 def formed(form: Callable[..., T], a: Any, b: Any) -> T:
     """Form a value of two others, or find it where it was formed of the same before.
 
-    Sensitivity graphs need the same products of values for every direction.
-
-    Parameters
-    ----------
-    form : callable
-        Forms the value; a part of the key, so the same function each time.
-    a, b : object
-        The arguments of the form, hashable; ``a`` belongs to the arena.
+    Sensitivity graphs need the same products of values for every direction. ``form`` is part of the
+    key, and the arguments are hashable; ``a`` belongs to the arena.
     """
     known: dict[Any, T] = _dag_of(a).formed
     key = (form, a, b)
@@ -223,14 +217,7 @@ def function(name: str, *args: Node) -> Node:
 def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
     """Put nodes or duals in the place of a formula's arguments.
 
-    Parameters
-    ----------
-    node : Node
-        The formula.
-    arguments : mapping of Node to Node or Dual
-        The value of each symbol of the formula.
-    seed : mapping of Node to Node
-        Derivatives of the symbols that stand for themselves.
+    ``seed`` has the derivatives of the symbols that stand for themselves.
     """
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}

@@ -21,22 +21,10 @@ _FUNCTIONS = {
 
 
 def from_sympy(expression: Any, dag: Dag, arguments: Mapping[str, Node]) -> Node:
-    """Turn a SymPy expression into a node.
+    """Return a SymPy expression, a law or its derivative, as a node; symbols are ``arguments``.
 
-    Parameters
-    ----------
-    expression : sympy.Expr
-        A law, or a derivative of one.
-    dag : Dag
-        The arena to make it in.
-    arguments : mapping of str to Node
-        The node of each symbol, by name.
-
-    Raises
-    ------
-    ValueError
-        If the expression holds a function that the program has no operation for, or a symbol
-        without a node.
+    Raises ValueError if it holds a function that the program has no operation for, or another
+    symbol.
     """
     return _maker(expression)(dag, arguments)
 

@@ -207,17 +207,7 @@ def _piece(x: Any, at: Any) -> Any:
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
-    """Form the value of a table.
-
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    data : CubicTable or PlaneTable
-        The table.
-    args : sequence of Node
-        Where to look it up, a node for each axis.
-    """
+    """Form the value of a table at a node for each axis."""
     numbers = [arg.value for arg in args]
     if None not in numbers:  # of constants it is one, as everything else of constants
         return dag.constant(float(data.evaluate(numbers)[0]))

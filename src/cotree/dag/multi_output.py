@@ -167,25 +167,12 @@ def _sensitivity(node: Node) -> int:
 def form_map(
     dag: Dag, results: Sequence[Node], inputs: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
-    """Form a map from results that are linear in some symbols.
+    """Form a map from results that are linear and homogeneous in ``inputs``, or None.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    results : sequence of Node
-        Linear and homogeneous in ``inputs``.
-    inputs : sequence of Node
-        Symbols that stand for the values of one column.
-    columns : sequence of sequence of Node
-        The columns that it will be applied to, which tell the values that are zero.
-
-    Returns
-    -------
-    (LinearMap, tuple of Node) or None
-        The map and what its columns share. None where something is not made by sums and products:
-        a linear system that is solved at run time, or a choice that keeps a value out where it has
-        none, as ``where(x > 0, sqrt(x), 0)`` does.
+    Returns what its columns share, too. ``columns`` are those that it will be applied to, which
+    show the values that are zero. None if something is not made by sums and products: a linear
+    system that is solved at run time, or a choice that keeps a value out where it has none, as
+    ``where(x > 0, sqrt(x), 0)`` does.
     """
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
@@ -295,24 +282,7 @@ def _product(dag: Dag, row: Sequence[Node], column: Sequence[Node]) -> Node:
 def apply_map(
     dag: Dag, linear: LinearMap, shared: Sequence[Node], columns: Sequence[Sequence[Node]]
 ) -> list[tuple[Node, ...]]:
-    """Apply a map to columns.
-
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    linear : LinearMap
-        The map.
-    shared : sequence of Node
-        Arguments that all columns have in common.
-    columns : sequence of sequence of Node
-        Arguments of each column.
-
-    Returns
-    -------
-    list of tuple of Node
-        The results of each column.
-    """
+    """Return the results of a map for each column; all columns have the arguments ``shared``."""
     args = [*shared, *(value for column in columns for value in column)]
     flat = dag.several("map", args, linear, linear.n_results)
     n = len(linear.results)
@@ -524,17 +494,7 @@ def is_symmetric(node: Node) -> bool:
 
 
 def table(dag: Dag, data: Table, x: Node) -> tuple[Node, Node]:
-    """Form the value and the slope of a table at ``x``.
-
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    data : Table
-        Points and interpolation.
-    x : Node
-        Where to look it up.
-    """
+    """Form the value and the slope of a table at ``x``."""
     if x.value is not None:
         value, slope = map(dag.constant, _evaluate_table(data, [x.value]))
     else:

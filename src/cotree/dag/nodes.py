@@ -341,10 +341,7 @@ class Dag:
     def function(self, name: str, *args: Node) -> Node:
         """Form a function of :data:`OPERATIONS`, folding constants and signs.
 
-        Raises
-        ------
-        ValueError, OverflowError
-            If its value at constants is not a number, or infinite.
+        Raises ValueError or OverflowError if its value at constants is not a number, or infinite.
         """
         values = [arg.value for arg in args if arg.value is not None]
         if len(values) == len(args):
@@ -365,19 +362,7 @@ class Dag:
         return self._intern("select", (condition, accepted, refused))
 
     def several(self, op: str, args: Sequence[Node], data: Any, n_results: int) -> tuple[Node, ...]:
-        """Form a node with several results and give its results.
-
-        Parameters
-        ----------
-        op : str
-            A row of :data:`cotree.dag.multi_output.SEVERAL`.
-        args : sequence of Node
-            The arguments.
-        data : hashable
-            Data of the node besides its arguments.
-        n_results : int
-            Number of results.
-        """
+        """Form a node with several results and return these; ``data`` completes its description."""
         node = self._intern(op, tuple(args), data)
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
@@ -425,20 +410,7 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
 
 
 def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[Node]:
-    """Rebuild the roots with some nodes replaced; values that do not depend on them stay.
-
-    Parameters
-    ----------
-    roots : iterable of Node
-        The values wanted.
-    replacement : mapping of Node to Node
-        The new node for each node that is replaced.
-
-    Returns
-    -------
-    list of Node
-        The new values, in the order of ``roots``.
-    """
+    """Rebuild the roots with some nodes replaced; values that do not depend on them stay."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
     # The walk ends at replaced nodes. Their arguments are rebuilt only where another path leads.

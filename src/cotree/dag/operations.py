@@ -206,12 +206,9 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 
 
 def folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants; refuse results that are not finite, a user's mistake.
+    """Evaluate an operation on constants; an error if the result is not finite.
 
-    Raises
-    ------
-    ValueError, OverflowError
-        If it is not a number, or infinite.
+    Raises ValueError or OverflowError: this is a user's mistake.
     """
     found: float = OPERATIONS[name].real(*values)
     if not math.isfinite(found):

@@ -38,19 +38,10 @@ def is_ranged(node: Node) -> bool:
 
 
 def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
-    """Form the ranges of some values.
+    """Return the least and the largest value of each root, as nodes.
 
-    Parameters
-    ----------
-    roots : iterable of Node
-        The values, made of operations that :func:`is_ranged` accepts.
-    known : mapping of Node to (Node, Node)
-        The range of each quantity. All that depends on none of them is constant.
-
-    Returns
-    -------
-    list of (Node, Node)
-        The least and the largest value of each root.
+    The roots are made of operations that :func:`is_ranged` accepts; ``known`` are the ranges of
+    quantities, and all that depends on none of them is constant.
     """
     roots = list(roots)
     found = dict(known)

@@ -108,15 +108,7 @@ def is_cut(node: Node) -> bool:
 
 
 def find_longest_steps(dag: Dag, roots: Iterable[Node]) -> tuple[Node, ...]:
-    """List the longest step for each sine of time, as nodes of parameters of either sign.
-
-    Parameters
-    ----------
-    dag : Dag
-        Their arena.
-    roots : iterable of Node
-        The values that the sines are part of.
-    """
+    """List the longest step for each sine of time, as nodes of parameters of either sign."""
     order = reachable(roots)
     waves = [node for node in order if node.op in ("sin", "cos")]
     pieces = _all_pieces(dag, order) if waves else {}

@@ -66,15 +66,7 @@ class Corners:
 
 
 def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
-    """Differentiate the times of stops along some directions; see :attr:`Stop.along`.
-
-    Parameters
-    ----------
-    stops : sequence of Stop
-        The stops.
-    seeds : sequence of mapping of Node to Node
-        Tangents of symbols, for each direction.
-    """
+    """Differentiate the times of stops along some directions; see :attr:`Stop.along`."""
     # Stops without a period fill their place with the first time, whose tangent is not used.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
@@ -92,26 +84,12 @@ def find_corners(
     high: float,
     others: Sequence[float] = (),
 ) -> Corners:
-    """List the times of some stops within a span, both ends included.
+    """List the times of some stops within the span from ``low`` to ``high``, both ends included.
 
     Times that differ by rounding are one corner, with the slopes of the first of them. At an end of
-    the span, whose time is given, slopes are zero; the spreads tell how the stops there move.
-
-    Parameters
-    ----------
-    stops : sequence of Stop
-        The stops.
-    values : mapping of Node to float
-        Values of the parameters' symbols.
-    low, high : float
-        The span.
-    others : sequence of float
-        Further times, which do not change along any direction.
-
-    Raises
-    ------
-    ValueError
-        If a period is so short that there are too many.
+    the span, whose time is given, slopes are zero; the spreads show how the stops there move. The
+    times ``others`` do not change along any direction. Raises ValueError if a period gives too
+    many.
     """
     # A corner within rounding of an end is at the end.
     margin = SAME * max(abs(low), abs(high))

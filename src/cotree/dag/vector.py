@@ -287,20 +287,11 @@ def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vector:
-    """Form the rotation vector of a change of a quaternion.
+    """Form the rotation vector, [rad], of a change d of a quaternion q, real part first.
 
-    Parameters
-    ----------
-    q, d : sequence of four Node
-        The quaternion, real part first, and its change. The norm of q need not be one.
-    is_own : bool
-        Whether the result is resolved in the axes of the turned frame, 2 Im(conj(q) d) / |q|^2, or
-        in those of the frame that it turns against, 2 Im(d conj(q)) / |q|^2.
-
-    Returns
-    -------
-    Vector
-        The rotation vector, [rad].
+    The norm of q need not be one. With ``is_own`` it is resolved in the axes of the turned frame, 2
+    Im(conj(q) d) / |q|^2, otherwise in those of the frame that it turns against, 2 Im(d conj(q)) /
+    |q|^2.
     """
     q0, q1, q2, q3 = q
     d0, d1, d2, d3 = d
@@ -368,15 +359,6 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
 def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node, ...]:
     """Form the quaternion of a rotation matrix, by the largest square at the present values.
 
-    Parameters
-    ----------
-    m : Matrix
-        The matrix.
-    value : callable
-        Gives the present value of a node.
-
-    References
-    ----------
     S. W. Shepperd, J. Guidance and Control 1 (1978) 223.
     """
     dag = m[0][0].dag

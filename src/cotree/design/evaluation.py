@@ -43,29 +43,11 @@ class CoarseError(SolveError):
 
 
 def peak(t: Array, value: Array, slopes: Array, events: Array) -> tuple[float, Array]:
-    """Find the maximum and its derivatives.
+    """Find the maximum of an output and its derivatives, (n_parameters,).
 
-    Parameters
-    ----------
-    t : ndarray, shape (n_t,)
-        Equidistant times in ascending order.
-    value : ndarray, shape (n_t,)
-        The output.
-    slopes : ndarray, shape (n_parameters, n_t)
-        Its sensitivities.
-    events : ndarray, shape (n_events,)
-        Times of events.
-
-    Returns
-    -------
-    float, and ndarray of shape (n_parameters,)
-
-    Raises
-    ------
-    CoarseError
-        If the grid does not resolve the output.
-    SolveError
-        If the peak is next to an event.
+    ``t`` is equidistant, (n_t,), and ``slopes`` are the output's sensitivities, (n_parameters,
+    n_t). Raises CoarseError if the grid does not resolve the output, SolveError if the peak is next
+    to an event.
     """
     k = int(np.argmax(value))
     # A maximum at an end of the run stays there, so its derivative is the sensitivity.
@@ -134,25 +116,18 @@ class Point(NamedTuple):
 
 
 class Evaluation:
-    """Evaluates the objective and the constraints of a design by simulation.
+    """Objective and constraints of a design, evaluated by simulation.
 
     Parameters
     ----------
-    model : cotree.Model
-        The variant that has an output for each quantity; see :mod:`cotree.design.goals`.
-    goals : Goals
-        The goals.
+    model, goals : cotree.Model, Goals
+        The variant that has an output for each quantity, and the goals.
     names : mapping of Quantity to str
         The output or event that provides each quantity.
     over : sequence of str
-        Names of the design variables, in the order of the model's sensitivities.
+        Design variables, in the order of the model's sensitivities.
     runs : sequence of Settings
         The scenarios, without the design variables.
-
-    Raises
-    ------
-    SolveError
-        If a method is unknown.
     """
 
     def __init__(
@@ -206,10 +181,7 @@ class Evaluation:
     def at(self, values: Mapping[str, float]) -> Point:
         """Evaluate the objective and all constraints at values of the design variables.
 
-        Raises
-        ------
-        Error
-            If a run fails, or a value or derivative is not finite.
+        Raises an Error if a run fails, or a value or derivative is not finite.
         """
         found = [self._of_run(run, values) for run in self.runs]
         objectives = [rows[0] for rows in found]

@@ -73,16 +73,9 @@ class Quantity:
 
 
 class Formula:
-    """A differentiable function of quantities and of the design variables.
+    """A differentiable function of quantities and design variables.
 
-    Parameters
-    ----------
-    expression : Expression
-        The expression, in which placeholders stand for quantities.
-    n_quantities : int
-        Number of all quantities of a design.
-    over : sequence of str
-        Names of the design variables.
+    Placeholders stand for the quantities in its expression.
     """
 
     def __init__(self, expression: Expression, n_quantities: int, over: Sequence[str]) -> None:
@@ -115,15 +108,8 @@ class Condition:
 class Goals:
     """The objective and the constraints of a design, parsed from text.
 
-    Parameters
-    ----------
-    minimise : str
-        The objective.
-    subject_to : sequence of str
-        Constraints.
-    parameters : collection of str
-        Parameters that are varied. Their names denote the parameters; any other name denotes the
-        value at the end of the run.
+    The names of ``parameters``, which are varied, denote them; any other name denotes the value at
+    the end of the run.
     """
 
     def __init__(
@@ -269,24 +255,10 @@ def scene_of(source: Any) -> SceneDescription:
 def variant_of(
     source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
 ) -> tuple[Model, dict[Quantity, str]]:
-    """Compile a scene with an output for each quantity.
+    """Compile a scene with an output for each quantity; return what provides each quantity, too.
 
-    Parameters
-    ----------
-    source : cotree.Model or cotree.Scene
-        The system; the variant of a model keeps its tree and its compiler options.
-    scene : SceneDescription
-        Its scene, which is not modified.
-    quantities : sequence of Quantity
-        Quantities in the goals.
-    over : sequence of str
-        Design variables, to which sensitivities are needed: parameters and, by the names of states,
-        initial values.
-
-    Returns
-    -------
-    cotree.Model, and dict of Quantity to str
-        The variant, and the output or event that provides each quantity.
+    The variant of a model keeps its tree and its compiler options. Sensitivities are to the design
+    variables: parameters and, by the names of states, initial values.
     """
     changed = scene.copied()
     taken = {*scene.edges, *scene.outputs, *scene.parameters, *scene.inputs, *scene.modes}

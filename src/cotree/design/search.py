@@ -64,15 +64,7 @@ class Trial:
 
 
 class Search:
-    """One search from one starting point.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Evaluates objective and constraints.
-    scales : sequence of Scale
-        The design variables.
-    """
+    """One search from one starting point over scaled design variables."""
 
     def __init__(self, evaluation: Evaluation, scales: Sequence[Scale]) -> None:
         self.evaluation, self.scales = evaluation, scales
@@ -319,19 +311,9 @@ def read_scales(
 ) -> list[Scale]:
     """Read bounds, scales and starts.
 
-    Parameters
-    ----------
-    over : mapping of str to (lower, upper) or (lower, upper, "log")
-        Bounds by name.
-    known : mapping of str to float
-        The scene's values, which are the default guesses.
-    guess : mapping of str to float
-        Initial guesses that override them.
-
-    Raises
-    ------
-    ParameterError
-        If bounds are invalid, or a guess violates them.
+    ``over`` has (lower, upper) or (lower, upper, "log") by name. Guesses are the scene's values
+    unless ``guess`` overrides them. Raises ParameterError if bounds are invalid, or a guess
+    violates them.
     """
     if not isinstance(over, dict) or not over:
         raise ParameterError(
@@ -390,10 +372,7 @@ def _middle(low: float, high: float, *, is_log: bool) -> float:
 def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list[Array]:
     """Return the starting points in scaled coordinates: the guess first, then random ones.
 
-    Raises
-    ------
-    ParameterError
-        If random starts are requested and a variable is unbounded.
+    Raises ParameterError if random starts are requested and a variable is unbounded.
     """
     first = np.array([scale.scaled(scale.start) for scale in scales])
     starts = check_whole(starts, "starts", 1)

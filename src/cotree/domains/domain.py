@@ -197,13 +197,6 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType({row.name: row for row in _ROWS
 def domain(name: str) -> Domain:
     """Look a domain up by its name.
 
-    Returns
-    -------
-    Domain
-        Its row of the table.
-
-    Examples
-    --------
     >>> domain("rotation").through_unit
     'N m'
     """

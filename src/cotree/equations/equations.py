@@ -33,17 +33,7 @@ class CornerRow:
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write a sparse row out in full.
-
-    Parameters
-    ----------
-    row : mapping of int to Node
-        Its values by place.
-    n : int
-        Its length.
-    zero : Node
-        The value at the places that it leaves out.
-    """
+    """Write a sparse row out in full, with ``zero`` at the places that it leaves out."""
     return [row.get(i, zero) for i in range(n)]
 
 

@@ -40,19 +40,7 @@ class Circuits:
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
     def between(self, ancestor: int, cluster: int, zero: Vector) -> Vector:
-        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis.
-
-        Parameters
-        ----------
-        ancestor, cluster : int
-            Where the path begins and ends.
-        zero : Vector
-            The empty sum.
-
-        References
-        ----------
-        [1] eq. 2.
-        """
+        """Sum from an ancestor's origin to a cluster's, in the ancestor's basis ([1] eq. 2)."""
         if self.known is not None and self.frames.is_kept(cluster):
             return self.known.between(ancestor, cluster, zero)
         total = zero
@@ -71,17 +59,7 @@ class Circuits:
 
 
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
-    """Resolve a vector of a cluster's basis in an ancestor's.
-
-    Parameters
-    ----------
-    clusters, frames : Clusters, Frames
-        The clusters and their bases.
-    a : Vector
-        The vector.
-    cluster, ancestor : int
-        The bases before and after.
-    """
+    """Resolve a vector of a cluster's basis in an ancestor's."""
     while cluster != ancestor:
         # Bases change one branch at a time; where a cluster shares its parent's basis nothing is
         # formed.
@@ -93,17 +71,7 @@ def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancesto
 
 
 def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, cluster: int) -> Vector:
-    """Resolve a vector of an ancestor's basis in a cluster's.
-
-    Parameters
-    ----------
-    clusters, frames : Clusters, Frames
-        The clusters and their bases.
-    a : Vector
-        The vector.
-    ancestor, cluster : int
-        The bases before and after.
-    """
+    """Resolve a vector of an ancestor's basis in a cluster's."""
     for branch in clusters.path(cluster, ancestor):
         a = frames.down(branch.child, a)
     return a
@@ -182,18 +150,9 @@ class Accelerations:
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
-    """Form the geometry of the branches and the angular velocities of the clusters.
+    """Form the geometry of the branches and the angular velocities of the clusters ([1] eq. 2).
 
-    Parameters
-    ----------
-    system, clusters, frames : System, Clusters, Frames
-        What moves, and the axes it is resolved in.
-    first : Motion, optional
-        The first graph's motion, of which a sensitivity graph keeps what does not change.
-
-    References
-    ----------
-    [1] eq. 2.
+    A sensitivity graph passes ``first``, the motion of the first graph, and keeps what is constant.
     """
     geometry = []
     # The ground comes first: it does not turn. Branches come after those that carry them, so that
@@ -228,17 +187,7 @@ def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) ->
 
 
 def weighted(zero: Vector, vectors: Sequence[Vector], factors: Sequence[Node]) -> Vector:
-    """Sum vectors with factors.
-
-    Parameters
-    ----------
-    zero : Vector
-        The empty sum.
-    vectors : sequence of Vector
-        The vectors.
-    factors : sequence of Node
-        A factor for each.
-    """
+    """Return the sum of vectors, each times its factor; ``zero`` is the empty sum."""
     total = zero
     for item, factor in zip(vectors, factors, strict=True):
         total = vector.add(total, vector.scale(factor, item))
@@ -256,17 +205,10 @@ def carrier_spin(motion: Motion, branch: Branch) -> Vector:
 def accelerate(
     motion: Motion, rates: Sequence[Node], first: Accelerations | None = None
 ) -> Accelerations:
-    """Form the accelerations of the clusters for given accelerations of the coordinates.
+    """Form the accelerations of the clusters for given rates of the speeds.
 
-    Parameters
-    ----------
-    motion : Motion
-        Positions and velocities.
-    rates : sequence of Node
-        Rates of the speeds, in their order. A sensitivity graph holds them fixed: their
-        derivatives are its unknowns.
-    first : Accelerations, optional
-        The first graph's, where the motion is a sensitivity graph's.
+    A sensitivity graph passes ``first``, the first graph's accelerations, and holds ``rates``
+    fixed: their derivatives are its unknowns.
     """
     system, frames = motion.system, motion.frames
     zero = vector.zeros(system.dag)
@@ -375,17 +317,7 @@ class View:
         return self.motion.frames.seen(node)
 
     def fixed(self, cluster: int, local: Vector, ancestor: int) -> Vector:
-        """See a vector of a cluster's axes that is constant there, but for explicit time.
-
-        Parameters
-        ----------
-        cluster : int
-            The cluster that carries it.
-        local : Vector
-            Its components, in the cluster's axes.
-        ancestor : int
-            The cluster in whose basis it is seen.
-        """
+        """Resolve a vector that is constant in a cluster's axes, time aside, in an ancestor's."""
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
@@ -417,14 +349,6 @@ class View:
         return self.motion.frames.formula(node, arguments)
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:
-        """Resolve a vector of an ancestor's basis in a cluster's.
-
-        Parameters
-        ----------
-        a : Vector
-            The vector.
-        ancestor, cluster : int
-            The bases before and after.
-        """
+        """Resolve a vector of an ancestor's basis in a cluster's."""
         # Pulls are formed once, in the basis of the ancestor, for both clusters.
         return outwards(self.motion.clusters, self.motion.frames, a, ancestor, cluster)

@@ -157,10 +157,8 @@ def _axis_of(edge: BoundEdge) -> Vector:
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
     """Measure the rotation of a chord joint about its axis, beyond half a turn too.
 
-    Raises
-    ------
-    FormulationError
-        If only its sine and cosine are known: the angle would jump at half a turn.
+    Raises FormulationError if only its sine and cosine are known: the angle would jump at half a
+    turn.
     """
     angle = joint_angle(motion, edge)
     if angle.sum is None:

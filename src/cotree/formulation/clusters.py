@@ -44,15 +44,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Branch:
-    """A branch with a motion space, from a cluster to the one it carries.
+    """A branch with a motion space, from a parent cluster to its child.
 
-    A joint whose freedoms follow one another is several branches, with clusters between them that
-    carry nothing.
-
-    Attributes
-    ----------
-    parent, child : int
-        The clusters. The child's origin is the branch's outer node.
+    The child's origin is the branch's outer node. A joint with successive freedoms is several
+    branches, with empty clusters between them.
     """
 
     edge: str  # the joint
@@ -169,14 +164,7 @@ class Clusters:
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
     """Move an inertia from its centre of mass to a cluster's origin (Steiner).
 
-    Parameters
-    ----------
-    mass : Node
-        The mass, [kg].
-    offset : Vector
-        The centre of mass from the origin, [m].
-    tensor : Matrix or None
-        Inertia about the centre of mass, [kg m^2]; None of a particle.
+    ``offset`` leads from the origin to the centre of mass, [m]; ``tensor`` is None of a particle.
     """
     moment = vector.scale(mass, offset)
     # A particle has no inertia about its own centre, but has one about the origin.
@@ -205,12 +193,8 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
 def lump(system: System) -> Clusters:
     """Group the nodes into rigid clusters and lump their inertias.
 
-    Raises
-    ------
-    SceneError
-        If a body does not begin at the ground, where accelerations are measured from.
-    FormulationError
-        If the trees reach bodies in opposite orders.
+    Raises SceneError if a body does not begin at the ground, FormulationError if the trees reach
+    bodies in opposite orders.
     """
     found = _Walks(system)
     found.walk()
@@ -371,10 +355,9 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
 def _branch(
     edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Make one branch of a joint, and its outer node.
+    """Make one branch of a joint, from ``place``, and its outer node.
 
-    Its inner node stands at ``place``, and its turn begins at ``turned``: the same point unless
-    the trees differ. Without a step it only brings the two together.
+    ``turned`` is where its turn begins: another point only if the trees differ.
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)

@@ -41,23 +41,10 @@ class Constraints:
 
 
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
-    """Form the constraints of a scene.
+    """Form the constraints of a scene, and the rows that no motion changes (those out of a plane).
 
-    Parameters
-    ----------
-    motion : Motion
-        The first graph.
-    view : View
-        Its across variables at accelerations zero.
-    baumgarte : float
-        Rate at which violated constraints decay.
-
-    Returns
-    -------
-    constraints : Constraints
-        The constraints.
-    idle : list of Row
-        Rows that no motion changes, such as those out of the plane of a planar scene.
+    ``view`` shows the first graph at accelerations zero; ``baumgarte`` is the rate, [1/s], at which
+    violated constraints decay.
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
@@ -108,20 +95,9 @@ def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, 
 
 
 def stabilised(measure: Measure, view: View, rate: float) -> Any:
-    """Form c'' + 2 b c' + b^2 c of a measure; the last only where it has a value.
+    """Form c'' + 2 b c' + b^2 c of a measure c, without the last term where c has no value.
 
-    Parameters
-    ----------
-    measure : Measure
-        The constraint c.
-    view : View
-        The graph that it is seen in.
-    rate : float
-        Baumgarte's rate b, [1/s]; zero leaves c'' alone.
-
-    References
-    ----------
-    J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1.
+    The rate b = 0 leaves c'' alone (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
     """
     # With rate b a violation decays like exp(-b t), critically damped; without, it may grow.
     total = measure.acceleration(view)

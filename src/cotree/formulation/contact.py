@@ -321,19 +321,7 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
     """Measure the gap or a slip at one of the places of a contact.
 
-    Parameters
-    ----------
-    motion : Motion
-        The multibody system.
-    edge : BoundEdge
-        The shapes that may touch.
-    touch : Touch
-        The place, and what is measured there.
-
-    Raises
-    ------
-    FormulationError
-        If laws that hold in a plane act where not everything moves in one.
+    Raises FormulationError if a planar contact law acts in a system that is not planar.
     """
     ends = _ends_at(chord_ends(motion, edge), edge, touch.spot)
     dag = motion.system.dag

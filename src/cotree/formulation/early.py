@@ -77,14 +77,10 @@ def _constants(value: object) -> Iterator[float]:
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Refuse what is wrong at every state: values of parameters, motions without inertia.
+    """Raise for what is wrong at every state.
 
-    Raises
-    ------
-    ParameterError
-        For the first guard that the scene's values violate.
-    SingularSystemError
-        If the mass matrix, bordered by the constraints, is singular in every configuration.
+    ParameterError if the scene's values violate a guard; SingularSystemError if the bordered mass
+    matrix is singular in every configuration.
     """
     system = first.system
     names = list(system.tunable)
@@ -115,11 +111,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _motion_without_inertia(first: FirstGraph) -> Array | None:
-    """Find speeds that neither the mass matrix nor the constraints resist, if there are any.
-
-    If one configuration resists all speeds, all but exceptional ones do, so that states picked at
-    random tell. The parameters have the scene's values.
-    """
+    """Return speeds that neither mass matrix nor constraints resist at random states, or None."""
     n = len(first.system.speeds)
     # The mass matrix above the gradients: speeds in the null space of both are resisted by nothing.
     entries = [entry for row in first.matrix for entry in row[:n]]
@@ -176,10 +168,7 @@ def _carried(first: FirstGraph) -> Array:
 
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
-    """Find a vector that the mass matrix and the constraints below it map to rounding.
-
-    ``least`` holds lower bounds of the sizes by which the entries of the diagonal are scaled.
-    """
+    """Return a null vector to rounding, or None; ``least`` bounds the scales of the diagonal."""
     if not np.all(np.isfinite(rows)):
         return None
     n = len(least)

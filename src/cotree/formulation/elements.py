@@ -41,10 +41,7 @@ class Wrench:
 
 
 class Sums:
-    """Wrenches on clusters, summed as they come.
-
-    Those of a sensitivity graph sum what changes (:mod:`cotree.sensitivity.through`).
-    """
+    """Sums of wrenches on clusters; of a sensitivity graph, sums of their derivatives."""
 
     def __init__(self, n_clusters: int) -> None:
         self._on_cluster: list[Wrench | None] = [None] * n_clusters
@@ -114,19 +111,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
 
 
 def carried(motion: Motion, point: Point, local: Vector, ancestor: int) -> Vector:
-    """Resolve a vector given in a node's axes in the basis of an ancestor.
-
-    Parameters
-    ----------
-    motion : Motion
-        Positions and axes.
-    point : Point
-        The node.
-    local : Vector
-        The vector, in the node's axes.
-    ancestor : int
-        The cluster in whose basis it is wanted.
-    """
+    """Resolve a vector given in a node's axes in the basis of an ancestor."""
     own = motion.frames.resolved(point.cluster, point.resolved(local))
     return inwards(motion.clusters, motion.frames, own, point.cluster, ancestor)
 
@@ -192,19 +177,7 @@ def _is_inert(edge: BoundEdge) -> bool:
 
 
 def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) -> Vector:
-    """Form the rate of an axis that is fixed in the first node, omega x axis.
-
-    Parameters
-    ----------
-    motion : Motion
-        Angular velocities.
-    first : Point
-        The node.
-    ancestor : int
-        The cluster in whose basis all vectors are.
-    direction : Vector
-        The axis.
-    """
+    """Form the rate of an axis fixed in the first node, omega x axis, in an ancestor's basis."""
     clusters, frames = motion.clusters, motion.frames
     omega = inwards(clusters, frames, motion.omega[first.cluster], first.cluster, ancestor)
     return vector.cross(omega, direction)
@@ -238,21 +211,7 @@ def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
 def settled(
     motion: Motion, point: Point, ancestor: int, sign: int, force: Vector, torque: Vector
 ) -> Wrench:
-    """Resolve a wrench of an ancestor's basis in that of a point's cluster.
-
-    Parameters
-    ----------
-    motion : Motion
-        The clusters and their bases.
-    point : Point
-        The point.
-    ancestor : int
-        The cluster in whose basis force and torque are given.
-    sign : int
-        -1 for the reaction.
-    force, torque : Vector
-        The wrench, [N] and [N m].
-    """
+    """Resolve a wrench of an ancestor's basis in that of a point's cluster, times ``sign``."""
     clusters, frames = motion.clusters, motion.frames
     return Wrench(
         # Formed once in the ancestor's basis, and resolved outwards for each node.

@@ -63,15 +63,7 @@ class Ends:
 
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
-        """Pair two nodes with their common ancestor.
-
-        Parameters
-        ----------
-        clusters : Clusters
-            The rigid clusters.
-        first, second : Point
-            The nodes.
-        """
+        """Pair two nodes with their common ancestor."""
         # The ancestor moves both nodes alike: what lies within it cancels, and is never formed.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
@@ -166,17 +158,8 @@ def pair_pull(
 ) -> Pull:
     """Apply a force and a torque to the second node, and their opposites to the first.
 
-    Parameters
-    ----------
-    view : View
-        The graph that they belong to: the first, or one of the sensitivity graphs.
-    ends : Ends
-        The nodes.
-    force, torque : Vector or None
-        In the basis of the nodes' common ancestor; None where there is none.
-    arms : pair of Vector, optional
-        Positions of the points of action from the origins of the nodes' clusters; where absent,
-        the forces act at the nodes.
+    Both are in the basis of the nodes' common ancestor. ``arms`` leads from the origins of the
+    nodes' clusters to the points of action, by default the nodes.
     """
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
@@ -201,18 +184,9 @@ def pair_pull(
 
 
 def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
-    """Apply a force to the second node, and its opposite at the same place to the first's body.
+    """Apply a force along ``axis`` to the second node, and its opposite to the first's body.
 
-    Parameters
-    ----------
-    view : View
-        The graph that it belongs to.
-    ends : Ends
-        The nodes.
-    axis : Seen
-        The direction of the force.
-    beyond : Vector, optional
-        From the second node to the place; none where the node is the place.
+    Both act at the same place; ``beyond`` leads there from the second node.
     """
     # The place is the second node, as seen from the origins of both clusters.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)

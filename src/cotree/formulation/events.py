@@ -25,20 +25,8 @@ def bind_events(
 ) -> tuple[EventRow, ...]:
     """Bind the events of a scene to the states that they set.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    system : System
-        The scene bound to nodes.
-    states : sequence of State
-        All states, in their order.
-
-    Raises
-    ------
-    SceneError
-        If an event sets something other than a mode or a state with a rate of its own, or a speed
-        that its impact changes.
+    Raises SceneError if an event sets neither a mode nor a state with a rate of its own, or a speed
+    that its impact changes.
     """
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
@@ -112,19 +100,10 @@ def _check(
 def started(
     states: Sequence[State], jumps: Mapping[str, Node], system: System
 ) -> tuple[State, ...]:
-    """Begin the modes of jumps with their values at the initial values of the states, at t = 0.
+    """Set the modes of jumps to the signs of their expressions at the initial states, at t = 0.
 
-    A mode whose value depends on more than parameters, for example on the solution of algebraic
-    equations, begins with zero; :func:`cotree.model.start.find_start` then finds it.
-
-    Parameters
-    ----------
-    states : sequence of State
-        The states.
-    jumps : mapping of str to Node
-        By name of a mode, the expression whose sign it stands for.
-    system : System
-        The bound scene.
+    A mode that depends on more than parameters begins at zero;
+    :func:`cotree.model.start.find_start` finds it.
     """
     if not jumps:
         return tuple(states)

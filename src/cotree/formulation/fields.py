@@ -64,30 +64,10 @@ class Resolvers:
 def bind_edge(
     edge: Edge, dag: Dag, resolvers: Resolvers, at_scene: Callable[[Node], float]
 ) -> tuple[BoundEdge, list[Guard]]:
-    """Bind the fields of an edge to nodes, with the conditions on their values.
+    """Bind the fields of an edge to nodes; axes become unit vectors.
 
-    Parameters
-    ----------
-    edge : Edge
-        The edge.
-    dag : Dag
-        The arena.
-    resolvers : Resolvers
-        From names to nodes, by what a field may depend on.
-    at_scene : callable
-        Evaluates a node of parameters at the scene's values.
-
-    Returns
-    -------
-    bound : BoundEdge
-        The edge with nodes as fields; axes are unit vectors.
-    guards : list of Guard
-        What parameter values must satisfy.
-
-    Raises
-    ------
-    ParameterError
-        If an axis has no direction, or a constant has the wrong sign.
+    Returns the guards on parameter values too. ``at_scene`` evaluates a node of parameters at the
+    scene's values. Raises ParameterError if an axis has no direction or a constant the wrong sign.
     """
     expressions: dict[str, Expression] = {}
     guards: list[Guard] = []
@@ -128,17 +108,7 @@ def bind_edge(
 
 
 def lower_vector(value: FieldValue, dag: Dag, resolve: Resolver) -> Vector:
-    """Turn three expressions into nodes.
-
-    Parameters
-    ----------
-    value : sequence of three Expression
-        The components.
-    dag : Dag
-        The arena.
-    resolve : callable
-        From names to nodes.
-    """
+    """Return three expressions as nodes."""
     x, y, z = (item.lower(dag, resolve) for item in value)  # type: ignore[union-attr]
     return (x, y, z)
 
@@ -200,11 +170,7 @@ def is_varying(node: Node) -> bool:
 
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
-    """Ask parameters to keep what a real body's inertia satisfies: no negative minor of two rows.
-
-    A tensor that has one at the scene's values is that of no body. It is taken all the same, with a
-    warning (:mod:`cotree.scene.checks`), and no pivot relies on it (:func:`safe_pivots`).
-    """
+    """Guard the minors of an inertia tensor, none of which is negative for a real body."""
     # Thin rods, and entries of 1e-35 beside zeros, have minors of zero but for rounding: a share of
     # the tensor's own size on its diagonal leaves room for that.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
@@ -223,23 +189,9 @@ def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
-    """Form the axes of the turned frame from roll, pitch and yaw, or from three rows.
+    """Form the matrix whose columns are the turned axes, from three rows or from angles, [rad].
 
     Roll, pitch and yaw turn about the fixed x, y and z axis, in this order.
-
-    Parameters
-    ----------
-    value : sequence of three Expression, or of three rows of them
-        The angles, [rad], or the rows of the matrix.
-    dag : Dag
-        The arena.
-    resolve : callable
-        From names to nodes.
-
-    Returns
-    -------
-    Matrix
-        Its columns are the axes of the turned frame.
     """
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
@@ -256,8 +208,8 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
     """Return two unit axes that follow a unit normal right-handedly.
 
-    They are the next coordinate axes where the normal is one. Otherwise the first is the
-    projection on the plane of the coordinate axis that follows the normal's largest entry.
+    They are the next coordinate axes if the normal is one. Otherwise the first is the projection on
+    the plane of the coordinate axis that follows the normal's largest entry.
     """
     dag = normal[0].dag
     # An entry of parameters has no size here; any choice is valid where it is no pole.
@@ -278,18 +230,10 @@ def resolver_of(
     refused: Collection[str] = (),
     advice: str = "",
 ) -> Resolver:
-    """Make the function that gives the node of a name; ``allowed`` says what may be used.
+    """Return the function from names to nodes; later mappings of ``known`` take precedence.
 
-    Parameters
-    ----------
-    known : sequence of mapping of str to Node
-        The nodes of names; later mappings come first.
-    allowed : str
-        What may be used, for messages; empty where anything may.
-    refused : collection of str
-        Names that have a node elsewhere but may not be used here.
-    advice : str
-        What to write instead, for messages.
+    ``allowed`` and ``advice`` complete its error messages: what may be used, and what to write
+    instead. Names in ``refused`` have a node elsewhere but are not allowed here.
     """
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
@@ -314,19 +258,9 @@ def resolver_of(
 class FieldNames:
     """Names that fields may use: parameters, inputs, states, outputs and across variables.
 
-    Across variables follow from the motion, which is formed after the first fields are bound: each
-    gets a symbol when a field names it. :meth:`gathered` ends that.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        Its outputs, nodes and edges have names.
-    dag : Dag
-        The arena.
-    known : mapping of str to Node
-        Nodes by name.
-    others : collection of str
-        Further nodes and edges, of the scalar networks.
+    The motion, and so the across variables, is formed after the first fields are bound: a variable
+    gets a symbol when a field names it, until :meth:`gathered` is called. ``others`` are nodes and
+    edges of the scalar networks.
     """
 
     def __init__(
@@ -344,19 +278,9 @@ class FieldNames:
         self._is_gathered = False
 
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
-        """Return the node of a name.
+        """Return the node of a name; ``resolve`` resolves the names inside an output.
 
-        Parameters
-        ----------
-        name : str
-            The name.
-        resolve : callable, optional
-            Gives the nodes of the names that an output is made of; this method where absent.
-
-        Raises
-        ------
-        ExpressionError
-            If the name is unknown, or that of an output that is made of itself.
+        Raises ExpressionError if the name is unknown, or that of an output that is made of itself.
         """
         # Parameters hide outputs of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
@@ -397,30 +321,10 @@ def initial_values(
     resolve: Resolver,
     start: Mapping[str, Node],
 ) -> dict[str, Node]:
-    """Bind the initial values of a branch; what the scene does not give is ``start``, or zero.
+    """Bind the initial values of a branch, by short names of its coordinates and rates.
 
-    Parameters
-    ----------
-    edge : Edge
-        The branch.
-    space : sequence of MotionStep
-        Its motion space.
-    dag : Dag
-        The arena.
-    resolve : callable
-        From names of parameters to nodes.
-    start : mapping of str to Node
-        Values where the scene gives none, by short names of coordinates and rates.
-
-    Returns
-    -------
-    dict of str to Node
-        By the short names of coordinates and rates.
-
-    Raises
-    ------
-    SceneError
-        If the scene gives a value that the branch has no coordinate for.
+    ``start`` has the values that the scene does not give; the others are zero. Raises SceneError if
+    the scene gives a value that the branch has no coordinate for.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
     # Without a rotation the quaternion is one, not zero.
@@ -457,18 +361,9 @@ def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
 def guards_of(
     value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
 ) -> Iterator[Guard]:
-    """Refuse a value that jumps; where parameters decide it, guard them.
+    """Refuse a value that jumps while ``moving`` symbols change; guard it if parameters decide.
 
-    Parameters
-    ----------
-    value : Node
-        The value.
-    moving : sequence of Node
-        The symbols that change during a run, time among them.
-    time : Node
-        The symbol of time.
-    what, breach : str
-        Subject and predicate of the message: the name of the value, and what is wrong if it jumps.
+    ``what`` and ``breach`` are subject and predicate of the message.
     """
     if not is_timed(value, time):
         if may_jump(value, moving, time):
@@ -495,12 +390,9 @@ _BREACH = (
 
 
 def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
-    """Refuse prescribed motions, and prescribed values of constraints, whose speed jumps.
+    """Guard prescribed motions and prescribed values of constraints.
 
-    Raises
-    ------
-    FormulationError
-        If one of them jumps, or its rate does.
+    Raises FormulationError if one of them jumps, or its rate does.
     """
     if edge.component.role not in (Role.JOINT, Role.CONSTRAINT):
         return

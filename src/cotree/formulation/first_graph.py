@@ -105,17 +105,13 @@ def form_first_graph(
 
     Parameters
     ----------
-    scene : SceneDescription
-        The scene.
-    trees : Trees
-        The trees of its translation and rotation graphs.
+    scene, trees : SceneDescription, Trees
+        The scene and the trees of its translation and rotation graphs.
     own_axes : collection of int
-        The clusters whose vectors are resolved in their own axes, none where the trees differ; see
-        :mod:`cotree.formulation.frames`.
+        Clusters whose vectors are resolved in their own axes (:mod:`cotree.formulation.frames`).
     baumgarte : float
-        Rate, [1/s], at which violated constraints decay; zero leaves them to projection. With
-        rate b the accelerations satisfy c'' + 2 b c' + b^2 c = 0 in place of c'' = 0
-        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
+        Rate b, [1/s], with which c'' + 2 b c' + b^2 c = 0 replaces c'' = 0
+        (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1); zero leaves it to projection.
 
     Raises
     ------
@@ -227,13 +223,7 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
 def _measured(
     observer: Observer, reacting: Collection[str]
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Form the variables that fields use; tell which of them are accelerations and reactions.
-
-    Raises
-    ------
-    ExpressionError
-        If there is none of a name, or it is an acceleration or a force where none may be used.
-    """
+    """Form the variables that fields use; return which are accelerations and reactions, too."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():
@@ -260,7 +250,7 @@ def _measured(
 def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     """Describe the tree for elimination along it.
 
-    Nothing where a pivot may vanish, or where translation and rotation have each their own.
+    Empty if a pivot may vanish, or if translation and rotation have different trees.
     """
     n = len(first.system.speeds)
     # Articulated inertias need one parent for each body, and all inertia within the tree.

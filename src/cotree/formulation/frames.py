@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frames:
-    """Axes of the clusters, and how values are seen in them.
+    """Axes of the clusters, and the values seen in them.
 
     The first graph sees plain values. In a sensitivity graph the axes turn with what changes, and
-    all is seen as duals (:class:`cotree.sensitivity.turning.Turning`).
+    values are duals (:class:`cotree.sensitivity.turning.Turning`).
     """
 
     #: From each cluster's axes to those its vectors are resolved in, its basis.
@@ -96,17 +96,7 @@ class Frames:
 
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
-    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's.
-
-    Parameters
-    ----------
-    system : System
-        The bound scene.
-    clusters : Clusters
-        Its rigid clusters.
-    own_axes : collection of int
-        The clusters that are resolved in their own axes; none where the trees differ.
-    """
+    """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
     assert system.trees.is_one or not own_axes  # of two parents neither basis would do
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
@@ -170,17 +160,7 @@ class Geometry:
 
 
 def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
-    """Resolve a branch in the basis of its parent.
-
-    Parameters
-    ----------
-    system : System
-        The bound scene.
-    frames : Frames
-        The bases of the clusters.
-    branch : Branch
-        The branch.
-    """
+    """Resolve a branch in the basis of its parent."""
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
     # Translations of a motion space are coordinates along axes that the carrier turns.

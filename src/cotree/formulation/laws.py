@@ -272,21 +272,9 @@ def paced_rows(motion: Motion) -> Iterator[Row]:
 
 
 def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
-    """Measure the coordinate of a joint that a component sits on.
+    """Measure the coordinate ``joint`` or ``joint.coordinate`` that a component sits on.
 
-    Parameters
-    ----------
-    sitter : Sitter
-        The component.
-    place : str
-        The joint, or ``joint.coordinate``.
-    motion : Motion
-        The multibody system.
-
-    Raises
-    ------
-    SceneError
-        If there is no such joint or coordinate, or it slides where the component turns.
+    Raises SceneError if there is no such coordinate, or it slides where the component turns.
     """
     # A joint of a part has dots in its name.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)

@@ -53,21 +53,9 @@ _LARGEST_GAP = 1e-9
 def check_inertia(
     system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
 ) -> None:
-    """Refuse coordinates that move nothing and that no constraint holds.
+    """Raise SingularSystemError if a coordinate moves nothing and no constraint holds it.
 
-    Parameters
-    ----------
-    system : System
-        The bound scene.
-    matrix : sequence of rows of Node, shape (n_speeds, n_speeds)
-        The mass matrix.
-    gradient : sequence of rows of Node, shape (n_constraints, n_speeds)
-        Derivatives of the constraints' rates by the speeds.
-
-    Raises
-    ------
-    SingularSystemError
-        If a row of the mass matrix is structurally zero.
+    ``gradient`` is of the constraints' rates by the speeds, (n_constraints, n_speeds).
     """
     # A structural test, for the message: rows that vanish for some states only are found at run
     # time.
@@ -83,12 +71,9 @@ def check_inertia(
 
 
 def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
-    """Require that constraints that no motion changes, such as those out of a plane, hold.
+    """Guard the constraints that no motion changes.
 
-    Raises
-    ------
-    ParameterError
-        If one does not hold, whatever the parameters are.
+    Raises ParameterError if one fails for all parameters.
     """
     guards = []
     for row in rows:
@@ -115,19 +100,9 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
 
 
 def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], list[Guard]]:
-    """Find the coordinates whose own cluster gives them inertia.
+    """Return for each coordinate whether its own cluster gives it inertia.
 
-    Parameters
-    ----------
-    system, clusters : System, Clusters
-        The bound system and its rigid clusters.
-
-    Returns
-    -------
-    is_safe : tuple of bool
-        One for each coordinate.
-    guards : list of Guard
-        Values that must stay positive when parameters change.
+    The guards are values that must stay positive when parameters change.
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
@@ -166,10 +141,7 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
 
 
 def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
-    """Whether a tensor, about the origin of an inertia if given, is that of some body or none.
-
-    That is: at the scene's values, and but for rounding, it turns nothing at negative energy.
-    """
+    """Return whether a tensor turns nothing at negative energy, at the scene's values."""
     try:
         central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
         room = ROUNDING * np.trace(central)
@@ -222,10 +194,7 @@ def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
 
 
 def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]) -> list[Node]:
-    """List values that are positive only if the joint's own cluster resists all its motions.
-
-    The list is empty where no such values that depend on parameters only are known.
-    """
+    """List values that are positive only if the joint's own cluster resists all its motions."""
     inertia = clusters.inertias[branches[-1].child]
     branches = [branch for branch in branches if branch.speeds]
     if inertia is None or inertia.mass.is_zero or not branches:
@@ -274,13 +243,7 @@ def _minors(m: Matrix) -> list[Node]:
 
 
 def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
-    """Form the mass matrix, for vectors in ground axes.
-
-    Returns
-    -------
-    list of rows of Node
-        Symmetric, one row for each speed.
-    """
+    """Form the symmetric mass matrix, one row for each speed, for vectors in ground axes."""
     dag, n = motion.system.dag, len(motion.system.speeds)
     with dag.labelled("augmented bodies"):
         bodies = _augmented(motion)
@@ -408,17 +371,7 @@ def is_deep(motion: Motion) -> bool:
 
 
 class LateMatrix(Sequence[Sequence["Node"]]):
-    """A bordered mass matrix, of which the rows of the mass matrix are formed when asked for.
-
-    Parameters
-    ----------
-    form : callable
-        Forms the mass matrix and its border to the right.
-    n : int
-        Number of its rows.
-    border : sequence of rows of Node
-        The rows below.
-    """
+    """A bordered mass matrix of ``n`` rows; those above the border are formed on first use."""
 
     def __init__(
         self,

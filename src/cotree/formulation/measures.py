@@ -75,8 +75,8 @@ class CoordinateMeasure:
 class Coincidence:
     """One component of the vector between nodes that a constraint holds together.
 
-    The direction is an axis of the ancestor's basis: on the constraint the vector is zero, and so
-    are its rates, whatever axes they are resolved in.
+    The direction is an axis of the ancestor's basis: on the constraint the vector and its rates
+    vanish, whatever axes they are resolved in.
     """
 
     ends: Ends
@@ -237,10 +237,9 @@ class Spin:
 
 @dataclass(frozen=True)
 class Angle(Spin):
-    """The angle of the second node about a unit axis of the first that is an axis of both.
+    """The angle of the second node about a unit axis that is fixed in both nodes.
 
-    Since the axis is fixed in both nodes, the rate, the acceleration and the pull are those of the
-    spin.
+    Rate, acceleration and pull are therefore those of the spin.
     """
 
     #: Directions perpendicular to the axis, of the first node and of the second, which agree at

@@ -73,21 +73,10 @@ def observed_unit(name: str) -> str:
 
 
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
-    """Return a position or a velocity by name; None where there is none such.
+    """Return a position or a velocity by name, ``node.variable`` or ``edge.coordinate``, or None.
 
-    Parameters
-    ----------
-    motion : Motion
-        Positions and velocities.
-    name : str
-        ``node.variable``, or ``edge.coordinate`` of a chord joint.
-    is_acting : bool
-        Whether the value acts on the motion, in place of being looked at only.
-
-    Raises
-    ------
-    FormulationError
-        If it is to act on the motion and is an angle that is only known within half a turn.
+    ``is_acting``: the value acts on the motion. Raises FormulationError if such a value is an angle
+    that is only known within half a turn.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -395,10 +384,7 @@ class Outputs:
 def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
     """Form the outputs of a scene, and the expressions of its events.
 
-    Raises
-    ------
-    ExpressionError
-        If an output uses a name that is unknown.
+    Raises ExpressionError if an output uses an unknown name.
     """
     motion = observer.motion
     system = motion.system
@@ -470,12 +456,9 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
 def units_of_expressions(
     scene: SceneDescription, states: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the unit of each output and derived parameter; nothing where a name in it has none.
+    """Return the units of outputs and of derived parameters; none if a name in them has none.
 
-    Returns
-    -------
-    outputs, derived : dict of str to str
-        The unit of a sum is written as its terms have it; that of a product in SI.
+    The unit of a sum is written as in its terms, that of a product in SI.
     """
     units = {**stated_units(scene), "t": "s", **states}
     found: dict[str, str] = {}
@@ -518,13 +501,7 @@ def units_of_expressions(
 
 
 class VariableUnits:
-    """Units of the variables of a scene's edges and nodes.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    """
+    """Units of the variables of a scene's edges and nodes."""
 
     def __init__(self, scene: SceneDescription) -> None:
         self._scene = scene

@@ -41,25 +41,9 @@ _TURN = ("rotation", "q0", "q1", "q2", "q3")
 def body_starts(
     scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
-    """Find where bodies in the tree start, by short names of coordinates and rates.
+    """Return where bodies in the tree start, by short names of coordinates and rates.
 
     Bodies that no joints reach are left out: they start where the scene says.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    trees : Trees
-        Its trees, which hold bodies.
-    spaces : mapping of str to sequence of MotionStep
-        The motion space of each edge.
-    dag : Dag
-        The arena.
-
-    Returns
-    -------
-    dict of str to dict of str to Node
-        By body: values of parameters, by short names.
     """
     # Bodies in the tree have absolute coordinates, for which a scene need not give initial values.
     placed = [name for name in trees.branches if _is_body(scene, name)]
@@ -145,19 +129,7 @@ class Condition:
 def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tuple[Condition, ...]:
     """List the initial values that the scene gives for joints and bodies that are chords.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    motion : Motion
-        Positions and velocities.
-    view : View
-        Its across variables.
-
-    Raises
-    ------
-    SceneError
-        If the scene gives a coordinate that a chord does not have.
+    Raises SceneError if the scene gives a coordinate that a chord does not have.
     """
     system = motion.system
     given = [

@@ -136,29 +136,12 @@ def bind(
     is_start: bool = False,
     names: Collection[str] = (),
 ) -> System:
-    """Bind a scene to nodes.
+    """Bind a scene to nodes of an arena.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    trees : Trees
-        Its trees.
-    dag : Dag
-        The arena to make the nodes in.
-    starts : mapping of str to mapping of str to Node, optional
-        Initial values of branches that the scene itself says nothing of.
-    is_start : bool
-        Put initial values in the place of the coordinates and speeds.
-    names : collection of str
-        Nodes and edges of the scalar networks, whose variables fields may use.
-
-    Raises
-    ------
-    ExpressionError
-        If an expression uses a name that is unknown, or not allowed where it stands.
-    ParameterError
-        If an axis has no direction.
+    ``starts`` has initial values of branches that the scene does not give, ``names`` the nodes and
+    edges of the scalar networks. With ``is_start`` initial values replace the coordinates and
+    speeds. Raises ExpressionError if a name is unknown or not allowed, ParameterError if an axis
+    has no direction.
     """
     time = dag.symbol(TIME, 0)
     tunable, parameters = _parameters(scene, dag)

@@ -72,14 +72,7 @@ class Balance:
 def loads_of(motion: Motion, elements: Sequence[Action], first: Loads | None = None) -> Loads:
     """Sum the force elements, evaluate the laws of joints and resolve the inertias.
 
-    Parameters
-    ----------
-    motion : Motion
-        Positions and velocities.
-    elements : sequence of Action
-        The force elements that count.
-    first : Loads, optional
-        The first graph's, where these are a sensitivity graph's.
+    A sensitivity graph passes ``first``, the loads of the first graph.
     """
     sums = Sums(len(motion.omega))
     for action in elements:
@@ -147,13 +140,6 @@ def inertial_wrench(
 
     Force ``m a + A h``; torque ``h x a + J alpha + omega x (J omega)``, with first moment h and
     second moment J about the origin, whose acceleration is a ([1] eq. 3).
-
-    Parameters
-    ----------
-    motion, across : Motion, Accelerations
-        Velocities and accelerations of the clusters.
-    cluster, inertia : int, Inertia
-        The cluster, and its inertia in its basis.
     """
     origin, matrix = across.origin[cluster], across.matrix[cluster]
     force = vector.add(vector.scale(inertia.mass, origin), vector.times(matrix, inertia.moment))
@@ -167,13 +153,7 @@ def inertial_wrench(
 
 
 def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
-    """Form the f-cutset equations of the branches ([1] eq. 1) and project them ([1] eq. 5).
-
-    Parameters
-    ----------
-    motion, loads, across : Motion, Loads, Accelerations
-        Velocities, applied through variables and accelerations.
-    """
+    """Form the f-cutset equations of the branches ([1] eq. 1) and project them ([1] eq. 5)."""
     zero = vector.zeros(motion.system.dag)
     nothing = Wrench(zero, zero)
     sums = Sums(len(motion.omega))
@@ -188,15 +168,7 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
 
 
 def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sums) -> None:
-    """Sum the chords at each cluster: its inertia less its loads.
-
-    Parameters
-    ----------
-    motion, loads, across : Motion, Loads, Accelerations
-        Velocities, applied through variables and accelerations.
-    sums : Sums
-        The sums at the clusters, added to in place.
-    """
+    """Add the chords at each cluster, its inertia less its loads, to ``sums``."""
     dag = motion.system.dag
     with dag.labelled("terminal equations of inertias"):
         for cluster, inertia in enumerate(loads.inertias):
@@ -219,15 +191,7 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
 
 
 def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
-    """Sum inwards what the branches transmit, and project it on their motion spaces.
-
-    Parameters
-    ----------
-    motion, loads : Motion, Loads
-        The branches, and the efforts along their speeds.
-    sums : Sums
-        The chords at each cluster; what branches transmit is added in place.
-    """
+    """Sum inwards what the branches transmit, and project it on their motion spaces."""
     system, frames = motion.system, motion.frames
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
@@ -267,15 +231,7 @@ def shifted(wrench: Wrench, arm: Vector) -> Wrench:
 
 
 def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
-    """Add what a branch transmits to its parents: the force with its moment, and the torque.
-
-    Parameters
-    ----------
-    sums : Sums
-        The sums at the clusters, added to in place.
-    geometry, wrench : Geometry, Wrench
-        The branch, and what it transmits, at its child's origin.
-    """
+    """Add the wrench that a branch transmits, at its child's origin, to the sums of its parents."""
     branch = geometry.branch
     if branch.parent == branch.turn_parent:
         if branch.parent:  # nobody asks what the ground feels
@@ -289,10 +245,7 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
 
 
 def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
-    """Form the mass matrix from composite inertias, by suffix sums over the tree.
-
-    It is symmetric, with one row for each speed.
-    """
+    """Form the symmetric mass matrix from composite inertias, by suffix sums over the tree."""
     system = motion.system
     n = len(system.speeds)
     # Composite rigid bodies (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6).
@@ -340,13 +293,8 @@ def carried_inertia(inertia: Inertia, arm: Vector) -> Inertia:
 def unit_wrench(inertia: Inertia, turning: Vector, shifting: Vector) -> Wrench:
     """Form the wrench that gives an inertia a unit acceleration along a direction.
 
-    Parameters
-    ----------
-    inertia : Inertia
-        Mass m, first moment h and tensor J about the origin.
-    turning, shifting : Vector
-        Angular acceleration e and acceleration a of the origin, for a unit of the speed's rate:
-        force ``m a + e x h``, torque ``h x a + J e``.
+    ``turning`` is the angular acceleration e and ``shifting`` the acceleration a of the origin for
+    a unit of the speed's rate: force ``m a + e x h``, torque ``h x a + J e``.
     """
     return Wrench(
         vector.add(vector.scale(inertia.mass, shifting), vector.cross(turning, inertia.moment)),

@@ -21,20 +21,7 @@ _Length = tuple[int, int]
 
 
 class Contracted:
-    """A graph of which some edges are branches beforehand.
-
-    Parameters
-    ----------
-    ends : mapping of str to (str, str)
-        The nodes of each edge.
-    branches : iterable of str
-        The branches.
-
-    Raises
-    ------
-    TopologyError
-        If these form a circuit.
-    """
+    """A graph of which some edges are branches beforehand; these must not form a circuit."""
 
     def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
         parts = Parts(node for pair in ends.values() for node in pair)
@@ -109,20 +96,8 @@ def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list
 def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
     """Select as many edges as are a forest in two graphs at once, at the least total cost.
 
-    Parameters
-    ----------
-    first, second : Contracted
-        The graphs.
-    costs : mapping of str to int
-        Cost of each edge that may be selected; of equal ones, the first are preferred.
+    Only edges with a cost may be selected; of equal ones, the first are preferred.
 
-    Returns
-    -------
-    set of str
-        Names of the selected edges.
-
-    Examples
-    --------
     >>> first = Contracted({"a": ("0", "1"), "b": ("0", "1"), "c": ("1", "2"), "d": ("1", "2")})
     >>> second = Contracted({"a": ("0", "1"), "b": ("2", "3"), "c": ("0", "1"), "d": ("4", "5")})
     >>> sorted(common_forest(first, second, {"a": 0, "b": 3, "c": 0, "d": 1}))

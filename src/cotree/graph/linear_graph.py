@@ -18,17 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GraphEdge:
-    """A directed edge. Its across variable is the one of `head` minus the one of `tail`.
-
-    Parameters
-    ----------
-    name : str
-        Name of the edge, unique in its graph.
-    tail, head : str
-        Names of the nodes where the edge begins and ends.
-    kind : str
-        What the edge stands for; carried along, not looked at.
-    """
+    """A directed edge. Its across variable is the one of `head` minus the one of `tail`."""
 
     name: str
     tail: str
@@ -162,16 +152,9 @@ def _widths(edges: tuple[GraphEdge, ...]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class TreeStep:
-    """One step of a walk, from a node that is known to one that is not.
+    """One step of a walk along an edge, from a known node, the parent, to a new one, the child.
 
-    Parameters
-    ----------
-    edge : str
-        Name of the edge that is walked along.
-    parent, child : str
-        The node the step leaves and the node it reaches.
-    sign : int
-        +1 if the edge points from parent to child, -1 if it points back.
+    ``sign`` is +1 if the edge points from parent to child, -1 if it points back.
     """
 
     edge: str
@@ -183,20 +166,8 @@ class TreeStep:
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
     """Walk depth first from `start` along the named edges, reaching each node once.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    names : collection of str
-        Names of the edges that may be used.
-    start : str
-        The node to start from.
-
-    Returns
-    -------
-    tuple of TreeStep
-        Parents before children, siblings in edge order, a subtree without interruption. Costs O(n),
-        and no recursion, so that long chains are no danger.
+    Parents come before children, siblings in edge order, a subtree without interruption. Costs
+    O(n), and no recursion, so that long chains are no danger.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
@@ -223,16 +194,7 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
     """Check that the named edges alone join every node to the reference.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    names : collection of str
-        Names of the edges that count.
-    what : str
-        What these edges are called, for the message.
-    remedy : str
-        What to do about it, for the message; `{them}` in it stands for the nodes.
+    ``what`` names these edges in the message; `{them}` in ``remedy`` stands for the nodes.
     """
     steps = walk_edges(graph, names, graph.reference)
     # Each step reaches one more node; the reference is reached by none.

@@ -65,13 +65,7 @@ class TopologyMatrix:
 
 
 def incidence(graph: LinearGraph) -> TopologyMatrix:
-    """Form the incidence matrix.
-
-    Returns
-    -------
-    TopologyMatrix, shape (n_nodes, n_edges)
-        +1 where the edge leaves the node (its tail), -1 where it enters (its head).
-    """
+    """Form the incidence matrix, (n_nodes, n_edges): +1 at the tail of an edge, -1 at its head."""
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
@@ -82,17 +76,10 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 
 
 def f_cutset(tree: Tree) -> TopologyMatrix:
-    """Form the f-cutset matrix.
+    """Form the f-cutset matrix, (n_branches, n_edges), of [1] eq. 1.
 
-    Returns
-    -------
-    TopologyMatrix, shape (n_branches, n_edges)
-        One row a branch, with +1 for the branch and for each edge that crosses the cut in its
-        direction, -1 for those that cross against it. The columns of the branches are the identity.
-
-    References
-    ----------
-    [1] eq. 1
+    One row a branch, with +1 for the branch and for each edge that crosses the cut in its
+    direction, -1 for those that cross against it. The columns of the branches are the identity.
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
@@ -104,17 +91,10 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 
 
 def f_circuit(tree: Tree) -> TopologyMatrix:
-    """Form the f-circuit matrix.
+    """Form the f-circuit matrix, (n_chords, n_edges), of [1] eq. 2.
 
-    Returns
-    -------
-    TopologyMatrix, shape (n_chords, n_edges)
-        One row a chord, with +1 for the chord and for each branch that the circuit goes along in
-        its direction, -1 for those against it. The columns of the chords are the identity.
-
-    References
-    ----------
-    [1] eq. 2
+    One row a chord, with +1 for the chord and for each branch that the circuit goes along in its
+    direction, -1 for those against it. The columns of the chords are the identity.
     """
     # Each chord closes exactly one f-circuit, so that its own column has a single entry.
     matrix, column_of = _with_identity(tree, tree.chords)

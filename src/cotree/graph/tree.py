@@ -72,26 +72,10 @@ class Tree:
 
 
 def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
-    """Select the spanning tree of least total weight.
+    """Select the spanning tree of least total weight, among equal ones the first in edge order.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    weights : mapping of str to float
-        Weight of each edge that may be a branch. Edges that are left out, or whose weight is not
-        finite, never become branches.
-
-    Returns
-    -------
-    Tree
-        The tree; among edges of equal weight the first in edge order is taken.
-
-    Raises
-    ------
-    TopologyError
-        If a weight is given for an unknown edge, or the edges that may be branches do not reach
-        every node.
+    Edges without a finite weight never become branches. Raises TopologyError if a weight is given
+    for an unknown edge, or the edges that may be branches do not reach every node.
     """
     for name in weights:
         graph.edge(name)
@@ -114,20 +98,10 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
 
 
 def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
-    """Make the tree that the user names.
+    """Make the tree of the named edges, in any order.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    names : iterable of str
-        Names of the edges to be branches, in any order.
-
-    Raises
-    ------
-    TopologyError
-        If a name is unknown or occurs twice, the edges contain a circuit, or they do not reach
-        every node.
+    Raises TopologyError if a name is unknown or occurs twice, the edges contain a circuit, or they
+    do not reach every node.
     """
     parts = Parts(graph.nodes)
     branches: set[str] = set()
@@ -154,13 +128,7 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
 
 
 def tree_walk(tree: Tree) -> tuple[TreeStep, ...]:
-    """Walk the tree from the reference node outwards.
-
-    Returns
-    -------
-    tuple of TreeStep
-        One step a branch: parents before children, siblings in edge order.
-    """
+    """Walk the tree outwards: parents before children, siblings in edge order."""
     return walk_edges(tree.graph, tree.branches, tree.graph.reference)
 
 
@@ -190,17 +158,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
-    """Name the edges from a node to another along a forest that joins them.
-
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    names : set of str
-        The edges of the forest.
-    start, end : str
-        The nodes.
-    """
+    """Name the edges from a node to another along a forest that joins them."""
     # From the end back to the start, since each node has one step that leads to it.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []

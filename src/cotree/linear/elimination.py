@@ -31,15 +31,7 @@ class Arithmetic(Protocol[T]):
         """Multiply an entry with the reciprocal of the pivot above it."""
 
     def less(self, entry: T | None, multiplier: T, other: T) -> T | None:
-        """Subtract a product from an entry.
-
-        Parameters
-        ----------
-        entry : T or None
-            Of the remainder; None stands for zero, as in the result.
-        multiplier, other : T
-            The factor of the pivot's row, and that row's entry in the same column.
-        """
+        """Subtract the product of a multiplier and the pivot row's entry; None stands for zero."""
 
 
 @dataclass
@@ -76,19 +68,10 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns as long as there is a choice of a pivot.
+    """Eliminate unknowns as long as there is a choice of a pivot; ``rows`` keeps the remainder.
 
-    Parameters
-    ----------
-    rows : dict of int to dict of int to T
-        The nonzeros by row and column. What remains is left there.
-    arithmetic : Arithmetic
-        That of the entries.
-    choose : Choice
-        Of the pivots.
-    is_symmetric : bool
-        Whether entries across the diagonal are the same, and all pivots lie on it: one half of them
-        is then computed.
+    ``is_symmetric``: entries across the diagonal are the same, and all pivots lie on it; one half
+    is then computed.
     """
     # A symmetric matrix is its own transpose.
     columns: dict[int, set[int]] = {} if is_symmetric else columns_of(rows)
@@ -153,16 +136,9 @@ def _put(
 
 
 class FewestCouplings:
-    """Of a symmetric matrix: at each step the unknown with the fewest couplings (minimum degree).
+    """Minimum degree: the allowed unknown of a symmetric matrix with the fewest couplings.
 
     Ties go to the last, which lies farthest out in the tree and fills in least.
-
-    Parameters
-    ----------
-    rows : mapping of int to collection of int
-        The columns of each row's entries.
-    allowed : iterable of int
-        The unknowns whose pivots are safe.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
@@ -186,15 +162,10 @@ class FewestCouplings:
 
 
 class FewestUpdates:
-    """At each step the pivot whose elimination changes the fewest entries, wherever it lies.
+    """At each step the pivot whose elimination changes the fewest entries, ``most_updates`` in all.
 
     That is on the diagonal, or where an equation has one unknown left, or an unknown one equation;
-    elsewhere only where there is no other choice. An equation without unknowns ends it.
-
-    Parameters
-    ----------
-    most_updates : int
-        How many entries may be changed in all.
+    elsewhere only if there is no other choice. An equation without unknowns ends it.
     """
 
     def __init__(self, most_updates: int) -> None:
@@ -220,12 +191,7 @@ class FewestUpdates:
 class FewestUpdatesOfMatched:
     """At each step the pivot that changes the fewest entries, of one for each column.
 
-    Parameters
-    ----------
-    rows, columns : mapping of int to collection of int
-        The pattern.
-    row_of : sequence of int
-        The row of each column's pivot, no two of them the same; see :func:`match`.
+    ``row_of`` has the row of each column's pivot; see :func:`match`.
     """
 
     def __init__(self, left: Remainder, row_of: Sequence[int]) -> None:

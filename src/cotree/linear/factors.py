@@ -38,12 +38,7 @@ class RankedSolver(LinearSolver, Protocol):
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side.
 
-        Parameters
-        ----------
-        rhs : sequence of Node
-            Right-hand side.
-        tolerance : float
-            Pivots chosen at run time that are below this share of their entries are zero.
+        Pivots chosen at run time that are below ``tolerance`` times their entries count as zero.
         """
 
 
@@ -124,19 +119,10 @@ def factorise(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]] = (),
 ) -> SparseFactors:
-    """Factorise a symmetric matrix, of which some pivots may vanish.
+    """Factorise a symmetric matrix, of which the pivots that are not safe may vanish.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    matrix : sequence of rows of Node
-        Symmetric.
-    is_safe : sequence of bool
-        Whether the pivot of each unknown is known to be nonzero.
-    sizes : sequence of rows of Node
-        For each of the last unknowns, which are multipliers and may be redundant: squares of what
-        its row is made of, before anything cancels.
+    ``sizes`` has, for each of the last unknowns, which are multipliers and may be redundant,
+    squares of what its row is made of, before anything cancels.
     """
     rows = _nonzeros([dict(enumerate(row)) for row in matrix])
     with dag.labelled("elimination"):
@@ -214,21 +200,9 @@ def factorise_unsymmetric(
 ) -> tuple[SparseFactors, Node] | None:
     """Factorise a matrix; at each step the pivot whose elimination changes the fewest entries.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    matrix : sequence of mapping of int to Node
-        The rows; absent entries are zero.
-    most_updates : int
-        How many entries may be changed in all.
-
-    Returns
-    -------
-    (SparseFactors, Node) or None
-        The factors, and the doubt in them at run time: the sum of
-        ``|what a pivot is the sum of| / |pivot|``, of pivots that are sums. None where the matrix
-        is singular whatever the values, or where that takes more.
+    Returns the doubt in the factors at run time, too: the sum of ``|what a pivot is the sum of| /
+    |pivot|``, of pivots that are sums. None if the matrix is singular whatever the values, or if
+    more than ``most_updates`` entries would be changed.
     """
     rows = _nonzeros(matrix)
     # Rows that are left over have no pivot, or none that is cheap enough.

@@ -64,21 +64,9 @@ class Elimination:
 def plan_elimination(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int], n_algebraic: int
 ) -> Elimination | None:
-    """Plan the factors of ``shift M - J``.
+    """Plan the factors of ``shift M - J``; None if the pattern alone makes the matrix singular.
 
-    Parameters
-    ----------
-    n : int
-        Number of unknowns.
-    column_starts, row_indices : sequence of int
-        The pattern of J, compressed by columns.
-    n_algebraic : int
-        How many of the unknowns are algebraic.
-
-    Returns
-    -------
-    Elimination or None
-        None where the pattern alone makes the matrix singular.
+    The pattern of J is compressed by columns; the last ``n_algebraic`` unknowns are algebraic.
     """
     n_shifted = n - n_algebraic
     rows: dict[int, dict[int, _Sum]] = {i: {} for i in range(n)}
@@ -175,21 +163,9 @@ _SMALL = 40
 def narrow_band(
     n: int, column_starts: Sequence[int], row_indices: Sequence[int]
 ) -> tuple[int, int, Any]:
-    """Return the bandwidths of a matrix, and the places of unknowns that make them narrow.
+    """Return the bandwidths below and above, and the places of unknowns that make them narrow.
 
-    Parameters
-    ----------
-    n : int
-        Number of unknowns.
-    column_starts, row_indices : sequence of int
-        The pattern, compressed by columns.
-
-    Returns
-    -------
-    lower, upper : int
-        How many diagonals there are below and above the main one.
-    places : ndarray or None
-        The place of each unknown; None where the matrix is small or not sparse.
+    The pattern is compressed by columns. Places are None if the matrix is small or not sparse.
     """
     if n > _SMALL:
         from scipy.sparse import csc_matrix

@@ -63,16 +63,10 @@ def _skew(a: Vector) -> Matrix:
 
 
 def rigid(mass: Node, moment: Vector, tensor: Matrix) -> Spatial:
-    """Return the inertia of a rigid body.
+    """Return the inertia of a rigid body about a point of reference.
 
-    Parameters
-    ----------
-    mass : Node
-        m, [kg].
-    moment : Vector
-        First moment h about the point of reference, [kg m]: the coupling E is ``-[h]x``.
-    tensor : Matrix
-        Second moment J about that point, [kg m^2].
+    ``moment`` is the first moment h, [kg m], with the coupling E = ``-[h]x``, and ``tensor`` the
+    second moment J, [kg m^2].
     """
     zero = mass.dag.zero
     unit = ((mass, zero, zero), (zero, mass, zero), (zero, zero, mass))
@@ -109,28 +103,12 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Release one speed: subtract w w^T / d, or defer it.
+    """Release one speed: subtract w w^T / d, or defer that to behind the next arm.
 
-    Parameters
-    ----------
-    a : Spatial
-        The inertia that the branch feels.
-    turning, shifting : Vector
-        Angular acceleration and acceleration of the point of reference for a unit of the speed's
-        rate: the direction s.
-    is_deferred : bool
-        Whether w w^T / d is left to be subtracted behind the next arm.
-
-    Returns
-    -------
-    gate : Gate
-        The wrench w = a s over its pivot d = s . w, and 1 / d.
-    left : Spatial
-        The matrix that the parent feels.
-
-    References
-    ----------
-    R. Featherstone, Int. J. Robotics Research 2 (1983) 13.
+    ``turning`` and ``shifting`` are the angular acceleration, and the acceleration of the point of
+    reference, for a unit of the speed's rate: the direction s. The gate is the wrench w = a s over
+    its pivot d = s . w, and 1 / d; the rest is what the parent feels. R. Featherstone, Int. J.
+    Robotics Research 2 (1983) 13.
     """
     # w = I s, the wrench of a unit of the speed; its power along s itself is the pivot d.
     force = vector.add(vector.times(a.force, shifting), vector.times(a.coupling, turning))
@@ -339,20 +317,10 @@ def factorise_bordered(
     sizes: Sequence[Sequence[Node]],
     links: Sequence[TreeLink],
 ) -> RankedSolver:
-    """Factorise a bordered mass matrix, along its tree where ``links`` describe one.
+    """Factorise a bordered mass matrix [M, -G^T; -G, 0], along its tree if ``links`` describe one.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    matrix : sequence of rows of Node
-        [M, -G^T; -G, 0], symmetric; along a tree the rows of M are not read.
-    is_safe : sequence of bool
-        Whether the pivot of each unknown is known to be nonzero.
-    sizes : sequence of rows of Node
-        For each multiplier, squares of what its row is made of, before anything cancels.
-    links : sequence of TreeLink
-        The tree; empty where the matrix is eliminated.
+    Along a tree the rows of M are not read. ``sizes`` has for each multiplier squares of what its
+    row is made of, before anything cancels.
     """
     if not links:
         return factorise(dag, matrix, is_safe, sizes)
@@ -369,17 +337,9 @@ def factorise_tree(
 ) -> TreeFactors:
     """Carry articulated inertias inwards, and eliminate the accelerations from the border.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    links : sequence of TreeLink
-        The moving branches, parents first; every pivot is known to be positive.
-    border, sizes : sequence of rows of Node
-        The rows of the multipliers, over the accelerations, and squares of what they are made of
-        before anything cancels.
-    n_speeds : int
-        Number of accelerations.
+    ``links`` are the moving branches, parents first, with positive pivots. ``border`` has the rows
+    of the multipliers over the accelerations, ``sizes`` the squares of what they are made of before
+    anything cancels.
     """
     carried: list[Spatial | None] = [None] * (len(links) + 1)
     gates: list[tuple[Gate, ...]] = [()] * len(links)

@@ -112,13 +112,7 @@ class Variable:
 
 
 def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[str]:
-    """Return the names that are to be drawn: those that are named, or all coordinates.
-
-    Raises
-    ------
-    SceneError
-        If the dataset is none, or has nothing to draw.
-    """
+    """Return the names to draw: those that are named, or all coordinates; SceneError if none."""
     if not hasattr(dataset, "data_vars"):
         raise SceneError(
             f"a {type(dataset).__name__} cannot be drawn: give the Dataset of an ensemble"
@@ -137,13 +131,7 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
 
 
 def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
-    """Find what a name stands for.
-
-    Raises
-    ------
-    SceneError
-        If there is nothing of the name, or it is not over time.
-    """
+    """Return what a name stands for; SceneError if nothing does, or it is not over time."""
     pair = sensitivity_pair(name)
     title = name if pair is None else f"d({pair[0]})"
     if title not in dataset.data_vars:
@@ -387,12 +375,7 @@ def heat_map(
 def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure:
     """Draw what fits: heat maps of a grid of two dimensions, curves of one, or else bands.
 
-    Parameters
-    ----------
-    dataset, names
-        As of :func:`bands`.
-    of : {"last", "max", "min", "mean"}
-        What heat maps show.
+    ``of`` is what heat maps show: last, max, min or mean.
     """
     chosen = chosen_variables(dataset, names or None)
     dims = read_variable(dataset, chosen[0], over_time=False).dims

@@ -16,19 +16,9 @@ _SUFFIXES = (".svg", ".png", ".pdf")
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure to a file, whole or not at all.
+    """Write a figure to a file, .svg, .png or .pdf, whole or not at all.
 
-    Parameters
-    ----------
-    fig : Figure
-        The figure.
-    path : path
-        Where to write; its suffix says in which format: .svg, .png or .pdf.
-
-    Raises
-    ------
-    SceneError
-        If the suffix is unknown or the file cannot be written.
+    Raises SceneError for another suffix, or if the file cannot be written.
     """
     import matplotlib
 

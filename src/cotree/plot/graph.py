@@ -29,14 +29,7 @@ _LABEL_DISTANCE = 0.2
 def draw_graph(graph: LinearGraph, tree: Tree | None, ax: Axes | None = None) -> Figure:
     """Draw a linear graph: dots for nodes, arrows for edges, a hatch at the reference.
 
-    Parameters
-    ----------
-    graph : LinearGraph
-        The graph.
-    tree : Tree or None
-        Its branches are drawn bold, its chords thin.
-    ax : Axes or None
-        Where to draw; None makes a new figure that fits the graph.
+    Branches of the tree are bold, chords thin. Without axes a new figure fits the graph.
     """
     drawing = lay_out(graph)
     if ax is None:
@@ -51,21 +44,10 @@ def draw_graphs(
     make: Callable[[float, float], Figure] | None = None,
     parts: Sequence[str] = (),
 ) -> Figure:
-    """Draw several graphs side by side, translation and rotation for example.
+    """Draw several graphs side by side, each under the name of its domain.
 
-    Parameters
-    ----------
-    graphs_with_trees : iterable of (LinearGraph, Tree or None)
-        The graphs with their trees.
-    make : callable, optional
-        Makes a figure of a width and a height, [in]; one that pyplot does not know where absent.
-    parts : sequence of str
-        Parts of the scene, whose edges are drawn on a ground of one colour.
-
-    Returns
-    -------
-    Figure
-        One figure, each graph under the name of its domain.
+    ``make`` makes a figure of a width and a height, [in], by default one that pyplot does not know.
+    Edges of each of the ``parts`` are drawn on a ground of one colour.
     """
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])

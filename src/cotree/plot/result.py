@@ -50,24 +50,12 @@ def choose_curves(
     *,
     is_alone: bool = False,
 ) -> Curves:
-    """Choose the curves that some names stand for.
+    """Choose the curves that names stand for.
 
-    Parameters
-    ----------
-    names : str, sequence of str or of (str, str), or None
-        States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
-        ``(name, parameter)``. Where no sensitivity is named, those of the states and outputs that
-        are, to the first four parameters, come with them. None means the coordinates, the states
-        that are no rates.
-    states, outputs, inputs, parameters : sequence of str
-        The names that the result has; parameters are those of its sensitivities.
-    is_alone : bool
-        Whether no sensitivity comes along that is not named.
-
-    Raises
-    ------
-    SceneError
-        If the result has nothing by a given name.
+    Names are of states, outputs, inputs, and of sensitivities as ``d(name)/d(parameter)`` or
+    ``(name, parameter)``. If no sensitivity is named, those of the named states and outputs to the
+    first four parameters are added, unless ``is_alone``. None means the coordinates, the states
+    that are no rates. Raises SceneError if the result has nothing by a given name.
     """
     known = (*states, *outputs)
     # Rates are told by their names alone: a result does not know its equations.
@@ -234,19 +222,8 @@ def _followers(result: RunRecord) -> tuple[str, ...]:
 def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
     """Draw curves of one unit into given axes, beside what they show already.
 
-    Parameters
-    ----------
-    result : RunRecord
-        The result of a simulation.
-    names : str, sequence of str or of (str, str), or None
-        As of :func:`plot_result`, but no sensitivity comes along unnamed.
-    ax : Axes
-        Where to draw.
-
-    Raises
-    ------
-    SceneError
-        If there is nothing of a name in the result, or the curves have several units.
+    Names are those of :func:`plot_result`, but no sensitivity is added. Raises SceneError if there
+    is nothing of a name in the result, or the curves have several units.
     """
     known = (result.states, _followers(result), result.inputs, result.parameters_of_sensitivity)
     curves = choose_curves(names, *known, is_alone=True)

@@ -59,14 +59,10 @@ def cost_of_map(linear: LinearMap) -> int:
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
-    """Put columns with similar zeros into one block, and leave out those that give nothing.
+    """Put columns with similar zeros into one block, and leave out those that vanish.
 
     Two columns of different blocks change places as long as fewer values are then computed.
-
-    Returns
-    -------
-    (LinearMap, list of int)
-        The map of the columns in their new order, and for each its place in the earlier one.
+    Returns, with the map, the earlier place of each column.
     """
     # The supports, turned over: for each column the statements that are not zero there, as bits.
     nonzero = [0] * linear.n_columns
@@ -128,12 +124,7 @@ class CommonDirection:
 def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonDirection | None:
     """Separate the common part of all directions from the sources; None if there is none.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    unknowns : mapping of Node to Node
-        The unknowns' symbols and values.
+    ``unknowns`` are their symbols and values.
     """
     common, dag = equations.direction, equations.dag
     if common is None:
@@ -267,16 +258,8 @@ def map_rates(
 ) -> MappedRates:
     """Form derivatives of the rates as maps, where that costs less than to write them out.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    solved : SolvedSystem
-        Their solution.
-    rates : sequence of Node
-        Rates of the states, solved.
-    reached : sequence of sequences of int
-        The states that each parameter reaches; sensitivities of all others are zero.
+    ``rates`` are solved; ``reached`` are the states that each parameter reaches, the sensitivities
+    of all others being zero.
     """
     # The elimination of algebraic unknowns needs the derivatives along each direction by itself;
     # see cotree.program.reduced.

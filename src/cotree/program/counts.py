@@ -88,15 +88,7 @@ _FUNCTION = (25.0, 50.0)  # of the C library
 
 
 def cycles(nodes: Iterable[Node], known: Container[Node] = ()) -> float:
-    """Estimate the cycles that some values take.
-
-    Parameters
-    ----------
-    nodes : iterable of Node
-        In order of evaluation.
-    known : container of Node
-        Those of them that take none.
-    """
+    """Estimate the cycles of values in order of evaluation; ``known`` ones take none."""
     started, longest = bounds(nodes, known)
     return max(started, longest) + _UNFILLED * min(started, longest)
 
@@ -121,14 +113,9 @@ def waits(node: Node) -> float:
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the longest path from each value to a result, the cycles of the value counted in.
+    """Return the longest path from each value to a result, in cycles, that of the value included.
 
-    Parameters
-    ----------
-    order : sequence of Node
-        In order of evaluation.
-    known : container of Node
-        Those of them that take no cycles.
+    Values are in order of evaluation; ``known`` ones take no cycles.
     """
     need = dict.fromkeys(order, 0.0)
     # Backwards, all readers of a value have passed on their need before it is added to.

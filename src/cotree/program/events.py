@@ -64,15 +64,7 @@ class EventRanges:
 
 
 def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
-    """Form the ranges of some values that pass through zero.
-
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    values : sequence of Node
-        What each event looks at, then each corner, without unknowns.
-    """
+    """Form the ranges of the values, without unknowns, of each event and then of each corner."""
     dag = equations.dag
     kinds = _kinds(equations, values)
     curved = [
@@ -190,14 +182,7 @@ class Impact:
     ) -> list[Node]:
         """Differentiate the speeds after it along a direction.
 
-        Parameters
-        ----------
-        solved : SolvedSystem
-            The equations of motion, whose matrix is that of the impulse, too.
-        seed : mapping of Node to Node
-            The direction: tangents of symbols.
-        restitution : Node
-            The derivative of e along it.
+        ``restitution`` is the derivative of e. The equations' matrix is that of the impulse, too.
         """
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
@@ -216,23 +201,9 @@ class Impact:
 def form_impact(
     equations: Equations, solved: SolvedSystem, event: EventRow, values: Sequence[Node]
 ) -> Impact:
-    """Form the impact of an event.
+    """Form the impact of an event from the output values, unknowns eliminated.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    solved : SolvedSystem
-        Their solution.
-    event : EventRow
-        The event, with an impact.
-    values : sequence of Node
-        The output values, unknowns eliminated.
-
-    Raises
-    ------
-    SceneError
-        If the expression is none of positions, or no speed changes it.
+    Raises SceneError if the expression is none of positions, or no speed changes it.
     """
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
@@ -299,18 +270,8 @@ def event_kernels(
 ) -> tuple[dict[str, list[Node]], EventRanges]:
     """Form the results of the kernels of events, and the ranges among them; empty for none.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    solved : SolvedSystem
-        Their solution.
-    values : sequence of Node
-        Outputs, then the expressions of events, unknowns eliminated.
-    along : sequence of Along
-        Derivatives along each parameter; outputs are followed by these expressions.
-    motion : Along
-        Derivatives along the motion.
+    ``values`` are outputs, then the expressions of events, unknowns eliminated, ``along`` their
+    derivatives along each parameter and ``motion`` those along the motion.
     """
     if not (equations.events or equations.corners):
         return {name: [] for name in _NAMES}, EventRanges((), (), ())

@@ -45,15 +45,7 @@ class Curvature:
 def form_curvature(program: Program) -> Curvature | None:
     """Differentiate the rates of sensitivities by the states.
 
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-
-    Returns
-    -------
-    Curvature or None
-        None where these rates depend on the states through the sensitivities only.
+    None if these rates depend on the states through the sensitivities only.
     """
     dag, kernel = program.dag, program.kernels["sensitivity_rhs"]
     n = len(program.layout.states)
@@ -91,18 +83,7 @@ _SPEC = KernelSpec(
 
 
 def form_time_slope(program: Program) -> Kernel | None:
-    """Differentiate the rates by time.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-
-    Returns
-    -------
-    Kernel or None
-        None where the rates depend on neither time nor inputs.
-    """
+    """Differentiate the rates by time; None if they depend on neither time nor inputs."""
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}

@@ -36,19 +36,10 @@ _Found = TypeVar("_Found")
 
 
 def lower(equations: Equations) -> Program:
-    """Turn equations into a program.
+    """Turn governing and sensitivity equations into a program.
 
-    The matrix is factorised once; every derivative reuses the factors.
-
-    Parameters
-    ----------
-    equations : Equations
-        Governing and sensitivity equations.
-
-    Raises
-    ------
-    ParameterError
-        If a sensitivity to an algebraic unknown is asked for.
+    The matrix is factorised once; every derivative reuses the factors. Raises ParameterError if a
+    sensitivity to an algebraic unknown is asked for.
     """
     # The pattern comes before the derivatives: where sensitivities vanish, all that is made of them
     # folds away.

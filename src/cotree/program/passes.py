@@ -87,21 +87,10 @@ def for_each_kernel(program: Program, change: Callable[[Kernel], Kernel]) -> Pro
 def rewrite(
     kernel: Kernel, chosen: Container[Node], form: Callable[[Node, Mapping[Node, Node]], Node]
 ) -> Kernel:
-    """Put other values in the place of some, and rebuild all that depend on them.
+    """Replace ``chosen`` values of a kernel, and rebuild all that depend on them.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        The kernel.
-    chosen : container of Node
-        The values that are replaced.
-    form : callable
-        Gives the new value of one of these, from it and from what has been replaced so far.
-
-    Returns
-    -------
-    Kernel
-        New values keep the labels of those that they replace.
+    ``form`` makes the new value from the old one and from what has been replaced so far. New values
+    keep the labels of those that they replace.
     """
     new: dict[Node, Node] = {}
     for node in kernel.order:

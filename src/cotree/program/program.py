@@ -193,23 +193,10 @@ class Program:
         replaced: Container[str] = (),
         others: Sequence[float] = (),
     ) -> Corners:
-        """List the times within a span where integration stops, for values of the parameters.
+        """List the times within a span where integration stops, for parameters p.
 
-        Parameters
-        ----------
-        p : sequence of float
-            Values of the parameters.
-        span : tuple of float
-            Two times, ascending.
-        replaced : container of str
-            Inputs that a run gives otherwise.
-        others : sequence of float
-            Further times, which depend on no parameter.
-
-        Raises
-        ------
-        SolveError
-            If a period is far too short for the span.
+        ``replaced`` are inputs that a run gives otherwise, ``others`` further times, which depend
+        on no parameter. Raises SolveError if a period is far too short for the span.
         """
         if not self.stops and not others:
             return Corners.none()

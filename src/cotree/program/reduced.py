@@ -60,22 +60,12 @@ def reduced_kernels(
     motion: Along,
     reached: Sequence[Sequence[int]],
 ) -> dict[str, list[Node]]:
-    """Form the results of the kernels; empty where there is nothing to eliminate, or too much.
+    """Form the results of the kernels; empty if there is nothing to eliminate, or too much.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    rates : sequence of Node
-        f, then g.
-    columns : sequence of mapping of int to Node
-        Their derivatives by each state, by place.
-    along : sequence of Along
-        The same along each parameter, in terms of the states' sensitivities.
-    motion : Along
-        The same along the motion, in terms of the states' rates.
-    reached : sequence of sequences of int
-        For each parameter the states whose sensitivities do not vanish.
+    ``rates`` are f, then g; ``columns`` their derivatives by each state, by place; ``along`` the
+    same along each parameter, in terms of the states' sensitivities, and ``motion`` along the
+    motion, in terms of the states' rates. ``reached`` are for each parameter the states with
+    sensitivities.
     """
     found: dict[str, list[Node]] = {
         "algebraic_step": [],

@@ -43,21 +43,9 @@ _ZERO: _Part = (0, False)
 def reached_states(
     equations: Equations, solved: SolvedSystem, timed: Sequence[Timed]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return which states depend on each parameter of sensitivity.
+    """Return for each parameter of sensitivity the states that depend on it, at any time.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    solved : SolvedSystem
-        Their solution.
-    timed : sequence of Timed
-        Conditions that look at times which each sensitivity moves; see :func:`timed_by`.
-
-    Returns
-    -------
-    tuple of tuples of int
-        For each sensitivity its states, in order; all others have zero sensitivity at any time.
+    ``timed`` are the conditions on times which each sensitivity moves; see :func:`timed_by`.
     """
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
@@ -101,14 +89,9 @@ class Timed:
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
-    """Find the conditions that look at times which each sensitivity moves.
+    """Find the conditions that depend on times which each sensitivity moves.
 
-    Parameters
-    ----------
-    equations : Equations
-        The equations.
-    rates, watched : sequences of Node
-        The rates of the states, and what events look at, unknowns eliminated.
+    ``watched`` are the values of events, unknowns eliminated as in the rates.
     """
     dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
     given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
@@ -349,22 +332,8 @@ def pack_rates(
 ) -> list[Node]:
     """Leave out sensitivities that vanish: their rates, and their numbers among the symbols.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    reached : sequence of sequences of int
-        From :func:`reached_states`.
-    n : int
-        Number of states.
-    rates : sequence of Node
-        ``n`` for each parameter, in terms of as many symbols.
-
-    Returns
-    -------
-    list of Node
-        Those of the states that each parameter reaches, in terms of as many symbols: packed ones,
-        unless none vanishes.
+    ``rates`` are n for each parameter, in terms of as many symbols; of those that
+    :func:`reached_states` returns, in terms of packed symbols, is the result.
     """
     left = [j * n + i for j, own in enumerate(reached) for i in own]
     if len(left) == len(rates):

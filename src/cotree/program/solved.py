@@ -61,13 +61,7 @@ class SolvedSystem:
         return substitute(nodes, self.unknowns)
 
     def along(self, directions: Sequence[Derivative]) -> list[Along]:
-        """Differentiate along directions.
-
-        Parameters
-        ----------
-        directions : sequence of Derivative
-            One by one; values that they share are visited once.
-        """
+        """Differentiate along directions one by one; values that they share are visited once."""
         # Derivatives of thousands of states share most of what they are made of.
         known = iter(
             self.put(
@@ -99,16 +93,10 @@ class SolvedSystem:
     def solve_again(
         self, forcing: Sequence[Node], solution: Sequence[Node], seed: Mapping[Node, Node]
     ) -> list[Node]:
-        """Differentiate another solution of the same matrix: ``A w' = forcing - A' w``.
+        """Differentiate another solution w of the same matrix: ``A w' = forcing - A' w``.
 
-        Parameters
-        ----------
-        forcing : sequence of Node
-            The derivative of that solution's right-hand side.
-        solution : sequence of Node
-            w.
-        seed : mapping of Node to Node
-            The direction: tangents of the symbols in A.
+        ``forcing`` is the derivative of its right-hand side, ``seed`` the tangents of the symbols
+        in A.
         """
         # b' - A' w, row by row.
         # The derivative of A is formed here, since no sensitivity graph knows this solution.

@@ -187,16 +187,10 @@ def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
 
 
 class _Corners:
-    """Follow what changes where a condition is zero, up to where the whole is continuous.
+    """Changes where a condition is zero, followed up to where the whole is continuous.
 
-    Parameters
-    ----------
-    order : sequence of Node
-        All values, arguments first.
-    roots : sequence of Node
-        Those that must not jump.
-    moving : sequence of Node
-        The symbols that change between events.
+    ``roots`` must not jump; ``order`` has all values, arguments first; ``moving`` symbols change
+    between events.
     """
 
     def __init__(

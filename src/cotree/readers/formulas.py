@@ -87,14 +87,10 @@ def as_condition(tree: ast.expr) -> ast.expr:
 
 
 class Rewriter(ast.NodeTransformer):
-    """Rewrites the tree of a formula.
+    """Rewriting of the tree of a formula.
 
-    Parameters
-    ----------
-    name : callable
-        Returns the tree that a name stands for.
-    functions : iterable of str
-        The functions of the tool: those of scenes, and keys of :data:`FORMS`.
+    ``name`` returns the tree that a name stands for; ``functions`` are those of the tool: those of
+    scenes, and keys of :data:`FORMS`.
     """
 
     #: Functions that :meth:`own_call` rewrites, with their number of arguments.

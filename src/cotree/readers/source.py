@@ -52,21 +52,10 @@ def _begins_with(source: str | Path, tag: str) -> bool:
 
 
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
-    """Read a shipped scene, a TOML file, or a file of another tool.
+    """Read a shipped scene by its name, a TOML file, or a file of another tool.
 
-    Parameters
-    ----------
-    source : str or Path
-        Name of a shipped scene, or path of a file: ``.urdf`` is a robot description, ``.cir``,
-        ``.sp`` and ``.net`` are netlists, ``.sbml`` an SBML model, ``.xml`` that or a robot,
-        anything else TOML.
-    scene_type : type
-        The class to make.
-
-    Raises
-    ------
-    ModelError
-        If there is no such scene, or it is wrong.
+    ``.urdf`` is a robot description, ``.cir``, ``.sp`` and ``.net`` are netlists, ``.sbml`` an SBML
+    model, ``.xml`` that or a robot. Raises ModelError if there is no such scene, or it is wrong.
     """
     # The ending decides; shipped scenes have none and are found by the last branch.
     if is_urdf(source):

@@ -184,14 +184,8 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
 def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> Edge:
     """Replace the jumps in the laws of a scalar component by modes.
 
-    Parameters
-    ----------
-    edge : Edge
-        An edge for which :func:`may_branch` is true.
-    rewrite : callable
-        Gives the tree that takes the place of a jump: a mode, or the jump itself.
-    parameters : container of str
-        Names that do not change during a run.
+    ``rewrite`` returns the tree that takes the place of a jump: a mode, or the jump itself.
+    ``parameters`` do not change during a run.
     """
     fields: dict[str, Expression] = {}
     ports = []

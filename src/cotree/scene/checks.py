@@ -42,14 +42,10 @@ _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
 
 
 class Dimensions:
-    """Finds the dimension of an expression, and contradictions on the way.
+    """Dimension of an expression, with the contradictions found on the way.
 
-    Parameters
-    ----------
-    known : callable
-        Gives the dimension of a name.
-    with_plain_numbers : bool
-        Whether small numbers such as 2 and 0.5 have no unit; else a number may have any.
+    ``known`` returns the dimension of a name. With ``with_plain_numbers`` small numbers such as 2
+    and 0.5 have no unit; else a number may have any.
     """
 
     def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
@@ -239,17 +235,8 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
     """Name the bodies with negative principal moments, or that break the triangle rule.
 
-    In a plane scene, where only the moment about one axis is read, negative ones alone are named.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        A scene whose equations could be formed; what counts are its values.
-
-    Yields
-    ------
-    edge, sentence : str
-        For each such body.
+    Each comes with a sentence. In a plane scene, where only the moment about one axis is read,
+    negative ones alone are named. The scene's equations could be formed, and its values count.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():

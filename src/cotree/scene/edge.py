@@ -65,13 +65,7 @@ _ALSO_CALLED = {
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of an edge besides its positional nodes.
-
-    Attributes
-    ----------
-    name, doc, unit : str
-        Its name in scenes, meaning and unit; no unit where it is no quantity.
-    """
+    """Name, meaning and unit of one entry of an edge besides its positional nodes."""
 
     name: str
     doc: str

@@ -411,19 +411,10 @@ class Expression:
         return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
-        """Turn the expression into a node.
+        """Return the expression as a node of an arena; ``resolve`` returns the nodes of names.
 
-        Parameters
-        ----------
-        dag : Dag
-            The arena to make it in.
-        resolve : callable
-            Gives the node of a name; raises ExpressionError for an unknown one.
-
-        Raises
-        ------
-        ExpressionError
-            If a name is unknown or a constant part is undefined (``1/0``, ``sqrt(-1)``).
+        Raises ExpressionError if a name is unknown or a constant part is undefined (``1/0``,
+        ``sqrt(-1)``).
         """
         try:
             return _lower(self.tree, dag, resolve)
@@ -457,19 +448,9 @@ def _vanishes(expression: Expression) -> bool:
 
 
 def parse(value: object, where: str) -> Expression:
-    """Check a number or an expression string.
+    """Check a number or an expression string; ``where`` names its place in messages.
 
-    Parameters
-    ----------
-    value : float, int or str
-        What the user gave.
-    where : str
-        What it belongs to, for messages.
-
-    Raises
-    ------
-    ExpressionError
-        If it is neither, does not parse, or holds anything but the grammar above.
+    Raises ExpressionError if it is neither, does not parse, or is outside the grammar above.
     """
     # Python's booleans are numbers; in a scene they are a mistake.
     if isinstance(value, bool) or not isinstance(value, (str, numbers.Real)):

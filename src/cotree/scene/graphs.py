@@ -265,19 +265,8 @@ def choose_trees(
 ) -> dict[str, Tree]:
     """Choose the tree of every graph, or make those that the user names.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    graphs : mapping of str to LinearGraph
-        Its graphs, from :func:`linear_graphs`.
-    choice : None, sequence of str, or mapping of domain to sequence of str
-        None takes the branches that add least to the equations; names are taken as they are.
-
-    Raises
-    ------
-    TopologyError
-        If a node is floating, or the named edges are not a tree.
+    Without a choice these are the branches that add least to the equations. Raises TopologyError if
+    a node is floating, or the named edges are not a tree.
     """
     if isinstance(choice, Mapping):
         for domain in choice:

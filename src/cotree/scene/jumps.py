@@ -100,13 +100,7 @@ def _of_edge(edge: Edge) -> list[Expression]:
 
 
 class _Rewriting:
-    """One scene that is being rewritten.
-
-    Attributes
-    ----------
-    scene : SceneDescription
-        The new one.
-    """
+    """One scene that is being rewritten."""
 
     def __init__(self, scene: SceneDescription) -> None:
         self._old = scene

@@ -128,16 +128,8 @@ class CoupledTrees:
     ) -> CoupledTrees:
         """Gather the edges of graphs whose trees must be chosen together.
 
-        Parameters
-        ----------
-        graphs : sequence of LinearGraph
-            The graphs.
-        ports : mapping of str to Port
-            Their edges.
-        weights : mapping of str to float
-            How late each edge becomes a branch; infinite for edges that never do.
-        swaps : sequence of Swap
-            The controlled sources that may determine what controls them.
+        ``weights`` order the edges as branches, infinite for edges that never are; ``swaps`` are
+        the controlled sources that may determine what controls them.
         """
         # The graphs share names of nodes; a prefix keeps their nodes apart in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}

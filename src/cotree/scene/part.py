@@ -435,14 +435,8 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
     """Find the part that brings a name along.
 
-    Returns
-    -------
-    part : Part
-        The part of this scene.
-    member : str
-        The name of the part, of an array that of one of its parts.
-    local : str
-        The name within the part.
+    Returns the part of this scene, the name of the part (of an array that of one of its parts), and
+    the name within the part.
     """
     member, dot, local = name.partition(".")
     part = scene.members.get(member) if dot else None

@@ -45,26 +45,11 @@ def make_part(
     outer: SceneDescription,
     source: str,
 ) -> Part:
-    """Make a part of its statement.
+    """Make a part of its statement, to be put into the scene ``outer``.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    scene : SceneDescription
-        What it is made of.
-    given : mapping of str to object
-        What was said: ``count``, ``index``, ``nodes``, ``parameters``, ``inputs``, ``set``, and
-        bindings by the name of a node, a parameter or an input.
-    outer : SceneDescription
-        The scene that it becomes a part of.
-    source : str
-        What the scene was read from, for messages.
-
-    Raises
-    ------
-    SceneError
-        If an entry is unknown or not of its kind, or a port is left open.
+    ``given`` has ``count``, ``index``, ``nodes``, ``parameters``, ``inputs``, ``set``, and bindings
+    by the name of a node, a parameter or an input. Raises SceneError if an entry is unknown or not
+    of its kind, or a port is left open.
     """
     rest: dict[str, Any] = plain(given)
     counts = _counts(rest.pop("count", None))

@@ -45,32 +45,11 @@ class PortEnds:
 def check_ports(
     edge: str, component: Component, nodes: Sequence[object], fields: Mapping[str, Any]
 ) -> tuple[tuple[str, ...], tuple[PortEnds, ...], dict[str, Any]]:
-    """Check the nodes of an edge.
+    """Check the nodes of an edge, from its list of nodes and, of several ports, from its fields.
 
-    Parameters
-    ----------
-    edge : str
-        Its name, for messages.
-    component : Component
-        What it is.
-    nodes : sequence of str
-        The nodes as listed.
-    fields : mapping
-        What else was said; a component with several ports takes their nodes from here.
-
-    Returns
-    -------
-    nodes : tuple of str
-        All nodes, in order.
-    ports : tuple of PortEnds
-        Of each port of a scalar component; empty for others.
-    rest : dict
-        The fields that remain.
-
-    Raises
-    ------
-    SceneError
-        If nodes are missing, too many, not names, or the same where they must not be.
+    Returns all nodes in order, the ends of each port of a scalar component, and the remaining
+    fields. Raises SceneError if nodes are missing, too many, not names, or the same where they must
+    not be.
     """
     rest = dict(fields)
     if component.role is not Role.NETWORK:

@@ -357,13 +357,7 @@ def in_python(value: Any) -> Any:
 
 
 def documented(kind: _F) -> _F:
-    """Put the documentation of each setting into a docstring, in place of that of ``**settings``.
-
-    Parameters
-    ----------
-    kind : callable
-        A class or function; an entry of its docstring ends in ``**settings``.
-    """
+    """Replace the entry ``**settings`` of a docstring by the documentation of each setting."""
 
     def rows(entry: re.Match[str]) -> str:
         margin, lines = entry[1], []
@@ -384,19 +378,8 @@ documented(Settings)
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
     """Return the settings of a call; those that it leaves open are the scene's.
 
-    Parameters
-    ----------
-    defaults : Simulation
-        The settings of the scene.
-    given : mapping of str to object
-        What the call gives, by name.
-
-    Raises
-    ------
-    TypeError
-        If there is no such setting.
-    ModelError, SolveError
-        If a value is not accepted.
+    Raises TypeError if there is no such setting, ModelError or SolveError if a value is not
+    accepted.
     """
     if not given.keys() <= ROWS.keys():
         name = next(name for name in given if name not in ROWS)
@@ -411,13 +394,7 @@ INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 @dataclass(frozen=True)
 class Simulation(Settings):
-    """Settings of a scene's runs where a call gives none, and the point at which runs begin.
-
-    Attributes
-    ----------
-    t_span, method, rtol, ...
-        As of :class:`Settings`.
-    """
+    """Settings of a scene's runs where a call gives none, and the point at which runs begin."""
 
     #: The state in which it begins. At its operating point an electrical network rests with what
     #: its sources give at the start: no current flows into capacitors, no voltage is across
@@ -437,20 +414,7 @@ OF_SCENES = ("t_end", *(name for name in SHARED if ROWS[name].in_scenes), "start
 
 
 def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
-    """Change some settings.
-
-    Parameters
-    ----------
-    old : Simulation
-        The settings so far.
-    settings : mapping of str to object
-        Those to change, by name.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If a setting is unknown or has no sensible value.
-    """
+    """Change some settings; SceneError or ExpressionError if one is unknown or makes no sense."""
     check_known(settings, OF_SCENES, "simulation has no setting")
     changed = dict(settings)
     if "t_end" in changed:

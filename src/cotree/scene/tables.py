@@ -127,23 +127,10 @@ def make_lookup(
 ) -> LookupTable:
     """Check a table.
 
-    Parameters
-    ----------
-    name : str
-        Its name, accepted before.
-    x, y, values : object
-        Arguments and values: ``x`` and ``y`` of a table of one argument, where ``values`` is None;
-        of two arguments ``values`` has a row of as many values as ``y`` for each ``x``.
-    interpolation, beyond, doc
-        As of :class:`LookupTable`.
-    where : str
-        What it is called in messages; ``table 'name'`` where empty.
-
-    Raises
-    ------
-    SceneError, ExpressionError
-        If arguments do not ascend, numbers are not finite, rows have the wrong length, or there are
-        too many.
+    A table of one argument has ``x`` and ``y``, one of two also ``values``, with a row of as many
+    values as ``y`` for each ``x``. ``where`` names it in messages. Raises SceneError or
+    ExpressionError if arguments do not ascend, numbers are not finite, rows have the wrong length,
+    or there are too many.
     """
     where = where or f"table '{name}'"
     if beyond == "stop":

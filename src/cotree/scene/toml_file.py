@@ -125,20 +125,10 @@ _SECTIONS = (
 def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
-    """Make a scene of the tables of its file.
+    """Make a scene of the tables of its file; ``stem`` is the name of a scene that has none.
 
-    Parameters
-    ----------
-    data : mapping
-        The tables.
-    stem : str
-        The name of a scene that has none.
-    scene_type : type
-        The class to make.
-    parts : callable
-        Gives the scene that a part names, and what it was read from.
-    points : callable
-        Gives the text of a file that a table names.
+    ``parts`` returns the scene that a part names with its source, ``points`` the text of a table's
+    file.
     """
     # Each statement is made by the method that Python users call, so that files are checked alike.
     for name, value in data.items():

@@ -14,15 +14,6 @@ _WIDEST = 88  # columns
 def edge_call(name: str, statement: Mapping[str, Any]) -> str:
     """Write an edge as a call of the method of its component.
 
-    Parameters
-    ----------
-    name : str
-        Name of the edge.
-    statement : mapping
-        The edge as the table of a scene file.
-
-    Examples
-    --------
     >>> print(edge_call("R", {"type": "resistor", "nodes": ["a", "b"], "resistance": "R0"}))
     scene.resistor("R", "a", "b", resistance="R0")
     """

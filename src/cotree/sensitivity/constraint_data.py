@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 def gather_constraints(first: FirstGraph) -> ConstraintSet:
     """Gather the constraints in the form that projection, starts and reports need.
 
-    Raises
-    ------
-    ParameterError
-        If a redundant initial value belongs to a variable that accelerations determine.
+    Raises ParameterError if a redundant initial value belongs to a variable that accelerations
+    determine.
     """
     rows = first.constraints
     steps = [step for own in first.system.steps.values() for step in own]
@@ -68,19 +66,7 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
 def start_tangents(
     first: FirstGraph, view: View, seed: Seed, of_networks: Mapping[Node, Node]
 ) -> tuple[Node, ...]:
-    """Differentiate :attr:`ConstraintSet.start_values`, variables of the networks being known.
-
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    view : View
-        The sensitivity graph.
-    seed : Seed
-        Its direction.
-    of_networks : mapping of Node to Node
-        Derivatives of the variables of the networks.
-    """
+    """Differentiate :attr:`ConstraintSet.start_values`; ``of_networks`` are known derivatives."""
     network = first.network
     redundant = network.redundant if network else ()
     # The same three blocks as in `start_values`.

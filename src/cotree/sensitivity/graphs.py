@@ -128,12 +128,9 @@ def derived_parameters(
 
 
 def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Refuse names that nothing can have a sensitivity to.
+    """Raise ParameterError for names that nothing can have a sensitivity to.
 
-    Raises
-    ------
-    ParameterError
-        If one is neither a parameter nor a state, is not tunable, is derived, or occurs twice.
+    These are neither parameters nor states, not tunable, derived, or occur twice.
     """
     tunable = list(first.system.tunable)
     states = [state.name for state in first.states]
@@ -162,14 +159,7 @@ def differentiate(
 ) -> list[Derivative]:
     """Run the formulation over sensitivity graphs.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    directions : mapping of str to mapping of Node to Node
-        For each direction by name, the tangent of each symbol that changes along it.
-    support : Support
-        Shared by all directions.
+    ``directions`` has, by name, the tangent of each symbol that changes; all share ``support``.
     """
     # Sparse: a direction visits only values that depend on what it changes.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
@@ -338,25 +328,9 @@ def form_derivatives(
 ) -> tuple[Derivative, ...]:
     """Differentiate along parameters or initial values, with the sensitivities of the states.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    wanted : sequence of str
-        Names of parameters, or of states whose initial value is meant.
-    support : Support, optional
-        Shared with other directions.
-
-    Returns
-    -------
-    tuple of Derivative
-        In the order of ``wanted``. The sensitivity of state i to number j is
-        the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.nodes`.
-
-    Raises
-    ------
-    ParameterError
-        If a name is neither, is not tunable, or occurs twice.
+    ``wanted`` are parameters, or states whose initial value is meant. The sensitivity of state i to
+    number j is the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.nodes`. Raises
+    ParameterError as :func:`check_wanted`.
     """
     check_wanted(first, wanted)
     dag, n = first.system.dag, len(first.states)
@@ -400,22 +374,10 @@ def unknown_tangents(first: FirstGraph) -> tuple[Node, ...]:
 def form_equations(
     first: FirstGraph, sensitivities: Sequence[str], *, with_columns: bool = True
 ) -> Equations:
-    """Add the sensitivity graphs to the first graph.
+    """Add the sensitivity graphs of parameters, or of states' initial values, to the first graph.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    sensitivities : sequence of str
-        Parameters, or states whose initial value is meant.
-    with_columns : bool
-        Whether to form the derivatives along the states. Without them there is no Jacobian: for
-        looking at what the rates alone cost.
-
-    Raises
-    ------
-    ParameterError
-        If a name is neither, is not tunable, or occurs twice.
+    Without ``with_columns``, the derivatives along the states, there is no Jacobian: that suffices
+    for the cost of the rates. Raises ParameterError as :func:`check_wanted`.
     """
     scene, system = first.scene, first.system
     support = Support()

@@ -95,16 +95,7 @@ def network_tangents(
 ) -> NetworkTangents:
     """Run the networks over the sensitivity graphs of several directions.
 
-    Parameters
-    ----------
-    network : Network
-        The first graph's networks.
-    directions : sequence of mapping of Node to Node
-        Tangents of the symbols that change along each direction.
-    couplings : mapping of Node to Tangent
-        Derivatives of the across variables of the multibody system that ports use.
-    support : Support
-        Shared with other directions.
+    ``couplings`` are derivatives of the across variables of the multibody system that ports use.
     """
     # All directions in one pass over the plan: partial derivatives of laws are formed once for all.
     d = differentiate_plan(network.solved, _Seeds(directions, couplings, support))
@@ -124,19 +115,7 @@ def coupling_tangents(
 ) -> dict[Node, Tangent]:
     """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    directions : sequence of mapping of Node to Node
-        Tangents of the symbols that change along each direction.
-    support : Support
-        Shared with other directions.
-
-    Returns
-    -------
-    dict of Node to Tangent
-        Derivatives of values, rates and accelerations of the ports' measures, by these.
+    These are values, rates and accelerations of the ports' measures.
     """
     measured = {
         getattr(coupling, form): (coupling.measure, form)

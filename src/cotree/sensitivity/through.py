@@ -53,21 +53,10 @@ class Changes(Sums):
 def residual_tangents(
     view: View, loads: Loads, balance: Balance, applied: Sequence[Applied]
 ) -> list[Node]:
-    """Form the projected f-cutset equations of a sensitivity graph.
+    """Form the projected f-cutset equations of a sensitivity graph, by coordinate.
 
-    Parameters
-    ----------
-    view : View
-        Its across variables.
-    loads, balance : Loads, Balance
-        The first graph's through variables, at the actual accelerations.
-    applied : sequence of Applied
-        The through variables along measures that change.
-
-    Returns
-    -------
-    list of Node
-        Derivative of each coordinate's equation, accelerations of coordinates held fixed.
+    Accelerations of coordinates are held fixed. ``loads`` and ``balance`` are the first graph's, at
+    the actual accelerations, ``applied`` the through variables along measures that change.
     """
     motion = view.motion
     # The same walk as in the first graph, over duals: terminal equations (Eq. (4)), then f-cutsets

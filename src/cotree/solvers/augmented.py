@@ -38,20 +38,7 @@ _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 
 
 def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
-    """View the diagonal blocks of a square matrix.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (m * n_states, m * n_states)
-        A C-contiguous matrix.
-    n_states : int
-        Size of a block.
-
-    Returns
-    -------
-    ndarray, shape (m, n_states, n_states)
-        A writeable view.
-    """
+    """Return a writeable view, (m, n_states, n_states), of a matrix's diagonal blocks."""
     m = matrix.shape[0] // n_states
     # The repeated index takes equal rows and columns of blocks, and einsum returns it as a view.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
@@ -59,19 +46,10 @@ def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
 
 
 def assemble_dense(first: FloatArray, n_states: int) -> FloatArray:
-    """Return the Jacobian of z as a dense matrix.
+    """Return the dense Jacobian of z from its first columns.
 
-    Parameters
-    ----------
-    first : ndarray, shape (size, n_states)
-        Derivatives of z' by the states: J, then d(J s_p + f_p)/dy of each parameter.
-    n_states : int
-        Number of states.
-
-    Returns
-    -------
-    ndarray, shape (size, size)
-        ``first`` in the first columns, J again in the other diagonal blocks.
+    ``first``, (size, n_states), holds the derivatives of z' by the states: J, then d(J s_p +
+    f_p)/dy of each parameter. J stands again in the other diagonal blocks.
     """
     size = first.shape[0]
     matrix = np.zeros((size, size))
@@ -105,21 +83,7 @@ def assemble_sparse(first: FloatArray, n_states: int) -> Any:
 def difference_columns(
     problem: Problem, rhs: Callable[[FloatArray], FloatArray], z: FloatArray
 ) -> FloatArray:
-    """Return the derivatives of z' by the states, as forward differences.
-
-    Parameters
-    ----------
-    problem : Problem
-        For its sizes and tolerances.
-    rhs : callable
-        The derivative of z at a fixed time.
-    z : ndarray, shape (size,)
-        The point of differentiation.
-
-    Returns
-    -------
-    ndarray, shape (size, n_states)
-    """
+    """Return the derivatives of z' by the states, (size, n_states), as forward differences."""
     rtol, atol = augmented_tolerances(problem)
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
@@ -135,14 +99,10 @@ def difference_columns(
 
 
 def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
-    """Return the relative tolerance and the absolute tolerance of each number that is integrated.
+    """Return the relative tolerance and the absolute ones of all that is integrated.
 
-    Returns
-    -------
-    rtol : float
-        At least ``RTOL_FLOOR``.
-    atol : ndarray, shape (..., len(problem.integrated))
-        See :class:`Tolerances`.
+    The first is at least ``RTOL_FLOOR``; the others have shape (..., len(problem.integrated)), see
+    :class:`Tolerances`.
     """
     tolerances = Tolerances(problem)
     return tolerances.rtol_of(problem), tolerances.of(problem)
@@ -155,21 +115,14 @@ class Tolerances:
     as in CVODES (Hindmarsh et al. 2005): capacitances of 1e-12 F have sensitivities of 1e7 V/F, of
     which rounding alone exceeds what is small for a voltage.
 
-    No solver here has a switch that takes entries out of the error test, so untested
-    sensitivities get an absolute tolerance that no error reaches. The solvers average the squares
-    over all entries, so the states' tolerances are divided by the square root of how many more
-    there are than states: these are then tested as without sensitivities. LSODA takes the maximum
-    and becomes stricter by that factor.
+    No solver here has a switch that takes entries out of the error test, so untested sensitivities
+    get an absolute tolerance that no error reaches. The solvers average the squares over all
+    entries, so the states' tolerances are divided by the square root of how many more there are
+    than states: these are then tested as without sensitivities. LSODA takes the maximum and becomes
+    stricter by that factor.
 
-    Sizes of states and of parameters may have a row for each of several problems that differ in
-    nothing else.
-
-    Parameters
-    ----------
-    problem : Problem
-        One of the problems.
-    is_left : ndarray of bool, shape (len(problem.integrated),), optional
-        Entries that are wanted; all that are integrated where absent.
+    Sizes of states and of parameters may have a row for each of several problems. ``is_left``
+    selects entries; by default all that are integrated.
     """
 
     def __init__(self, problem: Problem, is_left: npt.NDArray[np.bool_] | None = None) -> None:
@@ -216,22 +169,9 @@ def _share(problem: Problem) -> float:
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return the places in z of what C integrates, and their absolute tolerances.
+    """Return the places in z of what C integrates, (n,), and their absolute tolerances, (..., n).
 
-    Parameters
-    ----------
-    row : Method
-        The method.
-    problem : Problem
-        The problem.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too, by an explicit method.
-
-    Returns
-    -------
-    places : ndarray of int, shape (n,)
-    atols : ndarray, shape (..., n)
-        See :class:`Tolerances`.
+    ``is_extended``: an explicit method integrates the algebraic unknowns, too.
     """
     is_left = is_integrated(row, problem, is_extended=is_extended)
     known = as_tested(row, problem)

@@ -44,13 +44,7 @@ def time_spent(limit: float) -> str:
 
 
 class Thinning:
-    """Choice of the steps that a run stores: every one, then every second, fourth, and so on.
-
-    Attributes
-    ----------
-    stride : int
-        Every so many steps one is stored.
-    """
+    """Choice of the steps that a run stores: every one, then every second, fourth, and so on."""
 
     def __init__(self) -> None:
         self.stride = 1
@@ -103,17 +97,7 @@ class OwnBar:
 
 
 class CountingBar(OwnBar):
-    """Show how many of several things are done; nothing where nobody looks, nor for short work.
-
-    Parameters
-    ----------
-    noun : str
-        Plural of the things.
-    n : int
-        Their number.
-    is_wanted : bool
-        Whether it may be shown at all.
-    """
+    """Progress bar of a count; hidden if stderr is no terminal or the work is short."""
 
     def __init__(self, noun: str, n: int, is_wanted: bool) -> None:
         self._noun, self._n = noun, n
@@ -149,15 +133,7 @@ class CountingBar(OwnBar):
 
 
 class Progress(OwnBar):
-    """Show how far an integration is; it does nothing where nobody looks, nor outside main threads.
-
-    Parameters
-    ----------
-    method : str
-        Name of the method that runs.
-    t_span : (float, float)
-        Start and end, [s].
-    """
+    """Progress bar of an integration; hidden without a terminal and outside the main thread."""
 
     def __init__(self, method: str, t_span: tuple[float, float]) -> None:
         self._method = method

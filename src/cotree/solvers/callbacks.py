@@ -36,17 +36,7 @@ if TYPE_CHECKING:
 class Callbacks:
     """The functions of one job, which keeps this as long as C may call them.
 
-    Parameters
-    ----------
-    ffi : object
-        Of the engine.
-    rescue : Rescue
-        Looks for points that the iterations in C do not find.
-
-    Attributes
-    ----------
-    errors : list of BaseException
-        What calls have raised.
+    ``errors`` holds the exceptions that calls have raised.
     """
 
     def __init__(self, ffi: Any, rescue: Rescue) -> None:
@@ -108,20 +98,9 @@ class Callbacks:
 
 
 class Rescue:
-    """Looks farther for points of one integration.
+    """Search for points of one integration that the iterations in C do not find.
 
-    Parameters
-    ----------
-    problem : Problem
-        A problem of a compiled model.
-
-    Attributes
-    ----------
-    problem : Problem
-        The same, or another one of the same kind.
-    complaint : str
-        The reason why the last point was not found, without a capital and a full stop; empty where
-        it was, or nothing was asked.
+    ``complaint`` is the reason why the last point was not found, without a capital and a full stop.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -152,16 +131,9 @@ class Rescue:
         return self._find(find, y)
 
     def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
-        """Move states onto the constraints, in place; tell whether that was possible.
+        """Move states onto the constraints, in place; return whether it succeeded.
 
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y : ndarray, shape (n_states,)
-            States as an event set them.
-        kept : sequence of int
-            Places of those that stay as they are.
+        The states at ``kept`` stay as they are.
         """
         settle = self.problem.settle
         return settle is not None and self._find(lambda point: settle(t, point, kept), y)
@@ -185,23 +157,7 @@ _MOST_MULTIPLICATIONS = 3e7
 class SundialsAid:
     """The ``cotree_sundials_aid`` of a job, with all that it points to.
 
-    Parameters
-    ----------
-    engine : Engine
-        That of the job.
-    row : Method
-        The method.
-    problem : Problem
-        The problem.
-    model : cotree_model
-        Its model, as the engine sees it.
-
-    Attributes
-    ----------
-    address : object
-        Pointer to the structure.
-    is_wide : bool
-        Whether a sparse factorisation would be much cheaper than the banded one.
+    ``is_wide``: a sparse factorisation would be much cheaper than the banded one.
     """
 
     def __init__(self, engine: Engine, row: Method, problem: Problem, model: Any) -> None:

@@ -53,13 +53,7 @@ _LEAST_PYTHON = (3, 12)
 
 
 def check_installed(method: str) -> None:
-    """Refuse CVODE and IDA where the package is not there that brings them.
-
-    Parameters
-    ----------
-    method : str
-        "cvode" or "ida".
-    """
+    """Raise SolveError if the package with "cvode" or "ida" is not installed."""
     try:
         # Imported and not only looked for, since a part of the package may be missing.
         importlib.import_module(f"sksundae.{method}")
@@ -83,13 +77,7 @@ class LibraryPath(NamedTuple):
 
 
 def library_path(library: str) -> LibraryPath:
-    """Find the file that has a library of SUNDIALS in it.
-
-    Parameters
-    ----------
-    library : str
-        "cvode", "ida", "cvodes" or "idas".
-    """
+    """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
     named = os.environ.get(VARIABLE, "")
     # What the user names is taken or refused, never passed over for another library.
     if named:
@@ -109,20 +97,8 @@ def library_path(library: str) -> LibraryPath:
 def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     """Open a library of SUNDIALS and find the functions that an engine calls.
 
-    Parameters
-    ----------
-    ffi : object
-        That of the engine, with the declarations of these functions.
-    library : str
-        A name in ``SUNDIALS``.
-    path : str
-        The file.
-
-    Returns
-    -------
-    (object, object) or str
-        A ``cotree_sundials``, and what keeps the library loaded; or the reason why there is none,
-        without a capital and a full stop.
+    Returns a ``cotree_sundials`` and what keeps the library loaded; or the reason why there is
+    none, without a capital and a full stop. ``ffi`` is the engine's and declares these functions.
     """
     try:
         # Lazily: of a module of Python nothing is called that needs Python.
@@ -141,19 +117,10 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
 
 
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
-    """Return the major and minor version of an opened library; empty where it is not known.
+    """Return the major and minor version of an opened library; empty if unknown.
 
-    sundials4py leaves out the function that tells it: there the package's own version is
-    SUNDIALS', and stands in a name beside the file.
-
-    Parameters
-    ----------
-    ffi : object
-        Declares ``SUNDIALSGetVersionNumber``.
-    library : object
-        The opened library.
-    path : str
-        Its file.
+    sundials4py leaves out the function that returns it: there the package's own version is that of
+    SUNDIALS, and stands in a name beside the file.
     """
     try:
         tell = library.SUNDIALSGetVersionNumber
@@ -206,13 +173,7 @@ class Engine:
 def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> None:
     """Begin to build or to load the engines of methods, while others form and compile the model.
 
-    Parameters
-    ----------
-    *methods : str
-        Methods of runs to come, in the order in which they are needed; nothing is done for those
-        that need no engine or are unknown.
-    then : sequence of callable, optional
-        Functions that load what runs need besides; they are called after the engines are loaded.
+    Methods that need no engine or are unknown are passed over; ``then`` is called afterwards.
     """
     # A choice of the method begins with steps of this one.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
@@ -242,18 +203,7 @@ def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> N
 
 
 def load_engine(stepper: str) -> Engine | str:
-    """Build and load the engine of a stepper, once; or say why that is not possible.
-
-    Parameters
-    ----------
-    stepper : str
-        A name in ``STEPPERS``.
-
-    Returns
-    -------
-    Engine or str
-        A reason is a sentence without a capital and an end.
-    """
+    """Build and load the engine of a stepper once, or return the reason why that fails."""
     if stepper not in SUNDIALS:
         return _opened(stepper, "")
     found = library_path(stepper)
@@ -295,17 +245,13 @@ def sweep(
     Parameters
     ----------
     model : CompiledModel
-        The model.
+        The model; ``native`` is the same as C sees it, with these parameters.
     p : ndarray, shape (n_parameters,)
         Parameters.
     u : callable
         Inputs at a time; None leaves them to the model.
-    t : ndarray, shape (n_t,)
-        Times, [s].
-    z : ndarray, shape (n_states * (1 + n_sensitivities), n_t)
-        States and sensitivities.
-    native : NativeModel
-        The model as C sees it, with these parameters.
+    t, z : ndarray, shapes (n_t,) and (n_states * (1 + n_sensitivities), n_t)
+        Times, [s], and states with sensitivities.
 
     Returns
     -------

@@ -45,14 +45,10 @@ BUDGET_SPENT = -2
 
 
 class Evaluator:
-    """Call, count and guard; it is mutable and belongs to one integration.
+    """Counted and guarded calls of the functions of one integration.
 
-    Attributes
-    ----------
-    nfev, njev : int
-        Calls of the right-hand side, those for differences included, and state Jacobians.
-    not_finite : str
-        The first value that was not finite since ``progressed()``, as a phrase; or empty.
+    ``nfev`` counts calls of the right-hand side, those for differences included, ``njev`` state
+    Jacobians; ``not_finite`` names the first value that was not finite since ``progressed()``.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -109,12 +105,9 @@ class Evaluator:
         return min(max(float(t), low), high)
 
     def state_jacobian(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the Jacobian of the states, dense, shape (n_states, n_states).
+        """Return the dense Jacobian of the states, (n_states, n_states).
 
-        Raises
-        ------
-        IntegrationStopError
-            If an entry is not finite and no earlier Jacobian was.
+        Raises IntegrationStopError if an entry is not finite and no earlier Jacobian was.
         """
         self.njev += 1
         n_states = self.problem.n_states
@@ -177,13 +170,7 @@ class Evaluator:
     def _evaluate(
         self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
-        """Call a function of the problem.
-
-        Raises
-        ------
-        IntegrationStopError
-            If nothing has a value there, or a budget is spent.
-        """
+        """Call a function; stop if nothing has a value there, or a budget is spent."""
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))

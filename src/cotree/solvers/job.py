@@ -43,24 +43,7 @@ _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
 class Rows:
-    """The rows of a job; it is mutable and belongs to one.
-
-    Parameters
-    ----------
-    ffi : object
-        Of the engine.
-    job : cotree_job
-        The structure that points to the rows.
-    n_values : int
-        How many values a row has.
-
-    Attributes
-    ----------
-    times, values : ndarray
-        The rows; the first ``job.n_kept`` count.
-    thinning : Thinning
-        Which steps are stored.
-    """
+    """The rows that one job stores, of ``n_values`` each; the first ``job.n_kept`` count."""
 
     def __init__(self, ffi: Any, job: Any, n_values: int) -> None:
         self._ffi, self._job, self._n, self._room = ffi, job, n_values, -1
@@ -78,14 +61,9 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return times and values that are kept, each shape (..., n_t), with where the job stands.
+        """Return the stored times and values, each shape (..., n_t), with where the job stands.
 
-        Parameters
-        ----------
-        z : ndarray
-            Where the job stands.
-        is_cut : bool
-            Whether it stopped early: that point is then stored whether it was asked for or not.
+        ``is_cut``: the job stopped early, and that point is stored whether it was asked for or not.
         """
         kept = int(self._job.n_kept)
         # A step that was dropped may be the last one.
@@ -161,12 +139,10 @@ _MOST_FINDINGS = 64
 
 
 class Shared:
-    """Jobs and numbers that runs with the same settings share; threads may use it at the same time.
+    """Jobs and numbers that runs with the same settings share, safely between threads.
 
-    Parameters
-    ----------
-    is_repeatable : bool
-        Whether runs with equal numbers are equal. Functions of Python may remember their calls.
+    ``is_repeatable``: runs with equal numbers are equal; functions of Python may remember their
+    calls.
     """
 
     def __init__(self, *, is_repeatable: bool) -> None:
@@ -219,22 +195,9 @@ def _times_of(problem: Problem) -> tuple[Any, ...]:
 
 
 class Job:
-    """A job of an engine, with all that it points to; end it, whatever happens.
+    """A job of an engine, with all that it points to; it must be ended.
 
     A job that has ended may begin again, with other values: what it points to stays in place.
-
-    Parameters
-    ----------
-    engine : Engine
-        The engine of the method's stepper.
-    row : Method
-        The method.
-    problem : Problem
-        A problem with a native form.
-    newton : Newton, optional
-        The factors of its model, which own implicit methods need.
-    is_extended : bool
-        Whether algebraic unknowns are integrated, too, by an explicit method.
 
     Attributes
     ----------
@@ -249,7 +212,7 @@ class Job:
     is_reusable : bool
         Whether another run may begin with it.
     rescue : Rescue
-        Looks for points that the iterations in C do not find.
+        Search for points that the iterations in C do not find.
     is_wide : bool
         Whether a sparse factorisation would be much cheaper than the banded one of SUNDIALS' steps.
     """
@@ -326,13 +289,7 @@ class Job:
         self.begin(problem)
 
     def begin(self, problem: Problem) -> None:
-        """Begin a run: that of the job's own problem, or another one of the same kind.
-
-        Parameters
-        ----------
-        problem : Problem
-            It differs from the first one in values, times and functions alone.
-        """
+        """Begin a run, of the same problem or of one with other values, times and functions."""
         assert problem.native is not None  # of the same kind
         c, native = self.job, problem.native
         c[0] = self._blank[0]

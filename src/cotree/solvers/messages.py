@@ -83,16 +83,7 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
     """Describe why rates have no value just beyond the point where a method stopped; else empty.
 
     C reports that the rates fail, but not why: they are evaluated here along the tangent of the
-    motion.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    t : float
-        Time of the last good point, [s].
-    z : ndarray, shape (n_states * (1 + n_sensitivities),)
-        The point.
+    motion from (t, z), the last good point.
     """
     if problem.undefined is None or problem.state_rhs is None:
         return ""
@@ -136,17 +127,7 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
-    """Return sentences on the singular positions that a job crossed, or at which it failed.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    job : Job
-        Its job, which has ended or waits.
-    has_failed : bool
-        Whether the job failed where it stands.
-    """
+    """Return sentences on the singular positions that a job crossed, or at which it failed."""
     if problem.singular is None:
         return []
     sentences = []
@@ -284,17 +265,7 @@ _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
 def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
-    """List what a sentence names: events, or edges with dry friction.
-
-    Parameters
-    ----------
-    name : str
-        A name in :data:`VERDICTS`.
-    event : str
-        The event where it failed.
-    fired : sequence of str
-        Those that happened at that time.
-    """
+    """List what a sentence of :data:`VERDICTS` names: events, or edges with dry friction."""
     are_many = (
         "EVENTS_CASCADE",
         "EVENTS_SLIDING",
@@ -310,14 +281,9 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Describe which rigid stops an impact has brought to rest by their rule; empty where none.
+    """Name the rigid stops that an impact has brought to rest by their rule; empty if none.
 
-    Parameters
-    ----------
-    rows : sequence of EventRow
-        The events.
-    records : ndarray, shape (n_records, n)
-        What happened; see :attr:`cotree.solvers.result.Trajectory.events`.
+    ``records`` are those of :attr:`cotree.solvers.result.Trajectory.events`.
     """
     listed = [
         f"'{_EDGE.sub('', rows[int(i)].name)}' at t = {t:.10g}"
@@ -332,17 +298,7 @@ def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
 
 
 def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
-    """Return the sentence that says why events end a run.
-
-    Parameters
-    ----------
-    name : str
-        A name in :data:`VERDICTS`.
-    events : sequence of str
-        Names of the events.
-    t, detail : float
-        See :data:`VERDICTS`, [s].
-    """
+    """Return the sentence of :data:`VERDICTS` that says why events end a run."""
     listed = ", ".join(f"'{event}'" for event in events)
     return VERDICTS[name].format(event=listed, t=t, detail=detail)
 

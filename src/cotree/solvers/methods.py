@@ -84,20 +84,7 @@ def method_row(method: str) -> Method:
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Describe why C cannot solve a problem by a method, before anything is built; else empty.
-
-    Parameters
-    ----------
-    method : str
-        A name in ``METHODS`` with a stepper.
-    problem : Problem
-        It has passed ``check_problem``.
-
-    Returns
-    -------
-    str
-        A sentence without a capital and an end.
-    """
+    """Describe, before anything is built, why C cannot solve a checked problem; else empty."""
     row = METHODS[method]
     if problem.native is None:
         return problem.not_native
@@ -134,7 +121,7 @@ def beyond_scipy(problem: Problem) -> str:
 
 
 def _dependent(problem: Problem) -> str:
-    """Describe which constraints depend on each other at the start; empty where none do.
+    """Describe which constraints depend on each other at the start; empty if none do.
 
     Stages of Rosenbrock methods are off the constraints, which then contradict each other.
     """

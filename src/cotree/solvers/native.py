@@ -56,20 +56,7 @@ def trajectory_of(
 ) -> Trajectory:
     """Return the values that a job has kept, with the last good point of a failed job.
 
-    Parameters
-    ----------
-    job : Job
-        It has ended, or waits.
-    problem : Problem
-        Its problem.
-    method : str
-        Its method, for the message.
-    ended : Ended
-        Its outcome.
-    note : str
-        What the message ends with.
-    compile_seconds : float
-        Time that the C of the method took, [s].
+    ``note`` ends the message; ``compile_seconds`` is the time that the C of the method took.
     """
     c = job.job
     t, z = job.rows.stored(job.z, is_cut=ended.status != 0 or bool(ended.reason))
@@ -132,19 +119,7 @@ _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
 def check_available(method: str) -> None:
-    """Refuse a method of SUNDIALS whose library cannot be used; others need none here.
-
-    Parameters
-    ----------
-    method : str
-        A name in ``METHODS``.
-
-    Raises
-    ------
-    SolveError
-        If there is no such library, or for sensitivities with vectors of their own, if it is of
-        another version; the message says what to do.
-    """
+    """Raise SolveError if the library of a SUNDIALS method is missing or of a wrong version."""
     row = METHODS[method]
     if row.family == "sundials":
         check_installed(method)
@@ -204,13 +179,7 @@ class Attempt:
         self._give_back()
 
     def finish(self, successor: Succession | None = None) -> Trajectory:
-        """Integrate to the end of the span.
-
-        Parameters
-        ----------
-        successor : Succession or None
-            The method that may take over where an explicit method finds that the problem is stiff.
-        """
+        """Integrate to the end; ``successor`` may take over if the problem turns out stiff."""
         job, problem, method = self.job, self.problem, self.row.name
         ended = _run(job, problem, method, successor, self.ended)
         if isinstance(ended, Ended) and ended.status == FAILED and self.is_extended:
@@ -232,20 +201,7 @@ class Attempt:
 
 
 def begin_in_c(problem: Problem, method: str) -> Attempt | str:
-    """Begin to integrate a checked problem in C, or say why C cannot.
-
-    Parameters
-    ----------
-    problem : Problem
-        It has passed ``check_problem``.
-    method : str
-        A name in ``METHODS`` with a stepper.
-
-    Returns
-    -------
-    Attempt or str
-        A reason is a sentence without a capital and an end.
-    """
+    """Begin to integrate a checked problem in C, or return the reason why C cannot."""
     why = refusal(method, problem)
     if why:
         return why
@@ -264,19 +220,9 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
-    """Build what an own implicit method needs of the model; None for methods that need nothing.
+    """Build what an own implicit method needs of the model, or return the reason why that fails.
 
-    Parameters
-    ----------
-    row : Method
-        A method that does not refuse the problem.
-    problem : Problem
-        The problem.
-
-    Returns
-    -------
-    Newton, str or None
-        A reason why there is none is a sentence without a capital and an end.
+    None for methods that need nothing.
     """
     if row.family != "cotree" or not row.implicit:
         return None
@@ -334,20 +280,9 @@ def _run(
 def run_job(
     job: Job, problem: Problem, method: str, spent: float = 0.0, *, until: int | None = None
 ) -> Ended:
-    """Advance a job to its end.
+    """Advance a job to its end, or for ``until`` steps.
 
-    Parameters
-    ----------
-    job : Job
-        A job that has not run yet, or waits.
-    problem : Problem
-        The problem whose budgets apply.
-    method : str
-        Name of the method, for a progress bar.
-    spent : float
-        Time already taken from the time limit, [s]; it counts as time in C, too.
-    until : int, optional
-        A number of steps after which the job waits.
+    The time already ``spent``, [s], counts against the time limit.
     """
     with Progress(method, problem.settings.t_span) as progress:
         begin = time.perf_counter() - spent

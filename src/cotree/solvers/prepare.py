@@ -45,14 +45,7 @@ _NONE = np.zeros(0)
 class Functions:
     """The functions of one run.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    u : callable
-        ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
+    ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
     """
 
     def __init__(
@@ -122,28 +115,11 @@ class Measured(Mapping[str, float]):
 
 
 class Samples:
-    """The samples of one input during a run; it is mutable and belongs to the run.
+    """The samples of one input during a run.
 
-    Each is taken once, and remembered: a method that goes over the same time again, or takes over
-    from another one, gets the same value.
-
-    Parameters
-    ----------
-    sampled : Sampled
-        The function and its period.
-    name : str
-        The input, for messages.
-    span : (float, float)
-        Start and end of the run, [s].
-    before : float
-        Its value until the first sample is taken.
-
-    Attributes
-    ----------
-    times : list of float
-        The times of the samples within the span.
-    held : ndarray, shape (1,)
-        The value that C reads.
+    Each is taken once and kept: a method that repeats a step, or takes over from another one, gets
+    the same value. ``held``, shape (1,), is the value that C reads; ``before`` holds until the
+    first sample.
     """
 
     def __init__(
@@ -226,17 +202,7 @@ def prepared(model: CompiledModel, settings: Settings) -> Preparation:
 
 
 def kept_for(kept: Kept[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
-    """Return what was made for equal settings, or make it.
-
-    Parameters
-    ----------
-    kept : Kept
-        The last ones that were made.
-    given : mapping of str to object
-        Settings by name.
-    make : callable
-        Makes it.
-    """
+    """Return what was made for equal settings, or make it."""
     key = key_of(given)
     return make() if key is None else kept.of(key, make)
 
@@ -315,30 +281,11 @@ class _Same:
 
 
 class Preparation:
-    """The parts that runs of a model with the same settings share; threads may use them at once.
+    """The parts that runs of a model with the same settings share, safely between threads.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    settings : Settings
-        Settings of the runs, whose parameters and initial values play no part here.
-
-    Attributes
-    ----------
-    model : CompiledModel
-        The same, or without sensitivities if none are wanted.
-    settings : Settings
-        The same.
-    units : dict of str to str
-        Unit of each name of the model that has one.
-
-    Raises
-    ------
-    ModelError
-        If an input is not accepted.
-    SolveError
-        If settings make no sense, or the model was not compiled.
+    Parameters and initial values of ``settings`` play no part. ``model`` is the given one, or
+    without sensitivities if none are wanted. Raises ModelError if an input is not accepted,
+    SolveError if settings make no sense, or the model was not compiled.
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
@@ -387,19 +334,9 @@ class Preparation:
         self._start: Start | None = None
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
-        """Prepare one run.
+        """Prepare one run; ``parameters`` and ``initial`` replace values of the scene.
 
-        Parameters
-        ----------
-        parameters : mapping of str to float, array_like of shape (n_parameters,), or None
-            Values in place of the scene's.
-        initial : mapping of str to float
-            Initial values of states in place of the scene's.
-
-        Raises
-        ------
-        ModelError
-            If a value is not accepted, or there is no start.
+        Raises ModelError if a value is not accepted, or there is no start.
         """
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial")
@@ -510,15 +447,8 @@ def n_observed(model: CompiledModel) -> int:
 def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[float | int]:
     """Return the size of each sensitivity parameter: a number, or the index of a parameter.
 
-    The value of that parameter is then the size, and one where that is zero. Initial values of
-    states have a size of one.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    given : mapping of str to float
-        Sizes that go before these.
+    The value of that parameter is then the size, or one if it is zero. Initial values of states
+    have size one. Sizes in ``given`` take precedence.
     """
     places = {name: i for i, name in enumerate(model.parameters)}
     found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]
@@ -558,13 +488,7 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 def _with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
 ) -> tuple[ReplacedInputs, list[Samples]]:
-    """Replace sampled functions by constants that change at their times.
-
-    Raises
-    ------
-    ParameterError
-        If sensitivities would have to know the derivative of a function.
-    """
+    """Replace sampled functions by constants that change at their times."""
     if not signals.sampled:
         return signals, []
     before, samples = model.input_values(span[0], p), {}

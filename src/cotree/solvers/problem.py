@@ -226,13 +226,7 @@ def describe_entry(problem: Problem, index: int) -> str:
 
 
 def check_problem(problem: Problem) -> None:
-    """Refuse a problem that no solver could start.
-
-    Raises
-    ------
-    SolveError
-        If a size, a breakpoint or an initial value cannot be accepted; the message names it.
-    """
+    """Raise SolveError if a size, a breakpoint or an initial value cannot be accepted."""
     _check_sizes(problem)
     check_values(problem)
 
@@ -306,17 +300,7 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Describe which sensitivity does not exist after a breakpoint, as a sentence without its end.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    t : float
-        The breakpoint, [s].
-    entry : int
-        The place of the sensitivity in z.
-    """
+    """Describe which sensitivity, at ``entry`` of z, does not exist after the breakpoint t."""
     what = describe_entry(problem, entry)
     if t == problem.settings.t_span[0]:
         return (
@@ -341,19 +325,8 @@ _JAMMED = 100.0
 class ModelEvents:
     """The events of a model at fixed parameters.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        A model with events.
-    p : ndarray, shape (n_parameters,)
-        Its parameters.
-    u : callable
-        ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
-
-    Attributes
-    ----------
-    rows : tuple of EventRow
-        Names and directions of the events, and which of them end a run.
+    ``rows`` has their names and directions, and which of them end a run. ``u(t)`` returns the
+    inputs, (n_inputs,), or None for the model's own.
     """
 
     def __init__(
@@ -378,13 +351,7 @@ class ModelEvents:
         return self._at(t).event_values(*self._parts(z))
 
     def check_start(self, t: float, z: FloatArray) -> None:
-        """Refuse sensitivities where an expression jumps right at the start.
-
-        Raises
-        ------
-        SolveError
-            If a parameter moves the start off the jump, to either side of it.
-        """
+        """Raise SolveError if an expression jumps at a start that a parameter moves."""
         wanted = self._model.sensitivities
         if not wanted or not any(row.is_jump for row in self.rows):
             return
@@ -405,17 +372,10 @@ class ModelEvents:
                 )
 
     def jammed(self, t: float, z: FloatArray) -> str:
-        """Describe which contacts jam at a point where an integration fails; empty if none does.
+        """Name the contacts that jam at a point where an integration fails; empty if none does.
 
-        Friction that slides may press its contact together the harder, the harder it is pressed. It
-        does so without bound where it takes away all of what the contact has to move.
-
-        Parameters
-        ----------
-        t : float
-            Time of the point, [s].
-        z : ndarray, shape (n_states * (1 + n_sensitivities),)
-            The point.
+        Sliding friction may press its contact together the harder, the harder it is pressed, and
+        without bound if it takes away all of what the contact has to move.
         """
         y, s = self._parts(z)
         at, found = self._at(t), []

@@ -44,30 +44,10 @@ def first_step(
     longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
-    """Choose a first step from the rates and their change along a tiny one.
+    """Choose a first step, [s], from the rates and their change along a tiny one.
 
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second edition,
     section II.4, for a method that begins with order 1.
-
-    Parameters
-    ----------
-    rates_at : callable
-        ``rates_at(t, z)`` gives the rates.
-    t : float
-        Start, [s].
-    z : ndarray
-        Values there.
-    t_end : float
-        End, [s].
-    longest : float
-        The longest step, [s].
-    tolerances : float, ndarray
-        Relative and absolute.
-
-    Returns
-    -------
-    float
-        Positive, [s], no more than the longest step.
     """
     rtol, atol = tolerances
     weights = 1.0 / (atol + rtol * np.abs(z))
@@ -107,24 +87,10 @@ _DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'r
 
 
 def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
-    """Integrate with one of SciPy's methods.
+    """Integrate with "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    method : str
-        "RK45", "DOP853", "RK23", "Radau", "BDF" or "LSODA".
-
-    Returns
-    -------
-    Trajectory
-        With status 0, or with the last good point as its last column.
-
-    Raises
-    ------
-    SolveError
-        If the problem cannot be accepted, or has what only methods in C take.
+    A trajectory with status other than 0 ends at the last good point. Raises SolveError if the
+    problem cannot be accepted, or has what only methods in C take.
     """
     check_problem(problem)
     what = beyond_scipy(problem)
@@ -290,7 +256,7 @@ class _Run:
 
 
 class _Segment:
-    """The functions that ``solve_ivp`` gets between two breakpoints; it is an event of it itself.
+    """The functions of ``solve_ivp`` between two breakpoints; the object is one of its events, too.
 
     Time begins at zero: late in a run the spacing of t would be felt in each step. The entries of z
     that vanish at all times are left out.
@@ -341,11 +307,11 @@ class _Segment:
         return 1.0 if run.step_allowed() else 0.0
 
     def _is_turned(self, before: float, w: FloatArray) -> bool:
-        """Return whether a step is short of what its rates ask for because a mode grows fast.
+        """Return whether a step is too short for its rates because a mode grows fast.
 
-        Newton's method corrects by what is left of the equations, solved with I - h J / 2 or its
-        like. Where modes decay that goes the same way; with a mode that grows it goes the other
-        way, is as small, and nothing is seen to be left.
+        Newton's method corrects by the residual, solved with I - h J / 2 or its like. With modes
+        that decay the correction has the sign of the error; with a growing mode it has the opposite
+        sign and the same size, so that the residual seems to vanish.
         """
         step = self._last - before
         # What the trapezoidal rule asks for beyond the step that was taken.
@@ -369,10 +335,7 @@ class _Segment:
         return z
 
     def rates(self, s: float, w: FloatArray) -> FloatArray:
-        """Return the rates of what is integrated; nan once the run has to stop.
-
-        A method that gets nan shortens its step and gives up, with what it has found so far.
-        """
+        """Return the rates of what is integrated; nan, which ends the method, once it must stop."""
         run = self._run
         if run.stop is None:
             try:

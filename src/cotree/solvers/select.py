@@ -55,25 +55,11 @@ _PROBE_RTOL = 1e-3
 
 
 def integrate(problem: Problem, method: str = "auto") -> Trajectory:
-    """Integrate a problem with a named or chosen method.
+    """Integrate a problem with a method of ``methods.METHODS``, or with "auto".
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem to integrate.
-    method : str
-        A name in ``methods.METHODS``, or "auto".
-
-    Returns
-    -------
-    Trajectory
-        A failed integration is a value with status != 0. The message of a chosen method ends with
-        the reason of the choice.
-
-    Raises
-    ------
-    SolveError
-        If the method is unknown or not installed, or the problem cannot be accepted.
+    A failed integration is a value with status other than 0. The message of a chosen method ends
+    with the reason of the choice. Raises SolveError if the method is unknown or not installed, or
+    the problem cannot be accepted.
     """
     check_problem(problem)
     return run(problem, method)
@@ -157,13 +143,7 @@ def _solve(
 
 
 def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
-    """Integrate with another method where C cannot run the one that was asked for, and say so.
-
-    Raises
-    ------
-    SolveError
-        If nothing stands in, or the problem has what only methods in C take, and none of them can.
-    """
+    """Integrate with another method if C cannot run the given one, and report it."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
         raise SolveError(
@@ -184,26 +164,21 @@ def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:
-    """Choose a method by the fastest decay at the start and after a few steps.
+    """Choose a method by the fastest decay at the start and after a few steps, with the reason.
 
-    Strongly damped modes whose time constant is a small part of the span force explicit methods
-    to steps that accuracy does not ask for. Modes that oscillate faster than they decay do not
-    count: accuracy needs short steps for them with any method. Stiffness that appears later than
-    the probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness`.
+    Strongly damped modes whose time constant is a small part of the span force explicit methods to
+    steps that accuracy does not ask for. Modes that oscillate faster than they decay do not count:
+    accuracy needs short steps for them with any method. Stiffness that appears later than the
+    probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness`.
 
     Modes that grow at the start, from below the tolerance to where they decide, are damped by the
     long steps of methods for stiff problems, whose error estimates cannot see them: there an
-    explicit method begins where it can, and the reason says so where it cannot.
+    explicit method begins if it can, and the reason says so if it cannot.
 
-    Returns
-    -------
-    method : str
-        "dop853" or, where the problem is stiff, "rodas5", or "cvode" where that takes less time by
-        the counts of its steps; where its functions are Python's, "DOP853" or "BDF". "cvode" takes
-        stiff problems of many states, too, and of loops, which "rodas5" does not bring through
-        singular configurations; without scikit-sundae "BDF" takes its place where it can.
-    reason : str
-        One sentence.
+    The choice is "dop853" or, if the problem is stiff, "rodas5", or "cvode" where that takes less
+    time by the counts of its steps; with functions of Python "DOP853" or "BDF". "cvode" also takes
+    stiff problems of many states, and of loops, which "rodas5" does not bring through singular
+    configurations; without scikit-sundae "BDF" takes its place where it can.
     """
     check_problem(problem)
     choice = _choose(problem)
@@ -272,8 +247,8 @@ class Rates(NamedTuple):
     """Rates of the modes that a choice follows from, [1/s].
 
     The fastest decay at the start and after a few steps, the one at the start alone, and the
-    fastest growth there; the latter two are sought where the first makes the problem stiff. Where a
-    bound of the first is enough to tell that it does not, it stands in its place.
+    fastest growth there; the latter two are sought if the first makes the problem stiff. A bound
+    replaces the first if it excludes stiffness.
     """
 
     decay: float
@@ -283,11 +258,7 @@ class Rates(NamedTuple):
 
 
 def _rates(problem: Problem, probe: Probe) -> Rates:
-    """Find the rates; once for the same numbers, where runs of a model share what they find.
-
-    They follow from the settings, which such runs have in common, from the parameters, and from the
-    start. Where one of these differs in any bit they are found anew.
-    """
+    """Find the rates, once for bitwise equal parameters and start of runs that share settings."""
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
         return probe.rates()
@@ -295,22 +266,9 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 
 
 class Probe:
-    """A look at the start of a problem and at a point a few steps later.
+    """Evaluation of the start of a problem and of a point a few steps later.
 
-    Where nothing speaks against it, the steps are the first ones of the run itself, and none of
-    them is taken twice.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    explicit : str
-        The explicit method that takes the steps.
-
-    Attributes
-    ----------
-    begun : Attempt or None
-        The run, after these steps.
+    If possible the steps are the first ones of the run itself (``begun``), and none is taken twice.
     """
 
     def __init__(self, problem: Problem, explicit: str) -> None:

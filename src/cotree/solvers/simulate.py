@@ -48,21 +48,10 @@ _MOST_COPIED = 2**18
 def observed(
     preparation: Preparation, run: Run, trajectory: Trajectory, left_out: Sequence[int]
 ) -> dict[str, Any]:
-    """Return entries of a record; see :func:`cotree.records.deferred`.
+    """Return the outputs, inputs and events of a record; see :func:`cotree.records.deferred`.
 
-    Parameters
-    ----------
-    preparation, run : Preparation and Run
-        What the trajectory was integrated with.
-    trajectory : Trajectory
-        The trajectory.
-    left_out : sequence of int
-        Outputs whose sensitivities are not unique, and therefore nan.
-
-    Raises
-    ------
-    SingularSystemError
-        If an output is not determined somewhere; where outputs are made later, then.
+    ``left_out`` are outputs whose sensitivities are not unique, and therefore nan.
+    SingularSystemError is raised, at first use, if an output is not determined somewhere.
     """
     model, t, z = preparation.model, trajectory.t, trajectory.z
     assert run.problem.native is not None  # runs of models in Python are refused
@@ -121,22 +110,9 @@ def simulate(model: CompiledModel, settings: Settings) -> RunRecord:
 def run_values(
     preparation: Preparation, parameters: Any, initial: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Integrate a model once more with settings that were prepared.
+    """Integrate a model with prepared settings; return the values of a ``RunRecord`` by field.
 
-    Parameters
-    ----------
-    preparation : Preparation
-        Of the model and the settings.
-    parameters : mapping of str to float, array_like of shape (n_parameters,), or None
-        Values in place of the scene's.
-    initial : mapping of str to float
-        Initial values of states in place of the scene's.
-
-    Returns
-    -------
-    dict of str to object
-        The values of a ``RunRecord``, by field; outputs, inputs, events and values of parameters
-        are made when they are first asked for.
+    Outputs, inputs, events and values of parameters are made on first use.
     """
     begin = time.perf_counter()
     model, settings = preparation.model, preparation.settings
@@ -231,7 +207,7 @@ _LINE_WIDTH = 2e-3
 
 
 def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
-    """Repeat a run of few points at more times; give the record itself where that cannot be done.
+    """Repeat a run of few points at more times, or return the record itself if that cannot be done.
 
     Runs that failed, have many points, took many steps, or whose inputs are functions of Python,
     which may remember their calls, are left as they are.

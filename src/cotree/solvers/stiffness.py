@@ -43,12 +43,7 @@ _MOST_RESTARTS = 200
 def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) -> float:
     """Return the largest decay rate among modes that decay faster than they oscillate, [1/s].
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem whose modes are examined.
-    points : sequence of (float, ndarray)
-        Times, [s], and states with sensitivities there.
+    ``points`` are times, [s], and states with sensitivities there.
     """
     modes = _modes(problem, points, problem.direction)
     # Modes with |Im| > -Re oscillate faster than they decay.
@@ -58,14 +53,9 @@ def fastest_decay(problem: Problem, points: Sequence[tuple[float, FloatArray]]) 
 def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
     """Return an upper bound of the rates at which modes decay at a point, [1/s].
 
-    It is the Frobenius norm of the Jacobian, which no eigenvalue exceeds in size; infinity where it
-    is not known, or its unknowns have to be eliminated first. It takes a small part of the time of
+    It is the Frobenius norm of the Jacobian, which no eigenvalue exceeds in size; infinity if it is
+    unknown, or its unknowns have to be eliminated first. It takes a small part of the time of
     eigenvalues.
-
-    Parameters
-    ----------
-    problem, t, z
-        As for :func:`fastest_growth`.
     """
     # Unknowns would have to be eliminated, and where constraints depend on each other it is large.
     if problem.n_algebraic or problem.singular is not None or problem.jacobian is None:
@@ -83,30 +73,14 @@ def bound_of_decay(problem: Problem, t: float, z: FloatArray) -> float:
 
 
 def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return the largest rate at which a mode grows at a point, [1/s]; 0 where none is found.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem whose modes are examined.
-    t : float
-        Time, [s].
-    z : ndarray
-        States with sensitivities there.
-    """
+    """Return the largest rate at which a mode grows at a point, [1/s]; 0 if none does."""
     # Modes that grow decay when the integration runs the other way.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
 
 
 def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s].
-
-    Parameters
-    ----------
-    problem, t, z
-        As for :func:`fastest_growth`.
-    """
+    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s]."""
     modes = _modes(problem, [(t, z)], problem.direction)
     return float(np.max(np.abs(modes), initial=0.0))
 
@@ -200,12 +174,9 @@ _FEW_MULTIPLICATIONS, _SELDOM = 8000, 0.1
 
 
 def share_of_rodas5(problem: Problem) -> float | None:
-    """Estimate the time of rodas5 divided by that of cvode; None where costs are unknown.
+    """Estimate the time of rodas5 divided by that of cvode; None if costs are unknown.
 
-    Parameters
-    ----------
-    problem : Problem
-        One without algebraic unknowns, constraints and events.
+    The problem has no algebraic unknowns, constraints and events.
     """
     work = None if problem.native is None else problem.native.model.work()
     if work is None:
@@ -256,14 +227,11 @@ _AT_ZERO = 10.0
 
 
 def stiff_method(problem: Problem) -> str:
-    """Name the method for a stiff problem.
+    """Return the name of the method for a stiff problem.
 
-    Returns
-    -------
-    str
-        "rodas5"; "cvode" where its steps cost so much less that a run does. For many states, loops,
-        which "rodas5" does not bring through singular configurations, and where C cannot take
-        that, "cvode"; without scikit-sundae "BDF", or what C takes where SciPy's methods do not.
+    That is "rodas5"; "cvode" if its steps cost so much less that a run does, for many states, and
+    for loops, which "rodas5" does not bring through singular configurations. Without scikit-sundae
+    "BDF", or what C takes if SciPy's methods do not apply.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
@@ -276,11 +244,10 @@ def stiff_method(problem: Problem) -> str:
 
 
 def cost_of_rodas5(problem: Problem) -> float:
-    """Estimate how many times as long "rodas5" takes as "cvode", where that can take its place.
+    """Estimate how many times as long "rodas5" takes as "cvode"; zero if "cvode" does not apply.
 
     A multistep method restarts at order one after each event and each corner, and where constraints
-    move what it remembers; algebraic unknowns it would solve for at each evaluation. There, and
-    without scikit-sundae, the number is zero.
+    move what it remembers; algebraic unknowns it would solve for at each evaluation.
     """
     # How often a run passes corners of its rates is known as little as how often events happen.
     locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
@@ -306,21 +273,10 @@ class Succession:
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
-        """Go on from where a job waits, to the end of the span.
+        """Continue from where a stiff problem's job waits, to the end of the span.
 
-        Parameters
-        ----------
-        problem : Problem
-            The whole problem.
-        first : Trajectory
-            The values that the job has stored.
-        job : Job
-            It waits because it finds the problem stiff.
-
-        Returns
-        -------
-        Trajectory or None
-            That of both; None where the job is to go on by itself.
+        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job is
+        to continue by itself.
         """
         c, method = job.job, first.statistics.method
         # A copy, since the job may go on from this point after all.
@@ -346,21 +302,7 @@ class Succession:
 
 
 def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
-    """Return whether there is a mode that limits a step.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    t : float
-        Time, [s].
-    z : ndarray
-        States and sensitivities there.
-    step : float
-        The step, [s].
-    method : str
-        The explicit method that takes it.
-    """
+    """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
     # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
     bound = float(TABLEAUS[method].stable)
     return step * largest_decaying(problem, t, z) >= _CONFIRMED * bound

@@ -52,18 +52,10 @@ def warn_of_result(
     followers: Sequence[tuple[int, int]] = (),
     is_balanced: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Warn where tolerances tested nothing.
+    """Warn if tolerances tested nothing.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    trajectory : Trajectory
-        Its outcome.
-    followers : sequence of (int, int)
-        Contents of storages and what follows from them, by the model's layout.
-    is_balanced : callable
-        Tells whether the rates at the start are what rounding leaves of a balance.
+    ``followers`` are contents of storages and what follows from them, by the model's layout;
+    ``is_balanced`` returns whether the rates at the start are what rounding leaves of a balance.
     """
     if trajectory.status == 0:
         untested = _untested(problem, trajectory)
@@ -76,15 +68,6 @@ def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u:
 
     Such rates change beyond recognition with parameters and inputs in their tenth digit; rates of
     small motions change in their tenth digit, too.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    t : float
-        Time, [s].
-    y, p, u : ndarray
-        States, parameters, and inputs, of which None takes the scene's.
     """
     u = model.input_values(t, p) if u is None else u
     with suppress(Error):
@@ -100,13 +83,7 @@ def _other(values: FloatArray) -> FloatArray:
 
 
 def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int) -> None:
-    """Warn where constraints are redundant and the tolerance is loose.
-
-    Parameters
-    ----------
-    problem, trajectory, redundant
-        As for :func:`held`.
-    """
+    """Warn if constraints are redundant and the tolerance is loose."""
     if trajectory.status == 0 and redundant and problem.settings.rtol > _ROUGH:
         _warn(
             f"constraints are redundant, which {trajectory.statistics.method} follows with errors "
@@ -118,16 +95,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     """Mark a run as failed where the constraints cannot have held it to the motion.
 
     Either the projection moved the states by far more than the tolerance, or constraints are
-    redundant and the tolerance is too loose for that.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    trajectory : Trajectory
-        Its outcome.
-    redundant : int
-        Number of constraints that follow from the others.
+    redundant (``redundant`` follow from the others) and the tolerance is too loose for that.
     """
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
@@ -262,12 +230,7 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     """Return whether times are so near to each other that their rounding decides nothing.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem.
-    n_steps : int, or ndarray of int
-        Steps of a run, or of several.
+    ``n_steps`` are the steps of a run, or of several.
     """
     start, end = problem.settings.t_span
     # Steps are counted where there is any.
@@ -282,7 +245,7 @@ def _spacing(t: float) -> float:
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
     """Return the change by half a spacing of t over a step, as a share of the tolerance.
 
-    Of the changes ahead and back the smaller one is taken: a jump of the rates is at one side.
+    The smaller of the changes ahead and back counts: a jump of the rates is at one side.
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)

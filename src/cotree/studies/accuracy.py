@@ -73,12 +73,9 @@ class Solution:
     def distance(self, other: Solution | Result) -> tuple[float, float]:
         """Return the error of another solution, of its states and of its sensitivities.
 
-        Returns
-        -------
-        states, sensitivities : float
-            max |y - ref| / max(1, max |ref|) over points and states, and the same over points,
-            states and parameters: max |ref| is that over the points, of each state and of each
-            sensitivity on its own. nan where there are none.
+        They are max |y - ref| / max(1, max |ref|) over points and states, and the same over points,
+        states and parameters: max |ref| is that over the points, of each state and of each
+        sensitivity on its own. nan if there are none.
         """
         return _error(other.y, self.y), _error(other.s, self.s)
 
@@ -148,19 +145,10 @@ def worse(*errors: float) -> float:
 
 
 def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
-    """Solve by different methods at tight tolerances until two agree.
+    """Solve by different methods at tight tolerances until two agree to 1e-10, or best of all.
 
-    Parameters
-    ----------
-    run : callable
-        ``run(method, rtol)`` gives a result at the points to compare.
-    is_stiff : bool
-        Whether to begin with implicit methods.
-
-    Returns
-    -------
-    Reference
-        The first two that agree to 1e-10, or else the two of all that agree best.
+    ``run(method, rtol)`` returns a result at the points to compare; ``is_stiff`` begins with
+    implicit methods.
     """
     solutions: list[Solution] = []
     pairs: list[Reference] = []
@@ -320,11 +308,8 @@ class BenchRow:
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
     """Return the fastest row, with those that are within its noise, one of each method.
 
-    Returns
-    -------
-    tuple of BenchRow
-        More than one where the least times of methods differ by less than a tenth, or by less than
-        the noise of either. They stand in the order of the rows, whatever the noise.
+    Least times that differ by less than a tenth, or by less than the noise of either, are equal.
+    Rows stay in their order, whatever the noise.
     """
     best_of: dict[str, BenchRow] = {}
     for row in rows:

@@ -120,24 +120,11 @@ def time_in_rounds(
     spent: Callable[[], float] = time.process_time,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Run each task once in each round.
+    """Run each task once in each round; each round begins with another task.
 
-    Parameters
-    ----------
-    tasks : sequence of Task
-        They begin in turn: each round begins with another one.
-    repeats : int
-        Number of rounds.
-    longest : float
-        A task whose times sum to more is left out of further rounds, [s].
-    until : float
-        When the last run may begin, by ``spent``, [s].
-    clock : callable
-        Gives the time, [s].
-    spent : callable
-        Gives the processor time, [s]: beside other processes as many rounds are made.
-    tell : callable
-        Is told the number of each round.
+    A task whose times sum to more than ``longest`` seconds is left out of further rounds, and no
+    run begins after ``until`` by the processor time ``spent``: beside other processes as many
+    rounds are made. ``tell`` is called with the number of each round.
     """
     for k in range(repeats):
         tell(k)
@@ -153,13 +140,7 @@ def time_in_rounds(
 
 
 def machine(backend: str) -> dict[str, str]:
-    """Name processor, compiler and versions.
-
-    Parameters
-    ----------
-    backend : str
-        How the model's kernels are evaluated.
-    """
+    """Return processor, compiler and versions; ``backend`` is how the kernels are evaluated."""
     import scipy
 
     toolchain = find_toolchain()

@@ -30,23 +30,8 @@ def plot_bench(
 ) -> Figure:
     """Plot seconds over error, of states and beside them of sensitivities.
 
-    Parameters
-    ----------
-    scene : str
-        Name of the scene.
-    sensitivities : sequence of str
-        Names of what sensitivities are taken to.
-    rows : sequence of BenchRow
-        The runs; those without a time or an error are left out.
-    reference : Reference
-        The reference of all errors, with the agreement of its two solutions.
-    make : callable
-        Makes a figure of a width and a height, [in].
-
-    Returns
-    -------
-    Figure
-        Errors that the reference cannot tell lie in grey, with open markers at its border.
+    Errors that the reference cannot tell lie in grey, with open markers at its border; rows without
+    a time or an error are left out. ``make`` makes a figure of a width and a height, [in].
     """
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
         ("states", lambda row: row.error_states, reference.agreement_states)

@@ -91,25 +91,11 @@ def _inertia(draft: Drafter, edge: BoundEdge) -> Array | None:
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
-    """Find the homogeneous box with a mass and an inertia about its centre.
+    """Find the homogeneous box with a mass and an inertia about its centre; None if there is none.
 
-    Its lengths follow from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m.
-
-    Parameters
-    ----------
-    mass : float
-        Not negative, [kg].
-    tensor : ndarray, shape (3, 3)
-        [kg m^2].
-
-    Returns
-    -------
-    lengths : ndarray, shape (3,), [m]
-        Zero along a principal axis for which no homogeneous box exists.
-    axes : ndarray, shape (3, 3)
-        The principal axes, right-handed, as columns.
-    None
-        If the inertia is zero or invalid.
+    Returns its lengths, [m], from I1 = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I2 + I3 - I1) / m,
+    zero along a principal axis for which no homogeneous box exists, and the principal axes,
+    right-handed, as columns.
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
@@ -185,16 +171,8 @@ def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
 def road(draft: Drafter, edge: BoundEdge, level: float, size: float) -> None:
     """Draw a plane through the first node, over the range of the second node's motion.
 
-    Parameters
-    ----------
-    draft : Drafter
-        The drawing.
-    edge : BoundEdge
-        The edge whose field ``normal`` is that of the plane.
-    level : float
-        Height of the plane above the first node, [m].
-    size : float
-        How far the second node's body extends, [m].
+    ``level`` is its height above the first node, and ``size`` the extent of the second node's body,
+    [m].
     """
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
@@ -378,19 +356,7 @@ def draft_scene(
     stage: Stage,
     visuals: Mapping[int, list[tuple[str, Mesh]]],
 ) -> Drafter:
-    """Draw every edge.
-
-    Parameters
-    ----------
-    first : FirstGraph
-        The graph.
-    values : MotionValues
-        Gives positions and fields.
-    stage : Stage
-        Directions and sizes.
-    visuals : mapping of int to list of (str, Mesh)
-        Shapes of a robot's file by cluster, in place of its bars, boxes and joints.
-    """
+    """Draw every edge; ``visuals``, by cluster, replace bars, boxes and joints."""
     draft = Drafter(first, values, stage, frozenset(visuals))
     for track, own in visuals.items():
         for name, mesh in own:

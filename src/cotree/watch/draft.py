@@ -25,16 +25,9 @@ if TYPE_CHECKING:
 
 
 def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -> list[int]:
-    """Assign each cluster the lowest layer that no neighbour of smaller number has.
+    """Assign each of n clusters the lowest layer that no neighbour of smaller number has.
 
-    Parameters
-    ----------
-    edges : iterable of BoundEdge
-        Their joints and constraints make neighbours.
-    places : mapping of str to Place
-        Where the nodes are.
-    n : int
-        Number of clusters.
+    Joints and constraints of ``edges`` make neighbours; ``places`` are those of the nodes.
     """
     neighbours: list[set[int]] = [set() for _ in range(n)]
     for edge in edges:
@@ -51,18 +44,9 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
 
 
 class Drafter:
-    """Adds the shapes of each edge, in the clusters' axes.
+    """Builder of a drawing: shapes of each edge, in the clusters' axes.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The graph.
-    values : MotionValues
-        Gives positions and fields.
-    stage : Stage
-        Directions and sizes.
-    clothed : frozenset of int
-        Clusters that shapes of a robot's file show.
+    ``clothed`` are the clusters that shapes of a robot's file show.
     """
 
     def __init__(
@@ -86,15 +70,7 @@ class Drafter:
         self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
 
     def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
-        """Finish the drawing.
-
-        Parameters
-        ----------
-        title, note : str
-            The lines above and below it.
-        frames : Moments
-            Times and values to show.
-        """
+        """Finish the drawing, with a title above it and a note below."""
         # Struts come last: only now it is known how many share their nodes and stand side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
@@ -132,13 +108,7 @@ class Drafter:
         return found
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
-        """Return an axis of an edge, resolved in the axes of a node's cluster.
-
-        Returns
-        -------
-        ndarray, shape (3,)
-            The unit vector.
-        """
+        """Return an axis of an edge, (3,), in the axes of a node's cluster."""
         found: Array = self.places[end].turn @ self.values.numbers(edge.vectors[name])
         return found
 
@@ -158,37 +128,16 @@ class Drafter:
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
     ) -> None:
-        """Add a shape that moves with a body.
+        """Add a shape that moves with a body, by default in the body's colour.
 
-        Parameters
-        ----------
-        name : str
-            The edge that it belongs to.
-        cluster : int
-            The body.
-        mesh : Mesh
-            The shape, in the body's axes.
-        color : Color, optional
-            The body's own where absent.
-        label : bool
-            Whether its name is written beside it.
+        ``label`` writes its name beside it.
         """
         self.solids.append(Solid(name, cluster, mesh, color or self.color(cluster)))
         if label:
             self.label(name, cluster, mesh.points.mean(axis=0))
 
     def label(self, name: str, cluster: int, local: Array) -> None:
-        """Name a point of a body.
-
-        Parameters
-        ----------
-        name : str
-            The text.
-        cluster : int
-            The body.
-        local : ndarray, shape (3,)
-            The point in the body's axes, [m].
-        """
+        """Name a point of a body, given in the body's axes, [m]."""
         self.labels.append(Label(name, cluster, local))
 
     def upright(self) -> Array:
@@ -200,19 +149,7 @@ class Drafter:
         return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.clothed
 
     def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
-        """Draw a cylinder about an axis through a node.
-
-        Parameters
-        ----------
-        edge : BoundEdge
-            The joint.
-        end : str
-            The node.
-        axis : ndarray, shape (3,)
-            Its direction, in the axes of the node's cluster.
-        radius, length : float
-            Its size, [m].
-        """
+        """Draw a cylinder about an axis, in the axes of a node's cluster, through the node."""
         place = self.places[end]
         at = place.local
         if self.stage.is_flat:  # through all layers
@@ -258,16 +195,7 @@ class Drafter:
     def strut(self, name: str, first: str, second: str, mesh: Mesh, color: Color) -> None:
         """Draw an element between two nodes; several between the same nodes stand side by side.
 
-        Parameters
-        ----------
-        name : str
-            The edge.
-        first, second : str
-            The nodes.
-        mesh : Mesh
-            Its shape, of length one along z.
-        color : Color
-            Its colour.
+        The mesh has length one along z.
         """
         one, two = self.places[first], self.places[second]
         # Within one body nothing stretches; between points that coincide there is nothing to show.

@@ -46,13 +46,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Strut:
-    """A shape that reaches from one point to another, stretched along its z from zero to one.
-
-    Attributes
-    ----------
-    name, mesh, color
-        As of a :class:`Solid`.
-    """
+    """A shape that reaches from one point to another, stretched along its z from zero to one."""
 
     name: str
     tracks: tuple[int, int]  # numbers of the clusters that its ends move with
@@ -125,17 +119,9 @@ class Drawing:
         return np.array(lines)
 
     def bounds(self, axes: Array) -> tuple[Array, Array]:
-        """Return the bounding box of all shapes in every frame.
+        """Return the bounding box of all shapes in every frame, along ``axes`` (columns).
 
-        Parameters
-        ----------
-        axes : ndarray, shape (3, 3)
-            Axes of the box, as columns.
-
-        Returns
-        -------
-        low, high : ndarray, shape (n_frames, 3), [m]
-            Least and greatest coordinates along these axes.
+        Least and greatest coordinates have shape (n_frames, 3), [m].
         """
         n = len(self.frames.times)
         low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)

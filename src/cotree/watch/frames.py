@@ -83,19 +83,11 @@ class Moments:
 def choose_frames(
     start: float, end: float, fps: float, speed: float | None, n_bodies: int = 1
 ) -> Moments:
-    """Space frames evenly from the start of a run to its end.
+    """Space frames evenly from the start of a run to its end, [s].
 
-    Parameters
-    ----------
-    start, end : float
-        Of the run, [s].
-    fps : float
-        Frames for each second of watching, 1 to 100.
-    speed : float or None
-        Seconds of the run for each second of watching. None shows a run of 2 to 30 s as it
-        happened, and others slower or faster by 1, 2 or 5 times a power of ten.
-    n_bodies : int
-        How many bodies each frame has.
+    ``fps`` frames, 1 to 100, are shown each second. ``speed`` is the time of the run for each
+    second of watching: by default a run of 2 to 30 s is shown in real time, others slower or faster
+    by 1, 2 or 5 times a power of ten.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
         raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
@@ -122,23 +114,9 @@ def _round(x: float) -> float:
 def coordinates_at(
     result: RunRecord, model: WatchedModel, system: System, p: Array, times: Array
 ) -> Array:
-    """Interpolate the coordinates of a run.
+    """Interpolate the coordinates of a run, (n_coordinates, n_frames).
 
-    Parameters
-    ----------
-    result : RunRecord
-        With finite states, at one time or more.
-    model, system : WatchedModel, System
-        The model that ran, and its mechanical part.
-    p : ndarray, shape (n_parameters,)
-        Its parameters.
-    times : ndarray, shape (n_frames,)
-        Within the run, [s].
-
-    Returns
-    -------
-    ndarray, shape (n_coordinates, n_frames)
-        Quaternions have norm one.
+    Quaternions are made of norm one.
     """
     t, y, u = _with_events(result)
     if len(t) == 1:

@@ -40,24 +40,13 @@ class MeshError(Exception):
 
 
 def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
-    """Find the file of a mesh.
+    """Find the file of a mesh: a path, ``file://`` or ``package://PACKAGE/...``.
 
-    Parameters
-    ----------
-    name : str
-        As written: a path, ``file://`` or ``package://PACKAGE/...``. Packages are looked for in
-        the folder of the robot's file and the folders above it, then along ROS_PACKAGE_PATH.
-    beside : Path
-        The robot's file.
-    trust_paths : bool
-        Whether the file may lie anywhere. Else it must be inside the folder of the robot's file,
-        or inside the package that it names: a robot's file may come from a stranger, and what it
-        names ends up in an animation that is passed on.
-
-    Raises
-    ------
-    MeshError
-        If there is no such file, or it lies elsewhere and paths are not trusted.
+    Packages are looked up in the folder of the robot's file and the folders above it, then along
+    ROS_PACKAGE_PATH. Unless ``trust_paths``, the file must be inside the folder of the robot's file
+    or the package that it names: a robot's file may come from a stranger, and what it names ends up
+    in an animation that is passed on. Raises MeshError if there is no such file, or it lies
+    elsewhere.
     """
     scheme, _, rest = name.rpartition("://")
     # Other schemes would fetch something from a network.
@@ -102,13 +91,7 @@ def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read a mesh.
-
-    Raises
-    ------
-    MeshError
-        If it cannot be read, or is too large.
-    """
+    """Read a mesh; MeshError if it cannot be read, or is too large."""
     try:
         # The size is checked first, since the file is read whole.
         if path.stat().st_size > LARGEST_FILE:
@@ -232,19 +215,7 @@ def visual_meshes(
 ) -> dict[int, list[tuple[str, Mesh]]]:
     """Return the shapes of each cluster, by the name of the node.
 
-    Parameters
-    ----------
-    origin : Origin
-        Shapes and names in the robot's file.
-    places : mapping of str to Place
-        Where the nodes are in their clusters.
-    trust_paths : bool
-        Whether meshes may lie outside the robot's folder.
-
-    Warns
-    -----
-    RuntimeWarning
-        Once, if meshes are missing or cannot be read; their links are then drawn as bars.
+    Warns once if meshes are missing or cannot be read; their links are then drawn as bars.
     """
     files: dict[str, Mesh] = {}
     failed: dict[str, str] = {}

@@ -34,21 +34,10 @@ class Camera:
     distance: float
 
     def project(self, points: Array, frame: int) -> tuple[Array, Array]:
-        """Project points, and give a measure of their nearness.
+        """Project points of a frame, (n, 3) in ground axes, [m].
 
-        Parameters
-        ----------
-        points : ndarray, shape (n, 3), [m]
-            In ground axes.
-        frame : int
-            Number of the frame.
-
-        Returns
-        -------
-        places : ndarray, shape (n, 2)
-            Coordinates in the picture, -1 to 1 from left to right and from bottom to top.
-        nearness : ndarray, shape (n,)
-            Larger in front; linear over the picture of a plane.
+        Returns their coordinates in the picture, (n, 2), -1 to 1 from left to right and from bottom
+        to top, and their nearness, (n,), larger in front and linear over the picture of a plane.
         """
         own = (points - self.centres[frame]) @ self.axes
         # Parallel projection: nearness is the coordinate towards the viewer itself.
@@ -62,20 +51,9 @@ class Camera:
 def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]:
     """Place the camera so that every frame shows all shapes at the same scale.
 
-    Parameters
-    ----------
-    drawing : Drawing
-        The drawing.
-    aspect : float or None
-        Width by height of the picture. None takes that of the mechanism in a plane, between 0.6
-        and 2, and 4:3 in space.
-
-    Returns
-    -------
-    camera : Camera
-        The view.
-    reach : tuple of three float
-        Half the extent of the shapes to the right, upwards and towards the viewer, [m].
+    ``aspect`` is width by height; None takes that of the mechanism in a plane, between 0.6 and 2,
+    and 4:3 in space. The reach is half the extent to the right, upwards and towards the viewer,
+    [m].
     """
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
@@ -108,17 +86,7 @@ _COLORS = 96  # of a GIF: more are indistinguishable, and cost bytes
 
 
 class Painter:
-    """Paints the frames of a drawing.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        The drawing.
-    width : int
-        Width of the pictures, [px].
-    height : int or None
-        Height, [px]; None takes that of the drawing.
-    """
+    """Painter of the frames of a drawing, in pixels; a height of None is that of the drawing."""
 
     def __init__(self, drawing: Drawing, width: int, height: int | None) -> None:
         self.drawing = drawing
@@ -206,22 +174,7 @@ def decimals(times: Array) -> int:
 
 
 def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
-    """Stretch a strut between its ends.
-
-    Parameters
-    ----------
-    strut : Strut
-        The strut.
-    poses : Poses
-        Positions and axes of the bodies over time.
-    frame : int
-        The frame.
-
-    Returns
-    -------
-    ndarray, shape (n_points, 3)
-        The points of its mesh, in ground axes, [m].
-    """
+    """Stretch a strut between its ends; return the points of its mesh in ground axes, [m]."""
     ends = [
         poses.positions[track, frame] + poses.axes[track, frame] @ local
         for track, local in zip(strut.tracks, strut.ends, strict=True)
@@ -288,14 +241,8 @@ def _visible(
 def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
     """Paint a GIF that repeats for ever.
 
-    Parameters
-    ----------
-    drawing : Drawing
-        The drawing.
-    width, height : int and int or None
-        Size of the pictures, [px]; None takes the height that suits the drawing.
-    most : int
-        Frames at the most; of more every other, third and so on is taken.
+    Sizes are in pixels; a height of None suits the drawing. Of more than ``most`` frames every
+    other, third and so on is taken.
     """
     from PIL import Image
 

@@ -53,13 +53,7 @@ def joined(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def box(a: float, b: float, c: float) -> Mesh:
-    """Make a box about the origin.
-
-    Parameters
-    ----------
-    a, b, c : float
-        Its lengths along x, y and z, [m].
-    """
+    """Make a box about the origin, with lengths along x, y and z, [m]."""
     corners = [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
     # Four corners each, counter-clockwise from outside; corners are numbered in binary by x, y, z.
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -102,13 +96,7 @@ def sphere(radius: float) -> Mesh:
 
 
 def capsule(radius: float, length: float) -> Mesh:
-    """Make a cylinder along z that ends in hemispheres.
-
-    Parameters
-    ----------
-    radius, length : float
-        Of the cylinder, [m].
-    """
+    """Make a cylinder along z that ends in hemispheres."""
     angles = np.linspace(-0.5 * np.pi, 0.0, _ROUND // 4 + 1)
     low = [(radius * float(np.cos(a)), radius * float(np.sin(a)) - 0.5 * length) for a in angles]
     low[0] = (0.0, low[0][1])
@@ -118,12 +106,7 @@ def capsule(radius: float, length: float) -> Mesh:
 def plate(radius: float, length: float, thickness: float) -> Mesh:
     """Make a flat bar with round ends, long along z and thin along y.
 
-    Parameters
-    ----------
-    radius, length : float
-        Of the round ends, and between their centres, [m].
-    thickness : float
-        Along y, [m].
+    ``length`` is the distance of the ends' centres, ``radius`` that of the ends.
     """
     half = np.pi * np.arange(_ROUND // 2 + 1) / (_ROUND // 2)
     x, z = radius * np.cos(half), radius * np.sin(half)
@@ -148,13 +131,7 @@ def extruded(outline: Array, thickness: float) -> Mesh:
 
 
 def ring(radius: float, inner: float, length: float) -> Mesh:
-    """Make a cylinder along z with a hole.
-
-    Parameters
-    ----------
-    radius, inner, length : float
-        Outer and inner radius, and length, [m].
-    """
+    """Make a cylinder along z with a hole."""
     h = 0.5 * length
     # Wheels are large: twice the sides of other shapes keep their rims round.
     return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], 2 * _ROUND)
@@ -174,15 +151,7 @@ def rod(radius: float) -> Mesh:
 
 
 def coil(radius: float, wire: float, length: float) -> Mesh:
-    """Make a helical spring from zero to one along z.
-
-    Parameters
-    ----------
-    radius, wire : float
-        Of the helix and of its wire, [m].
-    length : float
-        Length at which the wire is round, [m].
-    """
+    """Make a helical spring from zero to one along z; its wire is round at ``length``, [m]."""
     turns, around = 9, 6
     n = 16 * turns
     u = np.linspace(0.0, 1.0, n + 1)

@@ -57,16 +57,9 @@ class Stage:
 
 
 def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float] | None) -> Stage:
-    """Choose directions and sizes.
+    """Choose directions and sizes; ``view`` is azimuth and elevation of the viewer, [deg].
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The graph.
-    values : MotionValues
-        Gives positions and fields.
-    view : (float, float) or None
-        Azimuth and elevation of the viewer, [deg]; along the normal of a plane where absent.
+    Without it a plane is seen along its normal.
     """
     system = first.system
     poses = values.poses()
@@ -214,16 +207,7 @@ class Place:
 class MotionValues:
     """Values of nodes of the first graph over a run.
 
-    Parameters
-    ----------
-    motion : Motion
-        Of the first graph.
-    p : ndarray, shape (n_parameters,)
-        Parameters.
-    times : ndarray, shape (n_times,), [s]
-        When.
-    coordinates : ndarray, shape (n_coordinates, n_times)
-        The coordinates then.
+    ``times``, (n_times,), are in s, ``coordinates`` have shape (n_coordinates, n_times).
     """
 
     def __init__(self, motion: Motion, p: Array, times: Array, coordinates: Array) -> None:

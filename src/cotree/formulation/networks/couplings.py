@@ -41,19 +41,9 @@ class Coupling:
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
-    """Find the measures that transducers act along.
+    """Find the measures that transducers act along, at the symbols of the accelerations.
 
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    view : View
-        The multibody system, at the symbols of its accelerations.
-
-    Raises
-    ------
-    SceneError
-        If there is no such joint or node, or the port turns where the joint slides.
+    Raises SceneError if there is no such joint or node, or the port turns where the joint slides.
     """
     found = {}
     for name, port in ports.items():
@@ -116,15 +106,7 @@ def _line(port: Port, motion: Motion) -> Measure:
 def coupling_loads(
     couplings: Mapping[str, Coupling], throughs: Mapping[str, Node]
 ) -> list[Applied]:
-    """Put the through variables of couplings on the multibody system.
-
-    Parameters
-    ----------
-    couplings : mapping of str to Coupling
-        The ports.
-    throughs : mapping of str to Node
-        Symbols of their through variables.
-    """
+    """Put the through variables of couplings on the multibody system."""
     return [
         Applied(
             # A port takes power in where across and through have one sign: the mechanism feels the

@@ -28,8 +28,8 @@ def _or_zero(law: Law | None) -> Any:
 def stored_rate(terminal: Terminal, is_across: bool) -> Law:
     """Solve a storage's terminal equation for the rate of its state.
 
-    Capacities: ``rate = (through - leak) / capacity``; inertances
-    ``rate = (across - drop) / inertance``.
+    Capacities: ``rate = (through - leak) / capacity``; inertances ``rate = (across - drop) /
+    inertance``.
     """
     assert terminal.storage is not None
     # Dual cases share one formula: through flows into a capacity, across acts on an inertance.
@@ -126,9 +126,8 @@ def friction_residual(terminal: Terminal) -> Law:
 def stop_residual(terminal: Terminal) -> Law:
     """Form the equation of a rigid stop: no force, no relative acceleration, or an impact.
 
-    In an impact the mode is twice what it is at that limit, and what the across variable is to
-    change by takes the place of the relative acceleration: the rates of all states then are, but
-    for those without it, what the impact changes them by.
+    In an impact the mode is doubled, and the required change of the across variable replaces the
+    relative acceleration: the rates of all states are then their changes by the impact.
     """
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
@@ -142,7 +141,7 @@ def stop_residual(terminal: Terminal) -> Law:
 
 
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
-    """Return expressions of a mode that are one in one of its values, and zero in the others.
+    """Return expressions that are one in one mode of friction and zero in the others.
 
     They are exact in doubles for the modes 0, 1, -1 and 2: stuck, forwards, backwards and free.
     """
@@ -157,7 +156,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return such expressions of the mode of friction that a rigid stop presses together.
+    """Return such weights of friction that a rigid stop presses together.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """

@@ -93,18 +93,10 @@ def state_name(port: Port, symbol: str) -> str:
 def argument_of(
     port: Port, name: str, fields: Container[tuple[str, str]], reference: str
 ) -> Variable:
-    """Find the variable that an argument of a port's law stands for.
+    """Return the variable that an argument of a port's law stands for.
 
-    Parameters
-    ----------
-    port : Port
-        The port.
-    name : str
-        The argument.
-    fields : container of (str, str)
-        Edges with their fields, which go before other names.
-    reference : str
-        The node that potentials are measured from.
+    ``fields`` are the names (edge, field), which take precedence; potentials count from
+    ``reference``.
     """
     first, underscore, rest = name.partition("_")
     is_field = (port.edge.name, name) in fields

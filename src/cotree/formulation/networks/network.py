@@ -102,25 +102,16 @@ def form_network(
     couplings: Mapping[str, Coupling],
     wanted: Sequence[str],
 ) -> tuple[Network, dict[str, Node]]:
-    """Form the equations of the scalar networks of a scene.
+    """Form the equations of the scalar networks of a scene, and the nodes of the ``wanted`` names.
 
     Parameters
     ----------
-    scene : SceneDescription
-        The scene.
-    system : System
-        Its multibody system, whose states come before those of the networks.
+    scene, system : SceneDescription, System
+        The scene, and its multibody system, whose states precede those of the networks.
     couplings : mapping of str to Coupling
-        The ports that act on that.
+        The ports that act on the multibody system.
     wanted : sequence of str
-        Names that outputs and other fields use: those of the networks are formed.
-
-    Returns
-    -------
-    network : Network
-        The networks.
-    observed : dict of str to Node
-        What the wanted names stand for, those that are of the networks.
+        Names that outputs and other fields use.
 
     Raises
     ------
@@ -341,15 +332,7 @@ class Attached:
 
 
 def attach_network(scene: SceneDescription, view: View) -> Attached:
-    """Form the scalar networks of a scene, where it has any.
-
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    view : View
-        Its multibody system, at the symbols of its accelerations.
-    """
+    """Form the scalar networks of a scene, if any, at the symbols of its accelerations."""
     # Purely multibody scenes form no network at all.
     if not any(edge.component.role is Role.NETWORK for edge in scene.edges.values()):
         return Attached(None, {}, {}, {}, {})

@@ -42,17 +42,7 @@ class Plan:
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     """Order the variables that the roots need.
 
-    Parameters
-    ----------
-    terminals : Terminals
-        Gives the rules.
-    roots : iterable of Variable
-        The variables that are wanted.
-
-    Raises
-    ------
-    FormulationError
-        If an equation does not depend on the unknown that it should give.
+    Raises FormulationError if an equation does not depend on the unknown that it should give.
     """
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []

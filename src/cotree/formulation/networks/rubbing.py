@@ -19,13 +19,10 @@ if TYPE_CHECKING:
 
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
-    """Refuse edges that may hold what does not follow from forces on inertias.
+    """Raise FormulationError if friction may hold what does not follow from forces on inertias.
 
-    Raises
-    ------
-    FormulationError
-        If something without inertia is in its f-circuit, or sources alone; or if two are on one
-        joint, whose forces are not unique while both stick.
+    That is: something without inertia is in its f-circuit, or sources alone, or two are on one
+    joint, whose forces are not unique while both stick.
     """
     places: dict[tuple[str, ...], str] = {}
     for name, port in ports.items():
@@ -66,15 +63,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
 def used_by_friction(
     ports: Mapping[str, Port], fields: Mapping[tuple[str, str], Node]
 ) -> frozenset[Node]:
-    """List the symbols of the mechanism that only fields of dry friction on it use.
-
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        All ports.
-    fields : mapping of (str, str) to Node
-        Values by edge and field.
-    """
+    """List the symbols of the mechanism that only fields of dry friction on it use."""
     rubbing = {
         port.edge.name for port in ports.values() if port.kind is Kind.FRICTION and port.is_coupling
     }

@@ -59,20 +59,10 @@ class Rule:
     def tangent(
         self, values: Mapping[Variable, Node], d: Mapping[Variable, Tangent], given: Given
     ) -> Tangent:
-        """Form the derivatives of the variable along all directions.
+        """Form the derivatives of the variable along all directions ([1] eq. 4).
 
-        Parameters
-        ----------
-        values : mapping of Variable to Node
-            The variables.
-        d : mapping of Variable to Tangent
-            Their derivatives.
-        given : callable
-            Differentiates nodes of states, parameters, inputs and fields.
-
-        References
-        ----------
-        [1] eq. 4.
+        ``d`` has the derivatives of the variables, ``given`` those of states, parameters, inputs,
+        fields.
         """
         total = self.explicit(values, given)
         # What does not change along any direction needs no partial derivative.
@@ -198,9 +188,9 @@ class FieldRule(Rule):
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown that an equation determines: the variable ``residual`` must be zero.
+    """An unknown, found such that the variable ``residual`` is zero.
 
-    Its value comes from a block of equations; see :mod:`cotree.formulation.networks.solved`.
+    Its value comes from a block of equations (:mod:`cotree.formulation.networks.solved`).
     """
 
     residual: Variable

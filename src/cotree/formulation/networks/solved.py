@@ -71,23 +71,9 @@ def factorise_nodal(
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of its parts.
 
-    Parameters
-    ----------
-    terminals : Terminals
-        Knows the trees.
-    block : Block
-        The block.
-    rules, values : mapping
-        Of all variables.
-    n_nonzeros : float
-        How many entries the equations of the branches have.
-
-    Returns
-    -------
-    (LinearSolver, frozenset of Variable) or None
-        With the unknowns that are nonlinear: they count as known. None where the block holds
-        anything but one-port resistances of which the unknowns are branches, all chords being
-        linear, or where potentials couple no fewer equations.
+    Returns the solver with the nonlinear unknowns, which count as known. None if the block holds
+    anything but one-port resistances whose unknowns are branches with linear chords, or if
+    potentials couple no fewer equations than the ``n_nonzeros`` entries of the branches' equations.
     """
     conductances = _conductances(terminals, block, rules, values)
     if conductances is None:
@@ -174,10 +160,7 @@ class _AtRunTime:
     n_determined: int
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
-        """Solve for one right-hand side.
-
-        One of zeros is solved too: that the solution is zero is to be checked with the rank.
-        """
+        """Solve for one right-hand side, also of zeros: its solution is checked with the rank."""
         n = len(rhs)
         scaled = [value * scale for value, scale in zip(rhs, self.row_scales, strict=True)]
         found = solve(
@@ -214,18 +197,10 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
 def factorise_block(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
 ) -> LinearSolver:
-    """Factorise the equations of a block.
+    """Factorise the equations of a block, given as rows without their zeros.
 
-    Parameters
-    ----------
-    dag : Dag
-        The arena.
-    matrix : sequence of mapping of int to Node
-        The rows; absent entries are zero.
-    is_safe : bool
-        Whether it is positive definite for every state, if it is symmetric.
-    n_determined : int
-        Number of leading unknowns that must have one solution.
+    ``is_safe``: if symmetric, the matrix is positive definite for every state. The first
+    ``n_determined`` unknowns must have one solution.
     """
     # Symmetric and positive definite: any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
@@ -235,7 +210,7 @@ def factorise_block(
 
 
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
-    """Whether entries across the diagonal are the same nodes.
+    """Return whether entries across the diagonal are the same nodes.
 
     Where branches and chords are torn together they are each other's negatives.
     """
@@ -291,20 +266,10 @@ def solve_plan(
     *,
     is_static: bool = False,
 ) -> Solved:
-    """Form the value of every variable.
+    """Form the value of every variable of a plan.
 
-    Parameters
-    ----------
-    terminals : Terminals
-        Where the plan is from.
-    plan : Plan
-        Variables in order.
-    algebraic_symbol : callable
-        Gives the symbol of an algebraic unknown by its number.
-    is_safe : callable
-        Whether a block's linear equations are symmetric and positive definite by physics.
-    is_static : bool
-        Whether there are no states, so that nothing but a start is ever solved for.
+    ``is_safe`` returns whether a block's linear equations are symmetric and positive definite by
+    physics. ``is_static``: there are no states, so that only a start is ever solved for.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
@@ -412,17 +377,8 @@ def _linearise(
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Separate linear from nonlinear unknowns; return the matrix of the linear ones.
 
-    Parameters
-    ----------
-    symbols : mapping of Variable to Node
-        Of the block's unknowns.
-    trial : mapping of Variable to Node
-        Values at these.
-    stays : callable
-        Whether an unknown stays even where equations are linear in it: a start that is given what
-        follows from a total of contents has to find it among the unknowns.
-    is_shared : callable
-        Whether an unknown may be undetermined, where others share what it does.
+    ``stays`` holds an unknown back even where the equations are linear in it: a start from a given
+    total of contents has to find it. ``is_shared`` marks unknowns that may be undetermined.
     """
     # What stands outside the block does not change.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
@@ -457,20 +413,9 @@ def _differentiate(
 
 
 def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
-    """Run the plan over the sensitivity graphs of several directions at once.
+    """Differentiate the plan along several directions at once, over their sensitivity graphs.
 
-    Parameters
-    ----------
-    solved : Solved
-        The first graph's variables.
-    given : Given
-        Derivatives of states, parameters, inputs and fields.
-
-    Returns
-    -------
-    dict of Variable to Tangent
-        Derivatives of every variable; those along directions that it does not depend on are
-        absent.
+    Derivatives along directions that a variable does not depend on are absent.
     """
     d: dict[Variable, Tangent] = {}
     for step in solved.plan.steps:

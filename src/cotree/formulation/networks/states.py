@@ -71,24 +71,10 @@ def position_trees(
 ) -> dict[str, Topology]:
     """Choose the trees of positions, the branches of which are states where they are needed.
 
-    Positions are across variables: those of chords follow along f-circuits. Branches are first
-    the springs whose stretch a balance of springs gives, then edges with an initial value, then
-    those whose laws depend on their position, in the order of the scene.
-
-    Parameters
-    ----------
-    graphs : mapping of str to LinearGraph
-        The scalar graphs, by domain.
-    ports : mapping of str to Port
-        Their edges.
-    topologies : mapping of str to Topology
-        The graphs with their normal trees.
-    used : set of str
-        Names that fields and outputs use.
-
-    References
-    ----------
-    [1] eq. 2.
+    Positions are across variables: those of chords follow along f-circuits ([1] eq. 2). Branches
+    are first the springs whose stretch a balance of springs gives, then edges with an initial
+    value, then those whose laws depend on their position, in the order of the scene. ``used`` are
+    the names that fields and outputs use.
     """
     found = {}
     for domain, graph in graphs.items():
@@ -119,24 +105,10 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """List the states of the networks.
+    """List the states of the networks; raise ParameterError if a given content is no state.
 
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    topologies, positions : mapping of str to Topology
-        The graphs with their normal trees, and with those of positions.
-    stores : mapping of str to Store
-        The totals of contents that are states in place of across or through variables.
-    used : set of str
-        Names that fields and outputs use: integrals are states where they are used, or have an
-        initial value.
-
-    Raises
-    ------
-    ParameterError
-        If a content has an initial value that is no state.
+    ``positions`` are the trees of positions and ``stores`` the contents that are states. Integrals
+    are states if they are ``used`` by fields or outputs, or have an initial value.
     """
     found = []
     for port in ports.values():
@@ -176,18 +148,9 @@ def summed_positions(
     used: AbstractSet[str],
     places: Mapping[Variable, int],
 ) -> tuple[PositionRow, ...]:
-    """List the positions that are sums of states, where they are needed.
+    """List the positions that are sums of states, where fields or outputs use them.
 
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    topologies, positions : mapping of str to Topology
-        The graphs with their normal trees, and with those of positions.
-    used : set of str
-        Names that fields and outputs use.
-    places : mapping of Variable to int
-        Numbers of the states.
+    ``places`` numbers the states.
     """
     rows = []
     for domain, topology in positions.items():
@@ -245,21 +208,7 @@ def _names(terminal: Terminal, argument: str) -> bool:
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
     """Make the entry of a state.
 
-    Parameters
-    ----------
-    item : Held
-        The variable.
-    symbol : Node
-        Its symbol.
-    dag : Dag
-        The arena.
-    of_parameters : callable
-        From names of parameters to nodes.
-
-    Raises
-    ------
-    ParameterError
-        If the scene gives two initial values that follow from each other.
+    Raises ParameterError if the scene gives two initial values that follow from each other.
     """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
@@ -280,20 +229,9 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Make the entry of an unknown that stays; its initial value is a guess.
+    """Make the entry of an algebraic unknown of a port; its initial value is a guess.
 
-    Parameters
-    ----------
-    port : Port
-        The edge that the unknown belongs to.
-    quantity : str
-        Across or through variable, or the rate of one.
-    symbol : Node
-        Its symbol.
-    dag : Dag
-        The arena.
-    of_parameters : callable
-        From names of parameters to nodes.
+    ``quantity`` is the across or through variable, or the rate of one.
     """
     # The unknown may be a rate, whose name and unit scenes do not know: it goes by the variable's.
     item = _held(port, quantity.removesuffix("_rate"))
@@ -321,17 +259,6 @@ def redundant_values(
     """List the initial values of variables that are not states.
 
     They must agree with the initial values of the states. Those that may be guesses are left out.
-
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of the networks.
-    held : iterable of Held
-        The variables that are states.
-    dag : Dag
-        The arena.
-    of_parameters : callable
-        From names of parameters to nodes.
     """
     # States take their initial values directly; the others must follow from them.
     known = {item.variable for item in held}

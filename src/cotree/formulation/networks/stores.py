@@ -61,15 +61,7 @@ class Store:
 def contents_of(
     ports: Mapping[str, Port], is_constant: Callable[[Port, str], bool]
 ) -> dict[str, Law]:
-    """Return the laws of the contents of storages, also of constant capacity or inertance.
-
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    is_constant : callable
-        Whether a field of a port depends on parameters only.
-    """
+    """Return the laws of the contents of storages, also of constant capacity or inertance."""
     found = {}
     # Without a storage by content, voltages and currents themselves are the states.
     if all(content_of(port.terminal) is None for port in ports.values()):
@@ -95,14 +87,7 @@ def find_stores(
 ) -> dict[str, Store]:
     """List the totals of contents that are states, by the ports that they belong to.
 
-    Parameters
-    ----------
-    ports : mapping of str to Port
-        The edges of all scalar graphs.
-    topologies, cutsets : mapping of str to Topology
-        The graphs with the trees of across and of through variables, by domain.
-    contents : mapping of str to Law
-        From :func:`contents_of`.
+    ``topologies`` and ``cutsets`` are the trees of across and of through variables, by domain.
     """
     found = {}
     for name in contents:
@@ -154,15 +139,7 @@ def _has_loss(port: Port) -> bool:
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Return whether a field of an edge enters the contents of storages and no other law.
-
-    Parameters
-    ----------
-    ports : iterable of Port
-        The edges of the networks.
-    edge, field : str
-        Names of the edge and of its field.
-    """
+    """Return whether a field of an edge enters the contents of storages and no other law."""
     laws = {
         name
         for port in ports

@@ -305,13 +305,7 @@ class Terminals:
     def _rate_of_field(
         self, edge: str, field: str, node: Node
     ) -> tuple[Node, dict[Node, Variable]]:
-        """Differentiate a field by time; give its rate, and what the new symbols in it stand for.
-
-        Raises
-        ------
-        FormulationError
-            If it depends on an input or on multibody states, or jumps.
-        """
+        """Differentiate a field by time; return its rate and the variables of new symbols in it."""
         one = self.time.dag.one
         moving: dict[Node, Node] = {self.time: one}
         rates: dict[Node, Variable] = {}

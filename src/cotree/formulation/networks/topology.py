@@ -58,10 +58,9 @@ class Topology:
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Cut the tree into paths, each along the children with most beyond them.
+        """Cut the tree into paths along the largest subtrees.
 
-        Of each node, the first of its path and the next one: any way outwards changes paths a few
-        times only.
+        Of each node: the first of its path, and the next one outside.
         """
         # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a way
         # outwards changes paths at most log2(n) times.
@@ -125,20 +124,9 @@ class Topology:
         return [(1, (f"{self.prefix}{rate}", f"{self.domain}|{ancestor}|{node}"))]
 
     def path(self, ancestor: str, node: str, rate: str) -> Sum:
-        """Form the prefix sum of a node from that of its parent.
+        """Form the prefix sum of a node, from an ancestor, from that of its parent ([1] eq. 2).
 
-        Parameters
-        ----------
-        ancestor : str
-            Where the path begins.
-        node : str
-            Where it ends.
-        rate : {'', '_rate'}
-            Suffix of the quantity: the across variable, or its rate.
-
-        References
-        ----------
-        [1] eq. 2.
+        ``rate`` is the suffix of the quantity: empty, or ``_rate`` of the across variable.
         """
         place = self._places[node]
         # One variable for each prefix: circuits through the same nodes share it.
@@ -249,10 +237,7 @@ class Topology:
         return found
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
-        """Cut the tree at some branches; give each node the number of that which leads to it.
-
-        Nodes that none leads to have the number -1.
-        """
+        """Cut the tree at some branches; return the number of the branch to each node, or -1."""
         numbers = {name: i for i, name in enumerate(branches)}
         found: dict[str, int] = {}
         for node, place in self._places.items():  # each after its parent

@@ -33,13 +33,7 @@ class Triggered:
 
 
 class Dependencies:
-    """Dependencies of the formulas of a model, through rules, reaction rates and compartments.
-
-    Parameters
-    ----------
-    content : SbmlContent
-        The model.
-    """
+    """Dependencies of the formulas of a model, through rules, reaction rates and compartments."""
 
     def __init__(self, content: SbmlContent) -> None:
         self._content = content
@@ -230,19 +224,8 @@ def assigned_values(
     """Return the states and modes that events with one trigger set, with their expressions.
 
     A concentration is set through the amount to which it corresponds at the compartment's size
-    before the event, and a change of size conserves amounts (SBML test suite, case 01779).
-
-    Parameters
-    ----------
-    events : iterable of mapping of str to str
-        Assignments of each event, by identifier: expressions of the values before all of them. The
-        events act in this order.
-    content : SbmlContent
-        The model.
-    roles : Roles
-        Roles of its quantities.
-    names : mapping of str to str
-        Names of the scene by identifier.
+    before the event, and a change of size conserves amounts (SBML test suite, case 01779). The
+    events act in their order; their assignments are expressions of the values before all of them.
     """
     found: dict[str, str] = {}
     sizes: dict[str, str] = {}  # values that earlier events have set, including compartments

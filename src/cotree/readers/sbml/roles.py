@@ -211,15 +211,8 @@ def _check(content: SbmlContent) -> None:
 class Rates:
     """Terms of the rates of change that formulas contain.
 
-    Parameters
-    ----------
-    content : SbmlContent
-        The model.
-    roles : Roles
-        Roles of its quantities.
-    declare : callable
-        Declares a quantity of the scene: takes an expression and the beginning of a name, and
-        returns the name.
+    ``declare`` makes a quantity of the scene: it takes an expression and the beginning of a name,
+    and returns the name.
     """
 
     def __init__(

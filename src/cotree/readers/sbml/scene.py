@@ -81,16 +81,7 @@ class SbmlModel(Generic[_Scene]):
 class SceneWriter(Generic[_Scene]):
     """Adds the elements of a model to a scene.
 
-    Parameters
-    ----------
-    scene_type : type
-        The class of the scene.
-    content : SbmlContent
-        The model.
-    file : str
-        The name of its file, for messages.
-    values : mapping of str to float
-        Values of quantities, by identifier, for which the file gives none.
+    ``values`` are those of quantities, by identifier, for which the file has none.
     """
 
     def __init__(

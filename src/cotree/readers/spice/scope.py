@@ -30,10 +30,6 @@ class Sheet(Generic[_Scene]):
 
     Attributes
     ----------
-    file : str
-        Name of the netlist, for messages.
-    times : Times
-        Step and end of the run.
     uses_initial : bool
         Whether the run begins at initial values, as ``uic`` demands.
     gmin : float

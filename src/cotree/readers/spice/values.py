@@ -199,14 +199,10 @@ class Scope:
 
 
 class SpiceFormula(Rewriter):
-    """Rewrites expressions of a netlist.
+    """Rewriting of expressions of a netlist.
 
-    Parameters
-    ----------
-    scope : Scope
-        Gives the values of parameters.
-    signal : callable, optional
-        Writes a voltage or a current, of the letter, one name or two; without it there are none.
+    ``signal`` writes a voltage or a current, of the letter, one name or two; without it there are
+    none.
     """
 
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}

@@ -27,24 +27,10 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
-    """Order the joints from the root outwards.
+    """Order the joints from the root, the link that is no joint's child, outwards.
 
-    Parameters
-    ----------
-    robot : Robot
-        As it stands in the file.
-
-    Returns
-    -------
-    root : RobotLink
-        The link that is no joint's child.
-    joints : tuple of Joint
-        Every joint, each after the one that its parent hangs on; siblings as in the file.
-
-    Raises
-    ------
-    SceneError
-        If names occur twice, a joint names a link that is not there, or they make no tree.
+    Each joint comes after the one that its parent hangs on; siblings as in the file. Raises
+    SceneError if names occur twice, a joint names a link that is not there, or they make no tree.
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)

@@ -44,19 +44,9 @@ _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 
 
 def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
-    """Form Rz(yaw) Ry(pitch) Rx(roll), which takes components of the turned frame to the first's.
+    """Form Rz(yaw) Ry(pitch) Rx(roll), from turned to first frame's components; None if none turns.
 
-    Parameters
-    ----------
-    rpy : sequence of three float
-        Roll, pitch and yaw about the first frame's x, y and z axis, [rad].
-    snap : float
-        Angles this close to a multiple of a quarter turn are taken as that, [rad].
-
-    Returns
-    -------
-    list of three rows of three float, or None
-        None if nothing turns.
+    Angles, [rad], that are within ``snap`` of a multiple of a quarter turn are taken as that.
     """
     (cr, sr), (cp, sp), (cy, sy) = (_cosine_and_sine(angle, snap) for angle in rpy)
     rows = [
