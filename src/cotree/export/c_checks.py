@@ -87,20 +87,7 @@ class Evaluated:
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:
-    """Refuse an end time or tolerances that make no sense.
-
-    Parameters
-    ----------
-    t_end : float
-        End time, [s]; must be finite.
-    rtol, atol : float
-        Relative and absolute tolerance.
-
-    Warns
-    -----
-    RuntimeWarning
-        If the relative tolerance is loose.
-    """
+    """Refuse an end time or tolerances that make no sense; warn if the relative one is loose."""
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
     fault = rtol_fault(rtol, least=0.0)
@@ -115,13 +102,7 @@ def check_numbers(t_end: float, rtol: float, atol: float) -> None:
 
 
 def check_methods(methods: Sequence[str]) -> None:
-    """Refuse methods that do not go together.
-
-    Raises
-    ------
-    CodegenError
-        If one has steps of one length and is not alone, or one is named twice.
-    """
+    """Raise CodegenError if a method with fixed steps is not alone, or one is named twice."""
     fixed = [name for name in methods if name in FIXED]
     if fixed and len(methods) > 1:
         raise CodegenError(
@@ -134,13 +115,7 @@ def check_methods(methods: Sequence[str]) -> None:
 
 
 def check_prefix(prefix: str) -> str:
-    """Accept what names and files of a project begin with.
-
-    Raises
-    ------
-    CodegenError
-        If it is no identifier of C, or has another meaning there.
-    """
+    """Accept what names and files of a project begin with: a free identifier of C."""
     # The same rules hold for the names of scenes, which prefixes are made of.
     is_name = re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,63}", prefix) is not None
     if not is_name or c_identifier(prefix) != prefix:
@@ -164,22 +139,10 @@ def check_range(program: Program, target: Target) -> None:
 
 
 def check_step(program: Program, integrator: str, step: float | None) -> None:
-    """Refuse a fixed step length that does not go together with the integrator or the scene.
+    """Raise CodegenError if a fixed step does not go together with the integrator or the scene.
 
-    Parameters
-    ----------
-    program : Program
-        The program.
-    integrator : str
-        Name of the method.
-    step : float or None
-        Length of every step, [s]; None where the method controls it.
-
-    Raises
-    ------
-    CodegenError
-        If the method needs a step and has none or the other way round, or the scene has events or
-        corners that it would step over.
+    A method needs a step and has none, or the other way round; or the scene has events or corners
+    that the method would step over.
     """
     if integrator not in FIXED:
         if step is not None:
@@ -231,17 +194,7 @@ def _check_corners(program: Program, integrator: str) -> None:
 
 
 def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
-    """Refuse dependent constraints, which stages of a method would contradict.
-
-    Parameters
-    ----------
-    program : Program
-        The program.
-    integrator : str
-        Name of the method.
-    is_dependent : bool
-        Whether the constraints are dependent at the start.
-    """
+    """Refuse dependent constraints, which stages of a method would contradict."""
     if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "

@@ -124,32 +124,24 @@ def write_c_project(
     program : Program
         After its passes.
     directory : Path
-        Folder of the files, created where it is missing.
+        Folder of the files, created if it is missing.
     kit : Kit or str
         What the project is made of, or the methods alone.
-    t_end : float
-        End time of a run without arguments, [s].
-    rtol, atol : float
-        Tolerances of states and sensitivities, relative and absolute. Those that single precision
-        cannot meet are loosened.
+    t_end, rtol, atol : float
+        End time of a run without arguments, [s], and tolerances of states and sensitivities. Those
+        that single precision cannot meet are loosened.
     step : float, optional
         Length of all steps of a method of ``FIXED``, [s].
     start : Start, optional
         The state at the start, if that is not its own consistent start.
 
-    Returns
-    -------
-    CProject
-        The files, and the command that builds them.
-
     Raises
     ------
     SceneError
         If the end time or a tolerance is not acceptable, or no folder can have the name.
-    ParameterError
-        If there are constraints, and the initial values violate one or a guard refuses parameters.
-    SingularSystemError
-        If there are constraints, and a linear system is singular at the start.
+    ParameterError, SingularSystemError
+        If there are constraints, and the initial values violate one, a guard refuses parameters, or
+        a linear system is singular at the start.
     CodegenError
         If there is no such integrator, or it takes neither the constraints nor events; if the
         prefix or the type of numbers is not accepted, or a parameter is beyond the range of the
@@ -295,23 +287,9 @@ def kit_files(
     *,
     has_wrapper: bool,
 ) -> Mapping[str, str]:
-    """Write the build files of a project.
+    """Write the build files of a project, and the header for C++ if it has one.
 
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    model : ModelContext
-        Its context.
-    sources, headers : sequence of str
-        Names of the C files that make the library, and of headers.
-    has_wrapper : bool
-        Whether to write the header for C++.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
+    ``sources`` make the library.
     """
     prefix = model.prefix
     wrapper = [f"{prefix}.hpp"] if has_wrapper else []

@@ -108,20 +108,9 @@ def graph_report(
     costs: tuple[Alternative, ...] = (),
     parts: tuple[str, ...] = (),
 ) -> GraphReport:
-    """Gather graphs, trees and their matrices.
+    """Gather graphs, trees and their matrices ([1] eq. 1, 2), by domain.
 
-    Parameters
-    ----------
-    graphs, trees : mapping of str to LinearGraph, Tree
-        By domain.
-    costs : tuple of Alternative
-        Costs of the trees that were counted, the cheapest first.
-    parts : tuple of str
-        Parts of the scene.
-
-    References
-    ----------
-    [1] eq. 1, 2.
+    ``costs`` are those of the trees that were counted, the cheapest first.
     """
     return GraphReport(
         graphs,

@@ -141,24 +141,10 @@ def main_context(
 ) -> MainContext:
     """Gather what the template of the main program needs.
 
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    model : ModelContext
-        Of the program.
-    methods : sequence of str
-        The methods that are compiled in, the one that runs by default first.
-    numbers : Numbers
-        Of a run that says nothing else.
-    start : Start or None
-        The start at the scene's parameters, where it has to be found.
-    sizes : sequence of float
-        Factors of the absolute tolerances of states, if any.
-    is_strict : bool
-        Whether constraints are dependent, so that rates are taken on them.
-    is_found : bool
-        Whether C finds that start, too, and those at other values of parameters.
+    ``methods`` begin with the default one; ``sizes`` are factors of the absolute tolerances of
+    states. ``start`` is the start at the scene's parameters, if it has to be found, and
+    ``is_found`` whether C finds it, also at other values. ``is_strict``: constraints are dependent,
+    and rates are taken on them.
     """
     implicit = [name for name in methods if METHODS[name].is_implicit]
     target = model.target
@@ -199,15 +185,7 @@ def main_context(
 
 
 def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
-    """List the parameters, by place, that numbers of the text depend on.
-
-    Parameters
-    ----------
-    program : Program
-        The program.
-    has_start : bool
-        Whether the start is among these numbers.
-    """
+    """List the parameters, by place, that numbers of the text, the start among them, depend on."""
     roots: list[Node] = []
     if has_start:
         layout = program.layout

@@ -56,8 +56,6 @@ def latex_symbol(name: str) -> str:
 def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
     """Name the rate of a speed.
 
-    Examples
-    --------
     >>> acceleration_name("j1.s_dot", ["j1.s"]), acceleration_name("b.w1", ["b.q0"])
     ('j1.s_ddot', 'b.w1_dot')
     """
@@ -69,17 +67,8 @@ def acceleration_name(speed: str, coordinates: Collection[str]) -> str:
 def spell_states(
     coordinates: Sequence[str], speeds: Sequence[str], taken: Collection[str]
 ) -> dict[str, Spelt]:
-    """Spell coordinates, speeds and accelerations.
+    """Spell coordinates, speeds and accelerations; parameters and inputs are ``taken``.
 
-    Parameters
-    ----------
-    coordinates, speeds : sequence of str
-        Names of the states.
-    taken : collection of str
-        Names of parameters and inputs, which come first.
-
-    Examples
-    --------
     >>> spelt = spell_states(["b.x", "h.theta"], ["b.vx", "h.theta_dot"], [])
     >>> {name: row.text for name, row in spelt.items()}  # doctest: +NORMALIZE_WHITESPACE
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
@@ -104,8 +93,6 @@ def spell_states(
 def spell_multipliers(rows: Iterable[str]) -> dict[str, Spelt]:
     """Spell the multiplier of each constraint by the constraint's name.
 
-    Examples
-    --------
     >>> spell_multipliers(["D4.x"])["D4.x"].text
     'lambda_D4_x'
     """
@@ -115,15 +102,6 @@ def spell_multipliers(rows: Iterable[str]) -> dict[str, Spelt]:
 def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str, str]:
     """Choose a short name for each coordinate: ``s``, or ``s_j1`` where ``s`` says too little.
 
-    Parameters
-    ----------
-    coordinates : sequence of str
-        Names ``edge.coordinate``.
-    taken : collection of str
-        Names of parameters and inputs, which come first.
-
-    Examples
-    --------
     >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
     {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
     """

@@ -89,13 +89,8 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
 def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node]) -> list[Term]:
     """List the terms of the terminal equations, in the scene's order.
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph.
-    symbol_of : callable
-        Gives a symbol for a variable of a network, from its name without and with what it
-        belongs to.
+    ``symbol_of`` returns a symbol for a variable of a network, from its name without and with what
+    it belongs to.
     """
     # The sort is stable: the terms of an edge keep the order in which they were gathered.
     order = {name: i for i, name in enumerate(first.scene.edges)}
@@ -282,25 +277,11 @@ _LIKEWISE = {"r": ", likewise v and a", "ω": ", likewise α; orientations follo
 
 
 def formulation_steps(first: FirstGraph, equations: Equations) -> str:
-    """Print the steps of the formulation of a scene.
+    """Print the steps of the formulation of a scene ([1] eq. 1 to 9).
 
-    Parameters
-    ----------
-    first : FirstGraph
-        The first graph (the paper's G1).
-    equations : Equations
-        The equations formed from it, with one sensitivity graph (G2, ...) for each direction in
-        ``equations.sensitivities``.
-
-    Returns
-    -------
-    str
-        The text, ending with a newline. Terms that are zero are left out; a component of a term
-        that was printed before goes by its name, such as ``F^k.x``.
-
-    References
-    ----------
-    [1] eq. 1 to 9.
+    The first graph is the paper's G1; there is one sensitivity graph (G2, ...) for each direction
+    in ``equations.sensitivities``. Terms that are zero are left out; a component of a term that was
+    printed before goes by its name, such as ``F^k.x``.
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)
@@ -436,17 +417,7 @@ class _Speller:
 
     @classmethod
     def of(cls, first: FirstGraph, equations: Equations, names: SymbolTable) -> _Speller:
-        """Name the symbols of the equations, and those of across variables in fields.
-
-        Parameters
-        ----------
-        first : FirstGraph
-            The first graph.
-        equations : Equations
-            The equations formed from it.
-        names : SymbolTable
-            Names of the states, unknowns, parameters and inputs of the equations.
-        """
+        """Name the symbols of the equations, and those of across variables in fields."""
         known = names.known(equations)
         graphs = [_Graph("G1", None, "", {})]
         unknowns = dict(zip(equations.unknowns, equations.unknown_tangents, strict=True))
@@ -473,15 +444,7 @@ class _Speller:
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
 
     def stand_in(self, variable: Variable, letter: str, place: str) -> Node:
-        """Return the symbol that stands for a variable of a network in terminal equations.
-
-        Parameters
-        ----------
-        variable : Variable
-            The variable.
-        letter, place : str
-            Its name, and what it belongs to; see :class:`cotree.export.steps.Term`.
-        """
+        """Return the symbol of a network's variable in terminal equations."""
         if variable not in self.stand_ins:
             symbol = self.dag.symbol("steps", len(self.stand_ins))
             self.stand_ins[variable] = symbol

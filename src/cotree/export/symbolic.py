@@ -38,25 +38,10 @@ _SYMPY_NAMES = {"abs": "Abs"}
 
 
 def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
-    """Turn nodes into SymPy expressions.
+    """Turn nodes into SymPy expressions; ``symbols`` has those of symbols and of nodes to replace.
 
-    Parameters
-    ----------
-    nodes : sequence of Node
-        The values wanted.
-    symbols : mapping of Node to sympy.Expr
-        The expression of each symbol; other nodes may be replaced, too.
-
-    Returns
-    -------
-    list of sympy.Expr
-        One for each node. A node with several results becomes the application of an undefined
-        function: ``table_1(t)``, ``solve_1_x_1(...)``, ``name_1(...)``.
-
-    Raises
-    ------
-    KeyError
-        If a symbol has nothing to stand for it.
+    A node with several results becomes the application of an undefined function: ``table_1(t)``,
+    ``solve_1_x_1(...)``, ``name_1(...)``. Raises KeyError if a symbol has no expression.
     """
     known: dict[Node, Any] = {}
     numbers: dict[Any, int] = {}
@@ -78,13 +63,6 @@ def to_sympy(nodes: Sequence[Node], symbols: Mapping[Node, Any]) -> list[Any]:
 def rational(value: float) -> Any:
     """Return the simplest rational number that reads back as the same double, or the double.
 
-    Parameters
-    ----------
-    value : float
-        A finite number.
-
-    Examples
-    --------
     >>> rational(1.0 / 12.0), rational(9.81)
     (1/12, 981/100)
     """
@@ -233,17 +211,7 @@ class SymbolicEvent:
 def symbolic_events(
     equations: Equations, known: Mapping[Node, Any], states: tuple[str, ...]
 ) -> dict[str, SymbolicEvent]:
-    """Turn the events of equations into SymPy, by name.
-
-    Parameters
-    ----------
-    equations : Equations
-        The equations, whose output values end with the expressions of the events.
-    known : mapping of Node to sympy.Symbol
-        Spelling of the symbols.
-    states : tuple of str
-        Names of the states.
-    """
+    """Turn the events of equations, which end the output values, into SymPy by name."""
     # Places of expressions count from the outputs, which come first.
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
@@ -398,15 +366,8 @@ class SymbolicEquations:
 
 
 def symbolic_equations(equations: Equations) -> SymbolicEquations:
-    """Turn equations into SymPy.
+    """Turn governing and sensitivity equations into SymPy.
 
-    Parameters
-    ----------
-    equations : Equations
-        The governing equations, and those of the sensitivity graphs that were asked for.
-
-    Examples
-    --------
     >>> from cotree.formulation.first_graph import form_first_graph
     >>> from cotree.scene.description import SceneDescription
     >>> from cotree.scene.graphs import choose_trees, joint_tree, linear_graphs

@@ -31,21 +31,11 @@ class UnsolvedError(Exception):
 
 
 class Algebraic:
-    """Solve for algebraic unknowns; it is mutable and remembers its last matrix.
+    """Newton's method for algebraic unknowns; it keeps its last matrix.
 
-    Parameters
-    ----------
-    rates : callable
-        ``rates(t, y)``, shape (n,): x', then g.
-    jacobian : callable
-        ``jacobian(t, y)``, shape (n, n): derivatives of these by y, full or compressed by rows.
-    names : sequence of str
-        Names of y.
-    n_algebraic : int
-        Number of algebraic unknowns, which come last.
-    improve : callable, optional
-        ``improve(t, y)`` gives unknowns that Newton's method may begin with where it fails from
-        those of y, or None.
+    ``rates(t, y)``, (n,), are x', then g; ``jacobian(t, y)``, (n, n), are their derivatives by y,
+    full or compressed by rows. The last ``n_algebraic`` of y are unknowns. ``improve(t, y)``
+    returns unknowns to begin with where the method fails from those of y, or None.
     """
 
     def __init__(
@@ -64,13 +54,7 @@ class Algebraic:
         self._linear: Linear | None = None
 
     def follow(self, t: float, y: Array) -> Array:
-        """Solve for the algebraic unknowns, in place, from the values next to them.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            The rates there.
-        """
+        """Solve for the algebraic unknowns, in place, from values nearby; return the rates."""
         # Exponentials may overflow on the way: what is not finite is told by the tests. As a
         # decorator this would be one object of all threads before NumPy 2.
         with np.errstate(all="ignore"):
@@ -80,13 +64,9 @@ class Algebraic:
     def solve(self, t: float, y: Array) -> Array:
         """Solve for the algebraic unknowns, in place, from any guess; see :meth:`follow`.
 
-        Raises
-        ------
-        SolveError
-            If no solution is found; the message names the unknown with the largest residual.
-        SingularSystemError
-            If none is found and the equations do not determine the unknowns; the message names
-            these.
+        Raises SolveError, which names the unknown with the largest residual, if no solution is
+        found, and SingularSystemError, which names the unknowns, if the equations do not determine
+        them.
         """
         guess = y.copy()
         equation = self._equation(t, y)
@@ -114,15 +94,10 @@ class Algebraic:
         return root.values
 
     def check_index(self, t: float, y: Array) -> None:
-        """Refuse equations that do not determine the unknowns at a solution, nor aside from it.
+        """Raise SingularSystemError if equations do not determine unknowns at or near a solution.
 
         Junctions that hardly conduct may leave a matrix that is singular but for the rounding of
         larger entries, though they determine their voltages well.
-
-        Raises
-        ------
-        SingularSystemError
-            If so; the message names the unknowns.
         """
         with np.errstate(all="ignore"):
             z = y[self.cut :].copy()
@@ -206,19 +181,9 @@ def _aside(z: Array) -> tuple[Array, Array]:
 
 
 def eliminated(matrix: Matrix, solve: Callable[[Array], Array], cut: int) -> Array:
-    """Eliminate the last unknowns of a matrix, given what solves with its last diagonal block.
+    """Eliminate the last n unknowns of a matrix, (cut + n, m + n); the result is (cut, m).
 
-    Parameters
-    ----------
-    matrix : ndarray or sparse matrix, shape (cut + n, m + n)
-    solve : callable
-        ``solve(b)`` for the block of shape (n, n) and columns of shape (n, m).
-    cut : int
-        Number of rows before the block.
-
-    Returns
-    -------
-    ndarray, shape (cut, m)
+    ``solve(b)`` solves with its last diagonal block, (n, n), for columns of shape (n, m).
     """
     full: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     n = len(full) - cut

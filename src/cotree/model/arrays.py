@@ -22,22 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 def as_array(value: Any, shape: Sequence[int], what: str) -> Array:
-    """Make a contiguous array of doubles of a given shape, always a copy.
-
-    Parameters
-    ----------
-    value : array_like
-        The user's value.
-    shape : sequence of int
-        The shape that it has to have.
-    what : str
-        Its name in a message.
-
-    Raises
-    ------
-    ParameterError
-        If it is no array of numbers, or of another shape.
-    """
+    """Return a contiguous copy as doubles; ParameterError if the shape is wrong."""
     try:
         array = np.array(value, dtype=float, order="C")  # always a copy: callers change theirs
     except (TypeError, ValueError):
@@ -57,23 +42,10 @@ def as_parameters(
     defaults: Array,
     derived: Sequence[DerivedParameter] = (),
 ) -> Array:
-    """Make the array of parameters of some by name, or of an array of all.
+    """Return the array of parameters, of values by name or of an array of all.
 
-    Parameters
-    ----------
-    values : mapping of str to float, or array_like of shape (n_parameters,)
-        The user's value.
-    places : mapping of str to int
-        Where each parameter stands, by name.
-    defaults : ndarray, shape (n_parameters,)
-        The scene's values, for those that are not given.
-    derived : sequence of DerivedParameter
-        Parameters that follow from these, for messages.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown, a value is not a finite number, or an array has another shape.
+    Raises ParameterError if a name is unknown, a value is not a finite number, or an array has
+    another shape. ``derived`` parameters follow from these, for messages.
     """
     if not isinstance(values, Mapping):
         return as_array(values, (len(places),), "the parameters")
@@ -91,15 +63,7 @@ def as_parameters(
 
 
 def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, float]:
-    """Return the values of derived parameters, by name.
-
-    Parameters
-    ----------
-    derived : sequence of DerivedParameter
-        The parameters.
-    p : ndarray, shape (n_parameters,)
-        What they follow from.
-    """
+    """Return the values of derived parameters, by name."""
     if not derived:
         return {}
     dag = derived[0].node.dag

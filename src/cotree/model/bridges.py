@@ -73,24 +73,10 @@ class Rates:
 def rates_of(
     model: CompiledModel, linearizer: Callable[[], Linearizer], t: float | None, bridge: str
 ) -> Rates:
-    """Make the function of a model.
+    """Make the function of a model; ``bridge`` is the method that asks, for messages.
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    linearizer : callable
-        Returns its linearizer.
-    t : float or None
-        The time, [s]; None where rates do not depend on it.
-    bridge : str
-        Name of the method that asks, for messages.
-
-    Raises
-    ------
-    ParameterError
-        If the model has algebraic unknowns or constraints, or its rates depend on time and none is
-        given.
+    Raises ParameterError if the model has algebraic unknowns or constraints, or if its rates depend
+    on time and no t, [s], is given.
     """
     layout = model.layout
     if layout.n_algebraic or layout.constraints:
@@ -198,12 +184,8 @@ def jax_function(rates: Rates) -> Any:
     """Make a function of JAX with arguments x, u and p.
 
     It may be compiled, mapped over points and differentiated, forwards and backwards, once: its
-    derivatives are values of C, which JAX cannot differentiate any further.
-
-    Raises
-    ------
-    ParameterError
-        If the package is missing, or computes in single precision.
+    derivatives are values of C, which JAX cannot differentiate any further. Raises ParameterError
+    if the package is missing, or computes in single precision.
     """
     try:
         jax: Any = import_module("jax")

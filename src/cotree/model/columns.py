@@ -42,35 +42,11 @@ def _load() -> LoadedLibrary | None:
 def in_columns(
     model: CompiledModel, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None
 ) -> Array:
-    """Evaluate a kernel at many points.
+    """Evaluate a kernel at m points; the result has shape (n_results, m).
 
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    name : str
-        A kernel of the states, or of these and sensitivities.
-    t : float or array_like, shape (m,)
-        Times, [s].
-    y : array_like, shape (n_states, m)
-        States.
-    p : array_like, shape (n_parameters,) or (n_parameters, m), mapping, or None
-        Parameters.
-    u : array_like, shape (n_inputs,) or (n_inputs, m), or None
-        Inputs.
-    s : array_like, shape (n_states, n_sensitivities, m), optional
-        Sensitivities, where the kernel takes them.
-
-    Returns
-    -------
-    ndarray, shape (n_results, m)
-
-    Raises
-    ------
-    ParameterError
-        If an array has the wrong shape, or parameters are refused.
-    Error
-        As a call at one point. The message names the column.
+    t has shape (m,) or is a number, y (n_states, m), s (n_states, n_sensitivities, m) if the kernel
+    takes it; p and u may have columns, too. Raises ParameterError if an array has the wrong shape,
+    or parameters are refused, and the errors of a call at one point, with the column's number.
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None

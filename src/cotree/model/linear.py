@@ -101,12 +101,9 @@ def longest(step: Array) -> float:
 
 
 def linearise(slope: Matrix, y: Array) -> Linear:
-    """Make what solves with the last columns of a slope at y, what is held and then the unknowns.
+    """Factorise the last columns of the Jacobian at y, which holds fixed values, then unknowns.
 
-    Raises
-    ------
-    LinAlgError
-        If the matrix is singular or not finite.
+    Raises LinAlgError if the matrix is singular or not finite.
     """
     n = slope.shape[0]
     # The sum of the absolute terms of each equation, of which rounding is a share.
@@ -127,21 +124,9 @@ def linearise(slope: Matrix, y: Array) -> Linear:
 
 
 def solve_entries(rows: Any, columns: Any, values: Array, b: Array) -> Array:
-    """Solve a square system whose matrix is the sum of entries, each with its row and column.
+    """Solve a square system whose matrix is the sum of entries at ``rows`` and ``columns``.
 
-    Parameters
-    ----------
-    rows, columns : ndarray of int, shape (n_entries,)
-        Places of the entries.
-    values : ndarray, shape (n_entries,)
-        The entries.
-    b : ndarray, shape (n,)
-        The right-hand side.
-
-    Raises
-    ------
-    LinAlgError
-        If the matrix is singular or not finite.
+    Raises LinAlgError if the matrix is singular or not finite.
     """
     from scipy.sparse import coo_matrix
 
@@ -209,18 +194,9 @@ def _factorised(matrix: Matrix) -> Callable[..., Array]:
 def least_step(rows: Array, target: Array, whole: Array) -> Array:
     """Solve rows @ step = target by the least step, in the sense of least squares.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n_rows, n)
-        Columns of a gradient, of which some may be redundant.
-    target : ndarray, shape (n_rows,) or (n_rows, m)
-        The right-hand side.
-    whole : ndarray, shape (n_rows, n_all)
-        The gradient: what is rounding beside it moves nothing, even where nothing else is free.
-
-    Returns
-    -------
-    ndarray, shape (n,) or (n, m)
+    ``rows``, (n_rows, n), are columns of a gradient, some of them redundant, and ``whole``,
+    (n_rows, n_all), all of it: what is rounding beside that moves nothing, even if nothing else is
+    free.
     """
     if not rows.size:
         return np.zeros((rows.shape[1], *target.shape[1:]))
@@ -234,12 +210,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def vanishing_combinations(rows: Array, whole: Array) -> Array:
-    """Return the combinations of rows that vanish beside the whole gradient, orthonormal.
-
-    Returns
-    -------
-    ndarray, shape (n, n_rows)
-    """
+    """Return orthonormal combinations of rows, (n, n_rows), that vanish beside the whole gradient."""
     if not rows.size:
         return np.eye(len(rows))
     left, values, _ = np.linalg.svd(rows)
@@ -251,12 +222,8 @@ def vanishing_combinations(rows: Array, whole: Array) -> Array:
 def spanning(moves: Sequence[tuple[str, Array]], size: float) -> list[str]:
     """Choose moves by name, in order, that span what all of them do together.
 
-    Parameters
-    ----------
-    moves : sequence of (str, ndarray of shape (n, m))
-        Columns by name. One that hardly differs from those before it is left out if it can be.
-    size : float
-        What is rounding beside this spans nothing.
+    A move that hardly differs from those before it is left out if it can be; what is rounding
+    beside ``size`` spans nothing.
     """
     if not moves or not len(moves[0][1]):
         return []

@@ -32,13 +32,7 @@ def order_of(values: npt.NDArray[np.complex128]) -> npt.NDArray[np.intp]:
 
 
 def eigenvalue_slopes(matrix: Array, slope: Array) -> npt.NDArray[np.complex128]:
-    """Differentiate the eigenvalues of a matrix, in the order of :func:`order_of`.
-
-    Parameters
-    ----------
-    matrix, slope : ndarray, shape (n, n)
-        The matrix and its derivative.
-    """
+    """Differentiate the eigenvalues of a matrix, in the order of :func:`order_of`."""
     from scipy.linalg import eig
 
     if not matrix.size:

@@ -62,15 +62,7 @@ class Direction:
 
 
 class Variation:
-    """Directional derivatives of nodes, formed once for all directions.
-
-    Parameters
-    ----------
-    dag : Dag
-        The graph that owns the nodes.
-    nodes : sequence of Node
-        Functions of states, inputs, parameters and time.
-    """
+    """Directional derivatives of functions of states, inputs, parameters and time, formed once."""
 
     def __init__(self, dag: Dag, nodes: Sequence[Node]) -> None:
         seed = {
@@ -86,19 +78,7 @@ class Variation:
         self.symbols = frozenset(found) - frozenset(changes)
 
     def along(self, values: Mapping[Node, float], direction: Direction) -> Array:
-        """Evaluate the derivatives along a direction.
-
-        Parameters
-        ----------
-        values : mapping of Node to float
-            Values of the symbols of states, inputs, parameters and time.
-        direction : Direction
-            The direction.
-
-        Returns
-        -------
-        ndarray, shape (n_nodes,)
-        """
+        """Evaluate the derivatives, (n_nodes,), along a direction at values of the symbols."""
         by_kind = {
             STATE_CHANGE: direction.y,
             INPUT_CHANGE: direction.u,
@@ -113,19 +93,7 @@ class Variation:
 
 
 def eliminated_along(moved: Array, change: Array, cut: int) -> Array:
-    """Differentiate the result of :func:`cotree.model.algebraic.eliminated`.
-
-    Parameters
-    ----------
-    moved, change : ndarray, shape (cut + n, m + n)
-        A matrix whose last block is eliminated, and its derivative.
-    cut : int
-        Number of rows before the block.
-
-    Returns
-    -------
-    ndarray, shape (cut, m)
-    """
+    """Differentiate the result of :func:`cotree.model.algebraic.eliminated`."""
     n = len(moved) - cut
     # Schur complement A - B X with X = D^-1 C, hence X' = D^-1 (C' - D' X).
     x = np.linalg.solve(moved[cut:, -n:], moved[cut:, :-n])
@@ -139,15 +107,7 @@ _ASIDE = 0.1
 
 
 class Linearizer:
-    """Derivatives of equations by states and inputs, formed once.
-
-    Parameters
-    ----------
-    equations : Equations
-        The equations, with or without sensitivities.
-    input_columns : sequence of Derivative
-        Derivatives by each input.
-    """
+    """Derivatives of equations by states and inputs, formed once."""
 
     def __init__(self, equations: Equations, input_columns: Sequence[Derivative]) -> None:
         self._equations = equations
@@ -217,19 +177,10 @@ class Linearizer:
         return range(first, first + self._equations.n_modes)
 
     def at(self, t: float, y: Sequence[float] | Array, p: Array, u: Array) -> Slopes:
-        """Evaluate the linearisation.
+        """Evaluate the linearisation at a point; the states have their algebraic unknowns.
 
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y, p, u : ndarray, shapes (n_states,), (n_parameters,), (n_inputs,)
-            States, with their algebraic unknowns, parameters and inputs.
-
-        Raises
-        ------
-        SingularSystemError
-            If the mass matrix, or the matrix of the algebraic unknowns, is singular there.
+        Raises SingularSystemError if the mass matrix, or the matrix of the algebraic unknowns, is
+        singular.
         """
         rates, whole, held = self.whole(t, y, p, u)
         return self._slopes(y, rates, self._without_algebraic(whole), held)
@@ -239,16 +190,9 @@ class Linearizer:
     ) -> tuple[Array, Array, Array]:
         """Evaluate rates and the full Jacobian, in which algebraic unknowns count as states.
 
-        Parameters and errors are those of :meth:`at`.
-
-        Returns
-        -------
-        rates : ndarray, shape (n_states,)
-            Rates, and residuals of the algebraic equations.
-        whole : ndarray, shape (n_states + n_outputs, n_states + n_inputs)
-            Jacobian of these and of the outputs.
-        held : ndarray, shape (n_rows, n_states)
-            Jacobian of the constraints, then of their rates.
+        Returns rates and residuals of the algebraic equations, (n_states,); the Jacobian of these
+        and of the outputs, (n_states + n_outputs, n_states + n_inputs); and that of the
+        constraints, then of their rates, (n_rows, n_states). Errors are those of :meth:`at`.
         """
         values = self._values(t, y, p, u)
         with np.errstate(all="ignore"):
@@ -291,10 +235,8 @@ class Linearizer:
     def by_parameters(self, at: Moment, y: Array, direction: Direction) -> Array:
         """Differentiate along a direction of states, inputs and parameters.
 
-        Returns
-        -------
-        ndarray, shape (n_states + n_outputs + n_rows,)
-            Derivatives of rates and residuals, outputs, constraints, and rates of constraints.
+        The result has the derivatives of rates and residuals, outputs, constraints, and their
+        rates.
         """
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
@@ -369,16 +311,8 @@ class Linearizer:
     ) -> Linearization:
         """Linearise about the motion through a point; see :meth:`cotree.Model.linearize`.
 
-        Parameters
-        ----------
-        at : Moment
-            The model at the point. The scene's inputs may vary with time; given ones are constant.
-        y : ndarray, shape (n_states,)
-            The states there.
-        reduced : bool
-            Whether to linearise in independent deviations.
-        directions : mapping of str to Direction, optional
-            Derivative of the point by each requested parameter.
+        The scene's inputs may vary with time; given ones are constant. ``reduced``: in independent
+        deviations. ``directions`` are the derivatives of the point by each requested parameter.
         """
         point = self.at(at.t, y, at.p, at.inputs)
         found = reduce(point, self.states)

@@ -95,21 +95,9 @@ class ReplacedInputs:
 
 
 def read_signals(values: Mapping[str, Any], names: tuple[str, ...]) -> ReplacedInputs:
-    """Read the inputs of a run.
+    """Read the inputs of a run: numbers, texts, (times, values) or functions, by name.
 
-    Parameters
-    ----------
-    values : mapping of str to number, str, (times, values) or callable
-        By name of the input.
-    names : tuple of str
-        The model's inputs.
-
-    Raises
-    ------
-    ParameterError
-        If a name is not an input.
-    ModelError
-        If a value is not accepted.
+    Raises ParameterError if a name is not an input, ModelError if a value is not accepted.
     """
     by_position: dict[int, Signal] = {}
     breakpoints: list[float] = []

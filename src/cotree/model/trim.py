@@ -378,10 +378,7 @@ class _TrimEquation(Equation):
 def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
     """Invert a matrix of any rank, independently of units.
 
-    Returns
-    -------
-    ndarray, shape (n, m), and ndarray, shape (n_free, n)
-        The pseudo-inverse, and a basis of the null space (of the scaled matrix) in its rows.
+    The second result is a basis, in its rows, of the null space of the scaled matrix.
     """
     rows, columns, scaled = np.ones(len(slope)), np.ones(slope.shape[1]), slope.copy()
     for _ in range(3):
