@@ -143,7 +143,8 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
                 model = compile_spec(spec)
                 model.times["formulate"] += prepared
                 # Faults that only numbers show, as a motion without inertia, are refused here.
-                check_start(model.kernels)
+                if model.kernels.backend != "none":
+                    check_start(model.kernels)
         except (SingularSystemError, TopologyError) as error:
             # A node that is misspelt leaves another one without what it should carry.
             from cotree.lint import dangling_hint

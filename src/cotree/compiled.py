@@ -620,6 +620,7 @@ class Model:
             If the directory cannot be written; if integrator, scene and step do not go together;
             or if the prefix or the type of numbers is not accepted.
         """
+        from cotree.export.c_checks import Evaluated
         from cotree.export.c_project import Kit, write_c_project
 
         d, kit = self._defaults, Kit(integrator, real, prefix, cpp, single_file)
@@ -628,8 +629,9 @@ class Model:
         start = self.start() if self.kernels.begins_at_rest else None
         # Kernels of the project alone are new nodes of the program's arena, which threads share.
         with forming:
+            own = Evaluated(self.kernels.program, self.kernels)
             return write_c_project(
-                self.kernels.program, Path(directory), kit, **numbers, step=step, start=start
+                own.program, Path(directory), kit, **numbers, step=step, start=start, evaluated=own
             )
 
     def export_fmu(
@@ -689,7 +691,7 @@ class Model:
         to, extra = target_path(path, "the FMU"), extra_files(self, choice, d.t_end)
         # Further kernels are new nodes of the program's arena, which threads share.
         with forming:
-            own = Evaluated(self.kernels.program)
+            own = Evaluated(self.kernels.program, self.kernels)
             numbers = d.t_end, d.rtol, d.atol
             return write_fmu(self.kernels.program, to, choice, own, numbers, rest=rest, extra=extra)
 

@@ -220,7 +220,7 @@ def generate(equations: Equations) -> tuple[Program, tuple[PassReport, ...]]:
     return run_passes(lower(equations))
 
 
-def program_at_rest(layout: Layout, scene: SceneDescription) -> Program:
+def text_at_rest(layout: Layout, scene: SceneDescription) -> ModelText:
     """Form the network of a model at rest, whose scene asks for its operating point."""
     # Sensitivities to initial values are the model's own: a scene at rest has none of these.
     given = [name for name in layout.sensitivities if name in scene.parameters]
@@ -229,9 +229,10 @@ def program_at_rest(layout: Layout, scene: SceneDescription) -> Program:
         wanted[total] = "0"
     try:
         standing = standing_scene(scene, wanted, jump_values(scene))
-        return generate(formulate(standing, given, None)[1])[0]
+        program, _ = generate(formulate(standing, given, None)[1])
     except Error as error:
         raise type(error)(f"the operating point: {error}") from None
+    return text_of(program, model_context(program))
 
 
 def form_text(

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from cotree.codegen.model_files import ModelText
     from cotree.model.model import CompiledModel
     from cotree.pipeline import Formed
-    from cotree.program import Program
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
 
@@ -115,17 +114,18 @@ class BuildSpec:
         times["compile"] = time.perf_counter() - begun
         return model, times
 
-    def _at_rest(self, text: ModelText) -> Callable[[], Program] | None:
+    def _at_rest(self, text: ModelText) -> Callable[[], ModelText] | None:
         if self.scene.defaults.start != OPERATING_POINT:
             return None
 
-        def form() -> Program:
-            from cotree.pipeline import program_at_rest
+        def form() -> ModelText:
+            from cotree.pipeline import text_at_rest
 
-            return program_at_rest(text.program.layout, self.scene)
+            return text_at_rest(text.program.layout, self.scene)
 
         # Only bound here: the network at rest is formed when a start is first asked for.
-        return form
+        key = None if self.key is None else ("at rest", self.key)
+        return lambda: kept(key, form)
 
 
 def open_spec(data: bytes) -> BuildSpec:

@@ -15,6 +15,7 @@ import subprocess
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from evaluated_kernels import EvaluatedKernels
 from random_scenes import inertia, random_loop, random_mechanism, random_scene, vector
 
 from cotree import Scene
@@ -23,7 +24,7 @@ from cotree.codegen.context import model_context
 from cotree.codegen.model_files import cdef, render_model
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.export.c_project import write_c_project
-from cotree.model.kernels import CKernels, PythonKernels
+from cotree.model.kernels import CKernels
 from cotree.pipeline import formulate, generate
 from cotree.version import ABI_VERSION
 
@@ -339,7 +340,7 @@ class Points:
         self.p = np.array(layout.parameter_values)
         self.n_sensitivities = max(len(layout.sensitivities), 1) * len(layout.states)
         self.start = np.zeros(len(layout.states))
-        own = PythonKernels(program)
+        own = EvaluatedKernels(program)
         own.prepare(self.p)
         if program.kernels["initial"].is_present:
             self.start = own("initial", 0.0, *3 * (np.zeros(0),))
@@ -354,7 +355,7 @@ class Points:
 
 def differing(program: Program, kernels: CKernels, seed: int) -> Iterator[str]:
     """List the kernels whose results are not those of their nodes, at two points."""
-    points, own = Points(program, np.random.default_rng(seed)), PythonKernels(program)
+    points, own = Points(program, np.random.default_rng(seed)), EvaluatedKernels(program)
     for each in (own, kernels):
         each.prepare(points.p)
     for _ in range(2):
@@ -383,7 +384,7 @@ def differing(program: Program, kernels: CKernels, seed: int) -> Iterator[str]:
 def unlike_differences(program: Program, seed: int) -> Iterator[str]:
     """List the derivatives that are not those of differences of the rates."""
     points, layout = Points(program, np.random.default_rng(seed)), program.layout
-    own, n = PythonKernels(program), len(layout.states)
+    own, n = EvaluatedKernels(program), len(layout.states)
     t, x, s, u = points.draw()
 
     def rates(shift: np.ndarray, parameter: str = "", amount: float = 0.0) -> np.ndarray:

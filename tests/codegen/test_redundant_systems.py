@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from evaluated_kernels import EvaluatedKernels
 from made_up_scenes import solve_case
 
 from cotree.dag.multi_output import SolveShape, solve, solve_pivoted
 from cotree.errors import SingularSystemError
-from cotree.model.kernels import PythonKernels
 
 NONE = np.zeros(0)
 
@@ -151,7 +151,7 @@ def test_several_right_hand_sides_of_one_redundant_matrix(made_up, load_kernels)
     other = solve(dag, matrix, results[:5], shape=shape)  # pinv(A)^2 b, without another factoring
     program = made_up(dag, n_parameters=30, outputs=[*results, *other])
     b = a @ rng.normal(size=5)
-    for kernels in (load_kernels(program), PythonKernels(program)):
+    for kernels in (load_kernels(program), EvaluatedKernels(program)):
         kernels.prepare(np.array([*a.ravel(), *b]))
         found = kernels("outputs", 0.0, np.ones(1), NONE, NONE)
         np.testing.assert_allclose(found[7:12], _pinv(a) @ _pinv(a) @ b, **CLOSE)

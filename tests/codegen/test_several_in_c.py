@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from evaluated_kernels import EvaluatedKernels
 from made_up_scenes import SWIRL_C, call_case, solve_case
 
 from cotree.dag.multi_output import SolveShape, solve, solve_pivoted
 from cotree.errors import SingularSystemError, SolveError
-from cotree.model.kernels import PythonKernels
 from cotree.program.passes import run_passes
 
 pytestmark = pytest.mark.compiler
@@ -35,7 +35,7 @@ SYSTEMS = {name: (a, b) for name, a, b in _systems()}
 
 def _both(made_up, load_kernels, dag, results, p, y=(1.0,)):
     program = made_up(dag, n_parameters=len(p), outputs=results)
-    compiled, python = load_kernels(program), PythonKernels(program)
+    compiled, python = load_kernels(program), EvaluatedKernels(program)
     found = []
     for kernels in (compiled, python):
         kernels.prepare(np.asarray(p))
@@ -100,7 +100,7 @@ def test_singular_systems_say_so_in_both(made_up, load_kernels):
     assert solve_pivoted(a, b)[1] == 1
     dag, results = solve_case(4)
     program = made_up(dag, n_parameters=20, outputs=results)
-    for kernels in (load_kernels(program), PythonKernels(program)):
+    for kernels in (load_kernels(program), EvaluatedKernels(program)):
         kernels.prepare(np.array([*a.ravel(), *b]))
         with pytest.raises(SingularSystemError):
             kernels("outputs", 0.0, np.ones(1), NONE, NONE)
@@ -132,7 +132,7 @@ def test_the_reference_size_decides_the_rank(made_up, load_kernels):
     entry, size = dag.symbol("p", 0), dag.symbol("p", 1)
     results = solve(dag, [[entry]], [dag.symbol("x", 0)], size)
     program = made_up(dag, n_parameters=2, outputs=results)
-    for kernels in (load_kernels(program), PythonKernels(program)):
+    for kernels in (load_kernels(program), EvaluatedKernels(program)):
         kernels.prepare(np.array([1e-10, 1.0]))
         assert kernels("outputs", 0.0, np.ones(1), NONE, NONE)[1] == 1.0
         kernels.prepare(np.array([1e-15, 1.0]))
@@ -161,7 +161,7 @@ def test_a_solve_of_parameters_is_met_by_prepare(made_up, load_kernels):
     dag = Dag()
     unknown, *_ = solve(dag, [[dag.symbol("p", 0)]], [dag.one])
     program, _ = run_passes(made_up(dag, rhs=[unknown * dag.symbol("x", 0)]))
-    for kernels in (load_kernels(program), PythonKernels(program)):
+    for kernels in (load_kernels(program), EvaluatedKernels(program)):
         kernels.prepare(np.array([4.0]))
         assert kernels("rhs", 0.0, np.array([2.0]), NONE, NONE)[0] == 0.5
         with pytest.raises(SingularSystemError):
@@ -173,7 +173,7 @@ def test_calls_tables_and_branches(made_up, load_kernels, x):
     dag, results = call_case()
     program = made_up(dag, outputs=results)
     kernels = load_kernels(program, {"swirl.c": SWIRL_C})
-    found, expected = [], PythonKernels(program)
+    found, expected = [], EvaluatedKernels(program)
     for each in (kernels, expected):
         each.prepare(np.array([0.3]))
         found.append(each("outputs", 0.0, np.array([x]), NONE, NONE).copy())

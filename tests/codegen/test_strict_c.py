@@ -247,12 +247,12 @@ def _sanitized(program, prefix, run_compiler, extra=None):
 
 
 def _check_against_python(program, found):
-    from cotree.model.kernels import PythonKernels
+    from evaluated_kernels import EvaluatedKernels
 
     def ramp(n):
         return 0.3 + 0.1 * np.arange(n)
 
-    layout, python = program.layout, PythonKernels(program)
+    layout, python = program.layout, EvaluatedKernels(program)
     n, m = len(layout.states), len(layout.sensitivities)
     python.prepare(np.array(layout.parameter_values))
     for name, values in found.items():

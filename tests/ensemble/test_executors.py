@@ -271,9 +271,13 @@ def test_what_cannot_be_sent_is_refused(plan):
 
 def test_a_worker_without_a_compiler_or_cotree_is_told(plan, monkeypatch):
     sent = parcel.parcel_of(plan)
-    other = parcel.Parcel("0" * 64, "Python", sent.data)
-    with pytest.raises(BuildError, match="Install a C compiler on all machines"):
-        parcel.run_parcel(other, ROWS[:1], 1, 0)
+    with monkeypatch.context() as there:
+        there.setenv("COTREE_COMPILER", "none")
+        with (
+            pytest.warns(RuntimeWarning, match="nothing is evaluated"),
+            pytest.raises(BuildError, match="has no C compiler: install one on all machines"),
+        ):
+            parcel.run_parcel(parcel.Parcel("0" * 64, sent.data), ROWS[:1], 1, 0)
 
     def missing(*args):
         raise ModuleNotFoundError("No module named 'cotree'")

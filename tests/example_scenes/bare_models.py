@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from evaluated_kernels import EvaluatedKernels
+
 from cotree.build import BuildOptions, build_library, find_toolchain, load_library
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import cdef, render_model
 from cotree.compiled import Model
 from cotree.formulation.first_graph import form_first_graph
-from cotree.model.kernels import CKernels, Kernels, PythonKernels
+from cotree.model.kernels import CKernels, Kernels
 from cotree.model.model import CompiledModel
 from cotree.pipeline import generate, trees_to_try
 from cotree.program.lower import lower
@@ -42,7 +44,7 @@ def evaluated(
     """
     first = form_first_graph(scene, trees_to_try(scene, tree)[0])
     program = lower(form_equations(first, wanted, with_columns=False))
-    return BareModel(program, PythonKernels(program))
+    return BareModel(program, EvaluatedKernels(program))
 
 
 def compiled(scene: Scene, tree: Sequence[str] | None = None) -> BareModel:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from bare_models import BareModel
+from evaluated_kernels import EvaluatedKernels
 
 import cotree
 from cotree import Scene
 from cotree.export.steps import formulation_steps
 from cotree.export.symbolic import SymbolTable
 from cotree.graph import f_circuit, f_cutset
-from cotree.model.kernels import PythonKernels
 from cotree.pipeline import formulate
 from cotree.program.lower import lower
 from cotree.scene.description import SceneDescription
@@ -133,7 +133,7 @@ def read_back(scene: Scene, name: str, tree: TreeChoice = None) -> Reading:
     """Evaluate the text at random states, with the rates and outputs that the program has there."""
     first, equations, _ = formulate(scene, [name], tree)
     names, program = SymbolTable.of(equations), lower(equations)
-    model = BareModel(program, PythonKernels(program))
+    model = BareModel(program, EvaluatedKernels(program))
     rng = np.random.default_rng(7)
     t, n = 0.4, len(model.states)
     y, s = rng.uniform(0.2, 1.0, n), rng.uniform(-1.0, 1.0, n)
@@ -283,7 +283,7 @@ def test_multipliers_that_balance_one_projection_balance_all():
         scene.edge(f"m{end}", "rigid_body", "ground", end, mass=1.0, inertia=0.1)
     first, equations, _ = formulate(scene, [], ["base", "a", "b", "d", "toB", "toC", "toC2"])
     names, program = SymbolTable.of(equations), lower(equations)
-    model = BareModel(program, PythonKernels(program))
+    model = BareModel(program, EvaluatedKernels(program))
     y = model.start().y
     rates = model.rhs(0.0, y)[equations.n_coordinates :]
     named = zip((*model.states, *names.accelerations), (*y, *rates), strict=True)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import sympy
 from eq8 import HAND_WRITTEN
+from evaluated_kernels import EvaluatedKernels
 
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, symbols_in
-from cotree.model.kernels import CKernels, PythonKernels
+from cotree.model.kernels import CKernels
 
 pytestmark = pytest.mark.compiler
 
@@ -62,7 +63,7 @@ def test_kernels_are_compiled(model_of, scene_name):
 
 
 def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of, scene_name):
-    model, python = model_of(scene_name), PythonKernels(program_of(scene_name))
+    model, python = model_of(scene_name), EvaluatedKernels(program_of(scene_name))
     compiled = model.kernels._kernels
     for t, y, s, p in points(model):
         compiled.prepare(p)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluated_kernels import EvaluatedKernels
 
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN
 from cotree.errors import ParameterError
-from cotree.model.kernels import PythonKernels
 from cotree.pipeline import formulate, generate
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.toml_file import read_scene
@@ -72,7 +72,7 @@ def test_every_field_with_a_sign_is_guarded(component):
         program = generate(formulate(scene, [], None)[1])[0]
         place = [row.name for row in program.layout.parameters].index("tried")
         p = np.array(program.layout.parameter_values)
-        kernels = PythonKernels(program)
+        kernels = EvaluatedKernels(program)
         kernels.prepare(p)
         for value in (-1.0, 0.0) if field.sign == "positive" else (-1.0,):
             p[place] = value
@@ -82,14 +82,11 @@ def test_every_field_with_a_sign_is_guarded(component):
 
 @pytest.mark.sampled(2)
 @pytest.mark.compiler
-@pytest.mark.filterwarnings("ignore:COTREE_COMPILER=none")
 @pytest.mark.parametrize("name", OF_DOMAINS)
-def test_c_and_python_refuse_the_same(name, monkeypatch):
+def test_a_compiled_model_refuses_the_same(name):
     field, edge, scene = next(_cases(COMPONENTS[name]))
     message = rf"{field.name} of edge '{edge}' is -.*: it must .* \(parameters? .*'tried'\)"
-    for compiler in ("", "none"):
-        monkeypatch.setenv("COTREE_COMPILER", compiler)
-        model = scene.compile()
-        p = model.kernels.parameter_array({"tried": -1.0})
-        with pytest.raises(ParameterError, match=message):
-            model.rhs(0.0, model.initial_state, p)
+    model = scene.compile()
+    p = model.kernels.parameter_array({"tried": -1.0})
+    with pytest.raises(ParameterError, match=message):
+        model.rhs(0.0, model.initial_state, p)

@@ -16,6 +16,7 @@ from cotree.build import cache, cache_directory
 from cotree.codegen.context import model_context
 from cotree.codegen.model_files import render_model
 from cotree.dag.nodes import Dag
+from cotree.errors import SolveError
 from cotree.scene.toml_file import shipped_scenes
 
 
@@ -134,15 +135,14 @@ def test_a_damaged_file_is_made_again(formed):
     assert not list(cache_directory().glob("*.text"))
 
 
-def test_without_a_compiler_a_kept_program_is_evaluated(formed, monkeypatch):
+def test_without_a_compiler_a_program_is_kept(formed, monkeypatch):
     monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        first = pendulum().compile(["L"])
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        again = pendulum().compile(["L"])
+    for _ in range(2):
+        with pytest.warns(RuntimeWarning, match="nothing is evaluated"):
+            model = pendulum().compile(["L"])
     assert len(formed) == 1
-    y = np.array([0.7, -0.3])
-    assert np.array_equal(first.rhs(0.0, y), again.rhs(0.0, y))
+    with pytest.raises(SolveError, match="pip install ziglang"):
+        model.rhs(0.0, np.array([0.7, -0.3]))
 
 
 _KEYS = """

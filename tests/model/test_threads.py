@@ -18,8 +18,6 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
 from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache, locked_cached_property
 from cotree.solvers import engine
@@ -154,18 +152,6 @@ def test_many_calls_of_four_threads(name):
     methods = (*C_METHODS, *scipy_methods(name))
     quick = {"rhs": 0.45, "jacobian": 0.36, "outputs": 0.12, "start": 0.02, "linearize": 0.02}
     check(name, methods, lambda key: math.ceil(total * quick.get(key, 0.03 / len(methods))))
-
-
-def test_what_python_evaluates():
-    program = compiled("slider-pendulum").kernels.program
-    model, sets = CompiledModel(program, PythonKernels(program)), parameters("slider-pendulum")
-    y = compiled("slider-pendulum").initial_state
-    expected = [model.rhs(0.0, y, p) for p in sets]
-
-    def work(i):
-        return [np.array_equal(model.rhs(0.0, y, sets[j % 8]), expected[j % 8]) for j in range(200)]
-
-    assert all(map(all, in_threads(work)))
 
 
 def test_what_is_formed_or_built_at_the_first_use():

@@ -47,12 +47,13 @@ def test_a_stiff_long_ladder_is_found_stiff():
 @pytest.mark.parametrize("make", [rc_ladder, rlc_ladder, rc_grid])
 def test_loops_compute_what_the_statements_did(make):
     """Compiled kernels, where statements became loops, against the program evaluated in Python."""
-    from cotree.model.kernels import PythonKernels
+    from evaluated_kernels import EvaluatedKernels
+
     from cotree.model.model import CompiledModel
 
     model = make(13 if make is rc_grid else N).compile(sensitivities=["R"])
     assert model.source.count("for (int i") >= 4
-    other = CompiledModel(model.kernels.program, PythonKernels(model.kernels.program))
+    other = CompiledModel(model.kernels.program, EvaluatedKernels(model.kernels.program))
     rng = np.random.default_rng(0)
     y, p = rng.normal(size=len(model.states)), np.array([0.7, *rng.uniform(0.5, 2.0, 2)])
     p = p[: len(model.parameters)]

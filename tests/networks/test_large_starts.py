@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 from bare_models import BareModel
+from evaluated_kernels import EvaluatedKernels
 
 from cotree import Scene
 from cotree.dag.nodes import Dag, symbols_in, symbols_of_each
 from cotree.linear.factors import factorise, factorise_definite
-from cotree.model.kernels import PythonKernels
 from cotree.pipeline import formulate, generate
 from cotree.scene.variants import standing_scene
 
@@ -126,7 +126,7 @@ def test_a_chain_of_transistors_is_sparse_and_meets_kirchhoff():
     # A few unknowns in each equation: eliminated to the junctions, 80 times 80 entries are left.
     layout = program.layout
     assert len(layout.row_indices) < 6 * len(layout.states)
-    model = BareModel(program, PythonKernels(program))
+    model = BareModel(program, EvaluatedKernels(program))
     b, c, e = model.output_values(0.0, model.start().y).reshape(n, 3).T
     be, bc = (1e-14 * np.expm1((b - v) / 0.02585) for v in (e, c))
     into_c, into_b = be - bc - bc, be / 100.0 + bc

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from evaluated_kernels import EvaluatedKernels
 from oracle import (
     Element,
     LinearNetwork,
@@ -18,7 +19,6 @@ from oracle import (
 )
 
 from cotree.errors import Error, FormulationError
-from cotree.model.kernels import PythonKernels
 from cotree.model.linearize import Linearizer
 from cotree.model.model import CompiledModel
 from cotree.pipeline import formulate, generate
@@ -40,7 +40,7 @@ def python_model(scene: Scene, wanted: list[str]) -> CompiledModel:
     """Evaluate the program in Python: hundreds of networks need no compiler."""
     _, equations, _ = formulate(scene, wanted, None)
     program, _ = generate(equations)
-    return CompiledModel(program, PythonKernels(program))
+    return CompiledModel(program, EvaluatedKernels(program))
 
 
 def rate_of(network: LinearNetwork, rates: np.ndarray, state: str) -> float:

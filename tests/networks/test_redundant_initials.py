@@ -201,15 +201,10 @@ def test_a_rotor_that_is_geared_to_a_joint():
         build(50.0).compile()
 
 
-def test_without_a_compiler_and_in_a_c_project(tmp_path, monkeypatch):
+def test_in_a_c_project_and_alone(tmp_path):
     _parallel(2.0, "v0").compile().write(tmp_path / "agree")
-    monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        assert _parallel("v0", "v0").compile(["v0"]).start().s == [[1.0]]
-    with (
-        pytest.warns(RuntimeWarning, match="evaluated in Python"),
-        pytest.raises(ParameterError, match=r"'C2.v' is given as 3 but is 2 by 'C1.v'"),
-    ):
+    assert _parallel("v0", "v0").compile(["v0"]).start().s == [[1.0]]
+    with pytest.raises(ParameterError, match=r"'C2.v' is given as 3 but is 2 by 'C1.v'"):
         _parallel(2.0, 3.0).compile()
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluated_kernels import EvaluatedKernels
 
 import cotree
-from cotree.model.kernels import PythonKernels
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
 from cotree.pipeline import formulate, generate
@@ -37,7 +37,7 @@ def evaluate(scene):
     """Form the equations and evaluate them at the start; no compiler is needed for that."""
     _, equations, _ = formulate(scene, [], None)
     program, _ = generate(equations)
-    model = CompiledModel(program, PythonKernels(program))
+    model = CompiledModel(program, EvaluatedKernels(program))
     model.rhs(0.0, scene_start(model).y)
     scene.lint()  # forms and starts it once more
 

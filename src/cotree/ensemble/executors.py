@@ -45,7 +45,6 @@ class Parcel:
     """A pickled plan; most blocks come with its hash alone."""
 
     key: str  # hash of the bytes
-    backend: str  # the evaluator of the sender's kernels; another one gives other last digits
     data: bytes | None  # None where a worker presumably has the plan
 
 
@@ -58,7 +57,7 @@ def parcel_of(plan: Plan) -> Parcel:
             f"the ensemble cannot be sent to other processes ({error}): give inputs as tables or "
             "expressions, or as functions of a module that workers can import"
         ) from error
-    return Parcel(hashlib.sha256(data).hexdigest(), plan.model.backend, data)
+    return Parcel(hashlib.sha256(data).hexdigest(), data)
 
 
 def run_parcel(
@@ -89,12 +88,10 @@ def _load(parcel: Parcel) -> Plan | None:
             if parcel.data is None:
                 return None
             plan = pickle.loads(parcel.data)
-            if plan.model.backend != parcel.backend:
+            if plan.model.backend != "C":
                 raise BuildError(
-                    f"the worker on '{socket.gethostname()}' evaluates the model in "
-                    f"{plan.model.backend}, and where the ensemble was started it is "
-                    f"{parcel.backend}: results would differ in their last digits. Install a C "
-                    "compiler on all machines (or: pip install ziglang)"
+                    f"the worker on '{socket.gethostname()}' has no C compiler: install one on all "
+                    "machines (or: pip install ziglang)"
                 )
             _plans[parcel.key] = plan
             if len(_plans) > _MOST_PLANS:

@@ -1,6 +1,7 @@
 """Checks of C projects and FMUs before anything is written, and the start that they need.
 
-A few evaluations need no compiler, which a machine that only writes C may not have.
+A machine that only writes C may have no compiler. What is written there finds its start from the
+scene's initial values, at which constraints are judged.
 """
 
 from __future__ import annotations
@@ -12,42 +13,67 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from cotree.build import BuildOptions
+from cotree.codegen.context import model_context
 from cotree.codegen.tableaus import FIXED
 from cotree.dag.continuity import jumps_at_stops
 from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel, Moment
+from cotree.model.consistent import Start
+from cotree.model.loading import load_model
+from cotree.model.model import Moment
 from cotree.model.start import scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
+from cotree.pipeline import text_of
 from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.problem import ModelEvents
-from cotree.tolerances import loose_rtol, rtol_fault
+from cotree.tolerances import RANK, loose_rtol, rtol_fault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.codegen.targets import Target
-    from cotree.model.consistent import Start
+    from cotree.model.model import CompiledModel
     from cotree.program import Program
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A program whose model and start are made once, when something first asks for them."""
+    """A program whose start is found once, when something first asks for it."""
 
     program: Program
+    given: CompiledModel | None = None  # the program, if it was compiled
 
     @cached_property
     def model(self) -> CompiledModel:
-        """The model, without a library."""
-        return CompiledModel(self.program, PythonKernels(self.program))
+        """The compiled program."""
+        if self.given is not None:
+            return self.given
+        return load_model(text_of(self.program, model_context(self.program)), BuildOptions())
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether kernels can be called."""
+        return self.model.backend != "none"
 
     @cached_property
     def start(self) -> Start:
-        """The consistent start at the program's parameter values."""
-        return scene_start(self.model)
+        """The start at the program's parameter values; without a compiler its initial values."""
+        if self.is_possible:
+            return scene_start(self.model)
+        n, m = len(self.program.layout.states), len(self.program.layout.sensitivities)
+        y, s = (np.array(self.initial(name)) for name in ("initial", "initial_sensitivity"))
+        return Start(y, s.reshape(m, n).T)
+
+    def initial(self, kernel: str) -> list[float]:
+        """Evaluate a kernel at t = 0, at the scene's parameters and initial values."""
+        p, program = self.program.layout.parameter_values, self.program
+        known = {"t": (0.0,), "p": p, "x": program.values("initial", {"p": p})}
+        known["u"] = program.values("inputs", known)
+        return program.values(kernel, known)
 
     def found_start(self) -> Start | None:
         """Return the start where it has to be found; None where the initial values are the start.
@@ -71,7 +97,7 @@ class Evaluated:
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty where all are one."""
         # Only what storages hold together has another size than one.
-        if not self.program.layout.followers:
+        if not self.program.layout.followers or not self.is_possible:
             return []
         at = Moment(self.model, 0.0, self.model.default_parameters)
         sizes = content_sizes(at, start.y)
@@ -79,8 +105,12 @@ class Evaluated:
 
     def is_dependent(self) -> bool:
         """Return whether constraints of edges are dependent at the start, or nearly so."""
-        if not self.program.layout.constraint_edges:
+        edges = self.program.layout.constraint_edges
+        if not edges:
             return False
+        if not self.is_possible:
+            rows = np.reshape(self.initial("gradient"), (len(edges), -1))
+            return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
         # The rank is judged as a run judges it.
         held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
         return bool(held.singular(0.0, self.start.z))
@@ -207,7 +237,7 @@ def check_start(evaluated: Evaluated, start: Start | None) -> None:
     layout = evaluated.program.layout
     is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
     # Without sensitivities, or without jumping expressions, the start may lie on a jump.
-    if start is None or is_apart:
+    if start is None or is_apart or not evaluated.is_possible:
         return
     model = evaluated.model
     # No input is replaced.

@@ -114,6 +114,7 @@ def write_c_project(
     atol: float,
     step: float | None = None,
     start: Start | None = None,
+    evaluated: Evaluated | None = None,
 ) -> CProject:
     """Write a model with a main program that integrates it.
 
@@ -134,6 +135,8 @@ def write_c_project(
         Length of all steps of a method of ``FIXED``, [s].
     start : Start, optional
         The state at the start, if that is not its own consistent start.
+    evaluated : Evaluated, optional
+        The program, for its start.
 
     Raises
     ------
@@ -160,7 +163,7 @@ def write_c_project(
         program = replace(program, layout=replace(program.layout, name=named))
     check_range(program, target)
     model = model_context(program, target)
-    evaluated = Evaluated(program)
+    evaluated = evaluated or Evaluated(program)
     is_dependent = evaluated.is_dependent()
     implicit = [name for name in methods if METHODS[name].is_implicit]
     # Stages of an implicit method would contradict constraints that are dependent.

@@ -17,22 +17,20 @@ from cotree.lint.rules import (
     topology_findings,
     value_findings,
 )
-from cotree.model.kernels import PythonKernels
-from cotree.model.model import CompiledModel
 from cotree.model.start import check_start
-from cotree.pipeline import formulate, generate
+from cotree.pipeline import formulate
 from cotree.scene.description import check_allowed, is_allowed
 from cotree.scene.jumps import lower_discontinuities
 from cotree.scene.part_adding import origin_note, origin_of, statement_lines
-from cotree.scene.settings import OPERATING_POINT
 from cotree.scene.toml_file import LARGEST_FILE
+from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.scene.description import SceneDescription
 
-# A start is evaluated without C; of larger scenes that takes longer than compiling them.
+# Larger scenes take long to compile: of these the equations are formed alone.
 _LARGEST_STARTED = 60  # edges
 
 
@@ -96,15 +94,18 @@ def dangling_hint(scene: SceneDescription) -> str:
 
 
 def _refused(scene: SceneDescription) -> Iterable[Finding]:
-    """Form the equations and find a start, without C."""
+    """Form the equations, and find the start of scenes that are compiled at once."""
     try:
-        with warnings.catch_warnings(), within_range(scene):
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            acting = lower_discontinuities(scene, has_sensitivities=False)
-            equations = formulate(acting, (), None, 0.0, check_numbers)[1]
-            if len(scene.edges) <= _LARGEST_STARTED and scene.defaults.start != OPERATING_POINT:
-                program, _ = generate(equations)
-                check_start(CompiledModel(program, PythonKernels(program)))
+            if len(scene.edges) <= _LARGEST_STARTED:
+                model, _ = BuildSpec(scene.copied()).compile()
+                if model.backend != "none":
+                    check_start(model)
+                return
+            with within_range(scene):
+                acting = lower_discontinuities(scene, has_sensitivities=False)
+                formulate(acting, (), None, 0.0, check_numbers)
     except Error as error:
         told = f"{error}{dangling_hint(scene)}"
         yield Finding("refused", *_culprit(scene, told), told, "error")

@@ -79,9 +79,9 @@ def _quantities(rows: Iterable[Quantity]) -> str:
 
 
 def _compiler(model: CompiledModel) -> str:
-    """Name the compiler; a model that Python evaluates has none."""
+    """Name the compiler; "none" where there was none."""
     if model.backend != "C":
-        return "none: nothing is simulated"
+        return "none: nothing is evaluated"
     try:
         found = find_toolchain()
     except BuildError:

@@ -1,6 +1,6 @@
-"""Kernels that can be called: compiled C, or the program evaluated in Python.
+"""Kernels of compiled C that can be called.
 
-Both take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
+They take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
 to keep it. Buffers and prepared parameters belong to the thread that calls: each has its own.
 
 Kernels that implicit methods need, a ``cotree_newton``, are built when one is first used. Where a
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -23,7 +22,6 @@ from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags
 from cotree.build.cache import kept
 from cotree.codegen.integrators import shared_files
 from cotree.dag.evaluate import evaluate
-from cotree.dag.multi_output import results
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, Node, reachable, symbols_in
 from cotree.dag.operations import OPERATIONS
 from cotree.errors import BuildError, SingularSystemError, SolveError
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.equations import Guard
-    from cotree.program import Kernel, Layout, Program
+    from cotree.program import Layout, Program
 
 
 #: The most names in a message.
@@ -282,7 +280,7 @@ class Kernels(Protocol):
 
     @property
     def backend(self) -> str:
-        """The evaluator of the kernels: ``C`` or ``Python``."""
+        """What evaluates the kernels: ``C``, or ``none`` without a compiler."""
         ...
 
     def prepare(self, p: Array) -> None:
@@ -439,32 +437,21 @@ def check_guards(guards: Sequence[Guard], p: Array) -> None:
         guard.check(evaluate([guard.value], values)[0])
 
 
-class _OwnNumbers(threading.local):
-    """Parameters that the calling thread prepared last, and the values that follow."""
+#: The sentence of everything that needs compiled kernels.
+NO_COMPILER = (
+    "There is no C compiler, and evaluations and simulations need one: `pip install ziglang` "
+    "brings one. Equations, C and FMU sources are written without it."
+)
 
-    p: Array = np.zeros(0)
-    prepared: Mapping[Node, float] = MappingProxyType({})
 
+class MissingKernels:
+    """Kernels of a model on a machine without a compiler: no call is answered."""
 
-class PythonKernels:
-    """The program evaluated in Python: for machines without a compiler."""
-
-    backend = "Python"
-
-    def __init__(self, program: Program) -> None:
-        self._program = program
-        self._own = _OwnNumbers()
-        self._plans = {name: _Plan.of(kernel) for name, kernel in program.kernels.items()}
+    backend = "none"
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
-        check_guards(self._program.guards, p)
-        own = self._own
-        # Nothing is prepared yet, or values of other parameters would be taken as known.
-        own.p, own.prepared = np.array(p, dtype=float), {}
-        values = self._evaluate("prepare", {})
-        # Other kernels then find the values of these nodes, and do not evaluate below them.
-        own.prepared = dict(zip(self._program.kernels["prepare"].results, values, strict=True))
+        """Refuse to take parameters."""
+        raise SolveError(NO_COMPILER)
 
     def native(self) -> None:
         """Return None, as there is no C; see :class:`Kernels`."""
@@ -475,44 +462,8 @@ class PythonKernels:
         return
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel; see :class:`Kernels`."""
-        return np.array(self._evaluate(name, {"t": (t,), "x": x, "s": s, "u": u}))
-
-    def _evaluate(self, name: str, arguments: Mapping[str, Sequence[float] | Array]) -> list[float]:
-        plan, own = self._plans[name], self._own
-        known = {**arguments, "p": own.p}
-        values: dict[Node, float] = dict(own.prepared)
-        for node in plan.symbols:
-            kind, position = node.data
-            values[node] = float(known[ARGUMENT_OF[kind]][position])
-        roots = [*plan.results, *plan.accepted]
-        with np.errstate(all="ignore"):
-            found: list[float] = evaluate(roots, values, order=plan.order)
-        if not all(found[len(plan.results) :]):
-            raise _singular(self._program, name, known)
-        return found[: len(plan.results)]
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """The data needed to evaluate a kernel in Python, found once."""
-
-    results: tuple[Node, ...]
-    accepted: tuple[Node, ...]
-    symbols: tuple[Node, ...]
-    order: list[Node]
-
-    @classmethod
-    def of(cls, kernel: Kernel) -> _Plan:
-        # The last result of a `solve` tells whether its matrix was regular; no result of the kernel
-        # depends on it, so it is evaluated along.
-        accepted = tuple(
-            results(node, node.data.size + 2)[-1] for node in kernel.order if node.op == "solve"
-        )
-        # What `prepare` gives is known, and the walk ends there.
-        order = reachable([*kernel.results, *accepted], stop=kernel.prepared)
-        symbols = tuple(n for n in order if n.op == "symbol" and n.data[0] != PIECE)
-        return cls(kernel.results, accepted, symbols, order)
+        """Refuse to evaluate a kernel."""
+        raise SolveError(NO_COMPILER)
 
 
 class SharedCode(NamedTuple):

@@ -20,7 +20,7 @@ import numpy as np
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.codegen.model_files import ModelText, cdef
 from cotree.errors import BuildError, Error
-from cotree.model.kernels import CKernels, PythonKernels
+from cotree.model.kernels import CKernels, MissingKernels
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
@@ -31,13 +31,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.model.arrays import Array
-    from cotree.program import Program
 
 
 def load_model(
-    text: ModelText, options: BuildOptions, at_rest: Callable[[], Program] | None = None
+    text: ModelText, options: BuildOptions, at_rest: Callable[[], ModelText] | None = None
 ) -> CompiledModel:
-    """Compile and load the C text, or evaluate the program where there is no compiler.
+    """Compile and load the C text; without a compiler no call of the model is answered.
 
     Parameters
     ----------
@@ -46,12 +45,12 @@ def load_model(
     options : BuildOptions
         The user's choices for the compiler.
     at_rest : callable, optional
-        Returns the program of the network at rest, where the model begins at its operating point.
+        Returns the C text of the network at rest, where the model begins at its operating point.
 
     Returns
     -------
     CompiledModel
-        Ready to be called.
+        Ready to be called, but for a compiler.
 
     Warns
     -----
@@ -68,12 +67,11 @@ def load_model(
             "pip install ziglang"
         )
         warnings.warn(
-            f"{reason}: the model is evaluated in Python, and nothing is simulated",
+            f"{reason}: nothing is evaluated or simulated",
             RuntimeWarning,
             stacklevel=level_of_user(),
         )
-        # The same nodes without C: equations, starts and text that is written need few evaluations.
-        model = CompiledModel(text.program, PythonKernels(text.program), text, options)
+        model = CompiledModel(text.program, MissingKernels(), text, options)
     else:
         library, loaded = obtain_library(
             text.files,
@@ -104,22 +102,22 @@ class OperatingPoint:
     ----------
     model : CompiledModel
         The model.
-    program : callable
-        Returns the program of its network at rest.
+    text : callable
+        Returns the C text of its network at rest.
     """
 
-    def __init__(self, model: CompiledModel, program: Callable[[], Program]) -> None:
-        self._model, self._program = model, program
+    def __init__(self, model: CompiledModel, text: Callable[[], ModelText]) -> None:
+        self._model, self._text = model, text
 
     @locked_cached_property
-    def program(self) -> Program:
-        """The program of the network at rest."""
-        return self._program()
+    def text(self) -> ModelText:
+        """The program of the network at rest, and its C text."""
+        return self._text()
 
     @locked_cached_property
     def at_rest(self) -> CompiledModel:
         """The network at rest, whose outputs are the model's states except for contents."""
-        return CompiledModel(self.program, PythonKernels(self.program))  # a few evaluations
+        return load_model(self.text, self._model.options or BuildOptions())
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
         """Return the states at rest, and their sensitivities in place of those among s.
@@ -156,7 +154,7 @@ class OperatingPoint:
 def _reduced(model: CompiledModel) -> tuple[Any, ...]:
     if model.text is None:
         raise TypeError("a model without C text cannot be pickled")
-    parts = model.text, model.options, None if model.rest is None else model.rest.program
+    parts = model.text, model.options, None if model.rest is None else model.rest.text
     # Programs and texts repeat themselves: this takes a few milliseconds and leaves a quarter.
     data = zlib.compress(pickle.dumps(parts, pickle.HIGHEST_PROTOCOL))
     return _arrived, (_versions(), data)

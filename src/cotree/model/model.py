@@ -94,8 +94,8 @@ class Rest(Protocol):
     """The operating point of a network, where a model begins."""
 
     @property
-    def program(self) -> Program:
-        """The program of the network at rest."""
+    def text(self) -> ModelText:
+        """The program of the network at rest, and its C text."""
         ...
 
     def __call__(self, t: float, p: Array, u: Array | None, s: Array) -> tuple[Array, Array]:
@@ -234,7 +234,7 @@ class CompiledModel:
 
     @property
     def backend(self) -> str:
-        """The evaluator of the kernels: ``C`` or ``Python``."""
+        """What evaluates the kernels: ``C``, or ``none`` without a compiler."""
         return self._kernels.backend
 
     def address(self, name: str) -> int | None:
@@ -296,13 +296,9 @@ class CompiledModel:
         """Hash of its C text, names and default values: equal for models that compute the same."""
         parts = [VERSION, repr(self.layout), *_listed(self.text.files if self.text else {})]
         if self.rest is not None:
-            # Most models have no network at rest, and need nothing of what prints C.
-            from cotree.codegen.context import model_context
-            from cotree.codegen.model_files import render_model
-
-            # Its nodes, too, are told apart by the text that would be printed for them.
-            program = self.rest.program
-            parts += [repr(program.layout), *_listed(render_model(model_context(program)))]
+            # Its nodes, too, are told apart by the text that is printed for them.
+            text = self.rest.text
+            parts += [repr(text.program.layout), *_listed(text.files)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     @property

@@ -8,7 +8,8 @@ from functools import cached_property
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
-from cotree.dag.nodes import reachable, symbols_in
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
 from cotree.dag.switching_times import Stop, longest_step
 from cotree.dag.time_events import Corners, find_corners
 from cotree.errors import SolveError
@@ -223,6 +224,25 @@ class Program:
             for limit in own
         ]
         return longest_step(limits, _parameters(limits, p))
+
+    def values(self, kernel: str, known: Mapping[str, Sequence[float]]) -> list[float]:
+        """Evaluate a kernel in Python.
+
+        Parameters
+        ----------
+        kernel : str
+            A name in ``KERNELS``.
+        known : mapping of str to sequence of float
+            Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
+        """
+        roots = self.kernels[kernel].results
+        given = {
+            symbol: float(known[ARGUMENT_OF[symbol.data[0]]][symbol.data[1]])
+            for symbol in symbols_in(roots)
+            if symbol.data[0] != PIECE
+        }
+        found: list[float] = evaluate(roots, given)
+        return found
 
     @property
     def can_extend(self) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.consistent import Start, consistent_start
+from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, Moment, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
@@ -290,10 +291,7 @@ class Preparation:
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
         if model.backend != "C":
-            raise SolveError(
-                "There is no C compiler, and a simulation needs one: `pip install ziglang` brings "
-                "one. Equations, C and FMU sources are written without it."
-            )
+            raise SolveError(NO_COMPILER)
         if not settings.sensitivities:
             model = states_only(model)
         layout = model.layout

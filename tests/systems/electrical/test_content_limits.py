@@ -137,16 +137,6 @@ def test_events_set_charges():
         scene.compile()
 
 
-def test_without_a_compiler_contents_are_the_same(monkeypatch):
-    compiled = driven().compile(["c"])
-    monkeypatch.setenv("COTREE_COMPILER", "none")
-    with pytest.warns(RuntimeWarning, match="evaluated in Python"):
-        model = driven().compile(["c"])
-    starts = [m.start() for m in (model, compiled)]
-    np.testing.assert_allclose(starts[0].y, starts[1].y, rtol=1e-12)
-    np.testing.assert_allclose(starts[0].s, starts[1].s, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("law", "domain", "told"),
     [

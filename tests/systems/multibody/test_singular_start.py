@@ -69,12 +69,8 @@ def flat_linkage():
 
 
 @pytest.mark.sampled(1)
-@pytest.mark.filterwarnings("ignore:COTREE_COMPILER=none")
-@pytest.mark.parametrize("compiler", [None, "none"])
-def test_a_row_of_zeros_holds_nothing(compiler, monkeypatch):
+def test_a_row_of_zeros_holds_nothing():
     """As in coordinates of bodies, where the same constraint is redundant in that position."""
-    if compiler:
-        monkeypatch.setenv("COTREE_COMPILER", compiler)
     found = []
     for tree, names in (
         (["crank", "coupler", "rocker", "base", "a", "b", "d"], ("a", "d")),

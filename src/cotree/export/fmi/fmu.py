@@ -326,9 +326,7 @@ def _facts(
         integrator = choice.integrator or ("rodas5" if is_stiff else "dopri5")
         if INTEGRATORS[integrator].is_implicit:
             check_loops(program, integrator, is_dependent)
-    start = rest or evaluated.start
-    model = evaluated.model
-    u = model.input_values(0.0)
+    start, u = rest or evaluated.start, evaluated.initial("inputs")
     return Facts(
         token="",
         integrator=integrator,
