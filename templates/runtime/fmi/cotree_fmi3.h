@@ -1,50 +1,11 @@
 /* cotree_fmi3.h: the types of the Functional Mock-up Interface 3.0.
- * Part of the runtime of cotree, after the standard; the same for every model.
- */
+ * Part of the runtime of cotree, after the standard; the same for every model. */
 #ifndef COTREE_FMI3_H
 #define COTREE_FMI3_H
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-
-#if defined(_WIN32)
-#define COTREE_FMI_EXPORT __declspec(dllexport)
-#elif defined(__GNUC__) || defined(__clang__)
-#define COTREE_FMI_EXPORT __attribute__((visibility("default")))
-#else
-#define COTREE_FMI_EXPORT
-#endif
-
-/* Functions have prefixes if several units are linked together. */
-#ifdef FMI3_FUNCTION_PREFIX
-#define COTREE_FMI_PASTE(a, b) a##b
-#define COTREE_FMI_PASTE_VALUES(a, b) COTREE_FMI_PASTE(a, b)
-#define FMI3(name) COTREE_FMI_PASTE_VALUES(FMI3_FUNCTION_PREFIX, name)
-#else
-#define FMI3(name) name
-#endif
-
-typedef void *fmi3Instance;
-typedef void *fmi3InstanceEnvironment;
-typedef void *fmi3FMUState;
-typedef uint32_t fmi3ValueReference;
-typedef float fmi3Float32;
-typedef double fmi3Float64;
-typedef int8_t fmi3Int8;
-typedef uint8_t fmi3UInt8;
-typedef int16_t fmi3Int16;
-typedef uint16_t fmi3UInt16;
-typedef int32_t fmi3Int32;
-typedef uint32_t fmi3UInt32;
-typedef int64_t fmi3Int64;
-typedef uint64_t fmi3UInt64;
-typedef bool fmi3Boolean;
-typedef char fmi3Char;
-typedef const fmi3Char *fmi3String;
-typedef uint8_t fmi3Byte;
-typedef const fmi3Byte *fmi3Binary;
-typedef bool fmi3Clock;
 
 typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
 typedef enum {
@@ -61,13 +22,36 @@ typedef enum {
     fmi3IntervalChanged
 } fmi3IntervalQualifier;
 
-typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String category,
+typedef float fmi3Float32;
+typedef int8_t fmi3Int8;
+typedef uint8_t fmi3UInt8;
+typedef int16_t fmi3Int16;
+typedef uint16_t fmi3UInt16;
+typedef int32_t fmi3Int32;
+typedef uint32_t fmi3UInt32;
+typedef int64_t fmi3Int64;
+typedef uint64_t fmi3UInt64;
+typedef bool fmi3Boolean;
+typedef const char *fmi3String;
+typedef const uint8_t *fmi3Binary;
+typedef bool fmi3Clock;
+
+typedef void (*fmi3LogMessageCallback)(void *environment, fmi3Status, fmi3String category,
                                        fmi3String message);
-typedef void (*fmi3ClockUpdateCallback)(fmi3InstanceEnvironment);
-typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Float64 time,
-                                               fmi3Boolean, fmi3Boolean, fmi3Boolean, fmi3Boolean,
-                                               fmi3Boolean *, fmi3Float64 *);
-typedef void (*fmi3LockPreemptionCallback)(void);
-typedef void (*fmi3UnlockPreemptionCallback)(void);
+typedef void (*fmi3ClockUpdateCallback)(void *environment);
+typedef void (*fmi3IntermediateUpdateCallback)(void *environment, double time, fmi3Boolean,
+                                               fmi3Boolean, fmi3Boolean, fmi3Boolean, fmi3Boolean *,
+                                               double *);
+typedef void (*fmi3PreemptionCallback)(void);
+
+/* For cotree_fmi.h. */
+#ifndef FMI3_FUNCTION_PREFIX
+#define FMI3_FUNCTION_PREFIX
+#endif
+#define FMI_FUNCTION(name) FMI_PASTE(FMI3_FUNCTION_PREFIX, fmi3##name)
+#define FMI_EITHER(of_2, of_3) of_3
+#define FMI_STATUS fmi3Status
+#define FMI_BOOLEAN fmi3Boolean
+#define FMI_BYTE uint8_t
 
 #endif

@@ -40,7 +40,8 @@ enum fmu_block {
     FMU_INDICATORS,
     FMU_OUTPUT_SLOPES, /* sensitivities of outputs, by parameter */
     FMU_STATE_SLOPES,  /* sensitivities of states, by parameter */
-    FMU_N_BLOCKS
+    FMU_N_BLOCKS,
+    FMU_NOMINALS = FMU_N_BLOCKS /* of continuous states, which are no variables */
 };
 
 /* A sparse matrix, compressed by columns. */
@@ -117,7 +118,7 @@ int fmu_refuse_type(void *instance, const char *function, size_t n);
 int fmu_allow(void *instance, const char *function, int modes);
 
 /* Modes. */
-int fmu_set_up(void *instance, const char *function, double t, double end, double tolerance);
+int fmu_set_up(void *instance, const char *function, const double *tolerance, double t, double end);
 int fmu_enter_initialization(void *instance, const char *function);
 int fmu_exit_initialization(void *instance, const char *function);
 int fmu_terminate(void *instance, const char *function);
@@ -128,6 +129,7 @@ int fmu_get(void *instance, const char *function, const unsigned *references, si
             double *values, size_t n_values);
 int fmu_set(void *instance, const char *function, const unsigned *references, size_t n,
             const double *values, size_t n_values);
+int fmu_count_numbers(void *instance, const char *function, enum fmu_block block, size_t *n);
 
 /* Saved states: copy the present one to that of *place, or to a new one if *place is NULL;
  * restore one; free one; compute its number of bytes; write it to bytes, or read it. */
@@ -153,33 +155,37 @@ typedef struct fmu_direction {
 int fmu_directional(void *instance, const char *function, const fmu_direction *d);
 int fmu_adjoint(void *instance, const char *function, const fmu_direction *d);
 
-/* Model Exchange, which rejects all calls if the unit is exported without it. The blocks of numbers
- * are states, rates and indicators. */
+/* What an update of Event Mode, and a step of Co-Simulation, report. */
 typedef struct fmu_event_info {
     int terminates, are_states_changed, has_next;
     double next;
 } fmu_event_info;
-int fmu_set_time(void *instance, const char *function, int modes, double t);
-int fmu_set_states(void *instance, const char *function, const double *x, size_t n);
-int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
-                    size_t n);
-int fmu_get_nominals(void *instance, const char *function, double *sizes, size_t n);
-int fmu_complete_step(void *instance, const char *function, int *enters_event_mode);
-int fmu_enter_event_mode(void *instance, const char *function);
-int fmu_update(void *instance, const char *function, fmu_event_info *news);
-int fmu_leave_event_mode(void *instance, const char *function);
-int fmu_count_numbers(void *instance, const char *function, enum fmu_block block, size_t *n);
-
-/* Co-Simulation likewise. A step reaches a time, and may end early, at an event, or the simulation.
- */
 typedef struct fmu_progress {
     double reached;
     int is_early, terminates;
 } fmu_progress;
+
+#if COTREE_HAS_EXCHANGE
+/* Model Exchange. The blocks of numbers are states, rates, indicators and nominals. */
+int fmu_set_time(void *instance, const char *function, int modes, double t);
+int fmu_set_states(void *instance, const char *function, const double *x, size_t n);
+int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
+                    size_t n);
+int fmu_complete_step(void *instance, const char *function, int *enters_event_mode);
+int fmu_enter_event_mode(void *instance, const char *function);
+int fmu_update(void *instance, const char *function, fmu_event_info *news);
+int fmu_leave_event_mode(void *instance, const char *function);
+
+#endif
+#if COTREE_HAS_STEPS
+/* Co-Simulation. A step reaches a time, and may end early, at an event, or the simulation. */
 int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress);
 
-/* Return the time that the last step has reached and whether the simulation has ended, in FMI 2.
+/* Write the time that the last step has reached, or whether the simulation has ended, in FMI 2.
  * Discard if is_known is 0: there is no other status, since steps are never pending. */
-int fmu_get_progress(void *instance, const char *function, int is_known, fmu_progress *progress);
+int fmu_get_progress(void *instance, const char *function, int is_known, double *reached,
+                     int *has_ended);
+
+#endif
 
 #endif

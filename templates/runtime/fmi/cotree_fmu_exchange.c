@@ -9,7 +9,6 @@ static fmu *call_with_numbers(void *instance, const char *function, int modes, e
                               const double *values, size_t n)
 {
     fmu *const m = fmu_evaluation(instance, function, modes);
-    const int is_indicator = block == FMU_INDICATORS;
     int wanted;
     if (m == NULL) return NULL;
     if (!m->is_exchanged) {
@@ -17,10 +16,11 @@ static fmu *call_with_numbers(void *instance, const char *function, int modes, e
         return NULL;
     }
     if (n > 0 && fmu_check_pointer(m, function, values) != 0) return NULL;
-    wanted = is_indicator ? fmu_size_of(m, FMU_INDICATORS) : N_RATES;
+    wanted = fmu_size_of(m, block == FMU_INDICATORS ? FMU_INDICATORS : FMU_RATES);
     if (n == (size_t)wanted) return m;
     fmu_refuse(m, "there are %d %s, not %lu", wanted,
-               is_indicator ? "event indicators" : "continuous states", (unsigned long)n);
+               block == FMU_INDICATORS ? "event indicators" : "continuous states",
+               (unsigned long)n);
     return NULL;
 }
 
@@ -30,25 +30,11 @@ int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, 
                     size_t n)
 {
     fmu *const m = call_with_numbers(instance, function, KNOWN_STATES, block, values, n);
-    const double *from;
     size_t i;
     if (m == NULL) return FMU_ERROR;
-    if (n == 0) return FMU_OK;
-    if (fmu_refresh(m, block == FMU_STATES  ? FMU_POINT
-                       : block == FMU_RATES ? FMU_HAS_RATES
-                                            : FMU_HAS_INDICATORS) != 0)
-        return fmu_status(m, 1);
-    from = block == FMU_STATES ? m->z : block == FMU_RATES ? m->dx : m->g;
-    for (i = 0; i < n; ++i) values[i] = from[i];
-    return FMU_OK;
-}
-
-int fmu_get_nominals(void *instance, const char *function, double *sizes, size_t n)
-{
-    const fmu *const m = call_with_numbers(instance, function, KNOWN_STATES, FMU_STATES, sizes, n);
-    size_t i;
-    if (m == NULL) return FMU_ERROR;
-    for (i = 0; i < n; ++i) sizes[i] = m->tables->sizes == NULL ? 1.0 : m->tables->sizes[i];
+    for (i = 0; i < n; ++i) {
+        if (fmu_get_value(m, (int)block, (int)i, values + i) != 0) return fmu_status(m, 1);
+    }
     return FMU_OK;
 }
 
@@ -229,54 +215,5 @@ int fmu_leave_event_mode(void *instance, const char *function)
     if (status == 0) status = fmu_prepare(m);
     if (status == 0) fmu_enter(m, FMU_CONTINUOUS);
     return fmu_status(m, status);
-}
-#else
-/* Reject all calls. */
-
-int fmu_set_time(void *instance, const char *function, int modes, double t)
-{
-    (void)modes, (void)t;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_set_states(void *instance, const char *function, const double *x, size_t n)
-{
-    (void)x, (void)n;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_get_numbers(void *instance, const char *function, enum fmu_block block, double *values,
-                    size_t n)
-{
-    (void)block, (void)values, (void)n;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_get_nominals(void *instance, const char *function, double *sizes, size_t n)
-{
-    (void)sizes, (void)n;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_complete_step(void *instance, const char *function, int *enters_event_mode)
-{
-    (void)enters_event_mode;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_enter_event_mode(void *instance, const char *function)
-{
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_update(void *instance, const char *function, fmu_event_info *news)
-{
-    (void)news;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_leave_event_mode(void *instance, const char *function)
-{
-    return fmu_allow(instance, function, 0);
 }
 #endif

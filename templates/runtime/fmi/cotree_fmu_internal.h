@@ -165,6 +165,7 @@ COTREE_PRIVATE int fmu_restore(fmu *m, const double *from);
 /* Variables. fmu_find returns the block of a variable, or -1. */
 COTREE_PRIVATE int fmu_find(const fmu *m, unsigned reference, int *index);
 COTREE_PRIVATE int fmu_size_of(const fmu *m, enum fmu_block block);
+COTREE_PRIVATE int fmu_get_value(fmu *m, int block, int index, double *value);
 
 /* Values. */
 COTREE_PRIVATE int fmu_prepare(fmu *m);

@@ -2,22 +2,24 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_fmu_internal.h"
 
-int fmu_set_up(void *instance, const char *function, double t, double end, double tolerance)
+int fmu_set_up(void *instance, const char *function, const double *tolerance, double t, double end)
 {
     fmu *const m = fmu_call(instance, function, FMU_INSTANTIATED);
+    double rtol;
     int result = 0;
     if (m == NULL) return FMU_ERROR;
+    rtol = tolerance == NULL ? m->tables->rtol : *tolerance;
     if (!(fabs(t) <= DBL_MAX)) {
         result = fmu_refuse(m, "the start time is no finite number");
     } else if (!(end > t)) {
         result = fmu_refuse(m, "the stop time %.10g is not after the start time %.10g", end, t);
-    } else if (!(tolerance > 0.0 && tolerance < 1.0)) {
-        result = fmu_refuse(m, "the tolerance %g is not between 0 and 1", tolerance);
+    } else if (!(rtol > 0.0 && rtol < 1.0)) {
+        result = fmu_refuse(m, "the tolerance %g is not between 0 and 1", rtol);
     }
     if (result != 0) return FMU_ERROR;
     m->numbers[FMU_NOW] = m->numbers[FMU_BEGIN] = t;
     m->numbers[FMU_END] = end;
-    m->numbers[FMU_TOLERANCE] = tolerance;
+    m->numbers[FMU_TOLERANCE] = rtol;
     m->numbers[FMU_IS_SET_UP] = 1.0;
     return FMU_OK;
 }

@@ -347,7 +347,8 @@ int fmu_step(void *instance, const char *function, double t, double step, fmu_pr
     return FMU_DISCARD;
 }
 
-int fmu_get_progress(void *instance, const char *function, int is_known, fmu_progress *progress)
+int fmu_get_progress(void *instance, const char *function, int is_known, double *reached,
+                     int *has_ended)
 {
     fmu *const m = fmu_call(instance, function, FMU_STEP | FMU_FAILED | FMU_TERMINATED);
     if (m == NULL) return FMU_ERROR;
@@ -358,23 +359,13 @@ int fmu_get_progress(void *instance, const char *function, int is_known, fmu_pro
                                          "pending",
                                          function));
     }
-    if (fmu_check_pointer(m, function, progress) != 0) return FMU_ERROR;
-    progress->reached = m->numbers[FMU_NOW];
-    progress->terminates = m->numbers[FMU_HAS_ENDED] != 0.0;
+    if (reached != NULL) {
+        *reached = m->numbers[FMU_NOW];
+    } else if (fmu_check_pointer(m, function, has_ended) != 0) {
+        return FMU_ERROR;
+    } else {
+        *has_ended = m->numbers[FMU_HAS_ENDED] != 0.0;
+    }
     return FMU_OK;
-}
-#else
-/* Reject all calls. */
-
-int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress)
-{
-    (void)t, (void)step, (void)progress;
-    return fmu_allow(instance, function, 0);
-}
-
-int fmu_get_progress(void *instance, const char *function, int is_known, fmu_progress *progress)
-{
-    (void)is_known, (void)progress;
-    return fmu_allow(instance, function, 0);
 }
 #endif

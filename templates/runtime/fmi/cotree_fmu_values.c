@@ -292,20 +292,22 @@ int fmu_count_numbers(void *instance, const char *function, enum fmu_block block
     return FMU_OK;
 }
 
-/* Compute the values of a block. Before initialization only variables that may be set have
- * values. */
+/* Compute what the values of a block need. Before initialization only variables that may be set
+ * have values. */
 static int evaluate_block(fmu *m, int block, int index)
 {
-    static const int needs[FMU_N_BLOCKS] = {0,
-                                            FMU_POINT,
-                                            FMU_HAS_RATES,
-                                            0,
-                                            0,
-                                            FMU_POINT,
-                                            FMU_HAS_OUTPUTS,
-                                            FMU_HAS_INDICATORS,
-                                            FMU_HAS_SLOPES,
-                                            FMU_POINT};
+    /* In the order of blocks, nominals last. */
+    static const int needs[] = {0,
+                                FMU_POINT,
+                                FMU_HAS_RATES,
+                                0,
+                                0,
+                                FMU_POINT,
+                                FMU_HAS_OUTPUTS,
+                                FMU_HAS_INDICATORS,
+                                FMU_HAS_SLOPES,
+                                FMU_POINT,
+                                0};
     if (needs[block] == 0) return 0;
     if (m->mode == FMU_INSTANTIATED) {
         if (block == FMU_STATES && m->numbers[FMU_IS_STARTED] == 0.0) return 0;
@@ -338,9 +340,18 @@ static double read_value(const fmu *m, int block, int index)
         return m->g[index];
     case FMU_OUTPUT_SLOPES:
         return m->dy[index];
-    default:
+    case FMU_STATE_SLOPES:
         return m->z[N_STATES + index];
+    default:
+        return m->tables->sizes == NULL ? 1.0 : m->tables->sizes[index];
     }
+}
+
+int fmu_get_value(fmu *m, int block, int index, double *value)
+{
+    if (evaluate_block(m, block, index) != 0) return 1;
+    *value = read_value(m, block, index);
+    return 0;
 }
 
 /* Reject arrays of variables that are missing or differ in length. */
@@ -364,8 +375,7 @@ int fmu_get(void *instance, const char *function, const unsigned *references, si
         const int block = fmu_find(m, references[i], &index);
         if (block < 0)
             return fmu_status(m, fmu_refuse(m, "there is no variable %u", references[i]));
-        if (evaluate_block(m, block, index) != 0) return fmu_status(m, 1);
-        values[i] = read_value(m, block, index);
+        if (fmu_get_value(m, block, index, values + i) != 0) return fmu_status(m, 1);
     }
     return FMU_OK;
 }
