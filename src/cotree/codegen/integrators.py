@@ -80,8 +80,6 @@ def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
     return {name: (result.strip(), " ".join(arguments.split())) for result, name, arguments in rows}
 
 
-_FOLDER = "c/integrators"
-
 #: Every integrator with error control, by name.
 INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 
@@ -130,18 +128,14 @@ def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
     """
     # C projects take methods with steps of one length, too, which no engine does.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
-    # A header follows from whether steps are controlled, a source from the kind of the method.
-    kinds = "variable", "rosenbrock" if method.is_implicit else "explicit"
-    if isinstance(method, FixedStep):
-        kinds = "fixed", "fixed"
-    texts = (
-        render(f"{_FOLDER}/{kind}{end}.jinja", target, method=method, **_COMMON)
-        for kind, end in zip(kinds, (".h", ".c"), strict=True)
-    )
-    names = (f"cotree_{name}{end}" for end in (".h", ".c"))
-    return {
-        name: resolve(text, conditions(method)) for name, text in zip(names, texts, strict=True)
+    kind = "fixed" if isinstance(method, FixedStep) else "variable"
+    texts = {
+        f"cotree_{name}{end}": render(
+            f"c/integrators/{kind}{end}.jinja", target, method=method, **_COMMON
+        )
+        for end in (".h", ".c")
     }
+    return {file: resolve(text, conditions(method)) for file, text in texts.items()}
 
 
 def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, bool]:

@@ -111,38 +111,3 @@ static void choose_step(integrator *d, MASK accepted)
     on->is_believed = NOT(accepted) & (on->is_believed | d->is_doubted);
 #endif
 }
-
-/* Returns a first guess of the first step, by how fast the solution changes where it begins, and
- * writes where that leads to. */
-static REAL guess_step(integrator *d, const REAL *y, const REAL *rate, REAL *slope)
-{
-    const REAL size = norm(d, y, y);
-    REAL step;
-    int i;
-    *slope = norm(d, rate, y);
-    step = cotree_choose((size < COTREE_F(1e-5)) | (*slope < COTREE_F(1e-5)), ALL(COTREE_F(1e-6)),
-                         COTREE_F(0.01) * (size / *slope));
-    step = cotree_smaller(step, cotree_abs(d->goal - ON(d)->t));
-    for (i = 0; i < N; ++i) d->trial[i] = y[i] + d->ahead * step * rate[i];
-    return step;
-}
-
-/* Returns a better one, by the rate there, too. */
-static REAL improve_step(integrator *d, REAL step, const REAL *y, const REAL *rate,
-                         const REAL *there, REAL slope)
-{
-    REAL found;
-    int i;
-    for (i = 0; i < N; ++i) d->trial[i] = there[i] - rate[i];
-    slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* or the curvature */
-    found = cotree_choose(slope <= COTREE_F(1e-15),
-                          cotree_larger(ALL(COTREE_F(1e-6)), COTREE_F(1e-3) * step),
-                          cotree_exp(EXPONENT * cotree_log(COTREE_F(0.01) / slope)));
-    return cotree_smaller(COTREE_F(100.0) * step, found);
-}
-
-/* Steps shorter than this are rounding. */
-static REAL least_first_step(const integrator *d)
-{
-    return COTREE_F(2.0) * smallest_step(ON(d)->t);
-}

@@ -34,6 +34,8 @@ static cotree_status project(integrator *d, cotree_real t)
 }
 
 #if COTREE_IMPLICIT
+#define ROUNDS 3 /* failures that tell what a step does from rounding: it is a 64th as long then */
+
 /* Tells whether algebraic unknowns that a projection moved by these shares of tolerances were
  * farther from their equations than an estimated error can be trusted, and sets the shares to zero.
  * What is no less after ROUNDS shorter steps is rounding. */

@@ -65,6 +65,41 @@ static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void
     return COTREE_OK;
 }
 
+#if COTREE_IMPLICIT
+cotree_status METHOD(init)(integrator *d, cotree_implicit_equation equation, cotree_real t,
+                           const cotree_real *y, cotree_real rtol, cotree_real atol,
+                           cotree_real *workspace)
+{
+    const int n = equation.n, n_algebraic = equation.n_algebraic;
+    cotree_status status = COTREE_BAD_ARGUMENT;
+    if (n_algebraic >= 0 && n_algebraic <= n) {
+        status = stand(d, n, equation.rate, equation.context, t, y, rtol, atol, workspace);
+    }
+    if (status != COTREE_OK) return status;
+    d->n_jacobians = d->n_factorisations = 0;
+    d->equation = equation;
+    d->rates = workspace + (4 + STAGES) * n;
+    d->time_slope = d->rates + n;
+    d->right = d->time_slope + n;
+    d->left = d->right + n;
+    d->scales = d->left + n;
+    return COTREE_OK;
+}
+#else
+cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void *context,
+                           cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
+                           cotree_real *workspace)
+{
+    const cotree_status status = stand(d, n, rate, context, t, y, rtol, atol, workspace);
+    if (status != COTREE_OK) return status;
+#if COTREE_HAS_CONSTRAINTS
+    d->rejected = NULL;
+#endif
+    METHOD(watch)(d, n);
+    return COTREE_OK;
+}
+#endif
+
 #define FAILURE_FACTOR COTREE_F(0.25) /* after a failure of the right-hand side */
 
 /* Sets out to a time. */
@@ -82,7 +117,6 @@ cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
 #else
     cotree_real *const rate = d->stages[LAST], *const there = d->stages[0];
 #endif
-    cotree_real slope, step;
     cotree_status status = COTREE_OK;
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
     status = project(d, d->t);
@@ -95,12 +129,7 @@ cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
 #endif
     if (d->step > COTREE_F(0.0)) return COTREE_OK;
     set_goal(d, t_stop);
-    step = guess_step(d, d->now, rate, &slope);
-    status = begin_at(d, d->t + d->ahead * step, d->trial, there);
-    if (status == COTREE_RATE_STOPPED) return status;
-    if (status == COTREE_OK) step = improve_step(d, step, d->now, rate, there, slope);
-    d->step = cotree_larger(step, least_first_step(d));
-    return COTREE_OK;
+    return first_step(d, d->now, rate, there, &d->step);
 }
 
 /* Goes on to the end of the step that was tried. */
