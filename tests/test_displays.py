@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 import cotree
 from cotree.errors import SceneError
-from cotree.markup import block, labelled, matrix, table
 from cotree.plot import figures as known
+from cotree.report import Facts, Report, Table, matrix
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_eigenvalues_are_those_of_the_equation(pendulum):
     # Rounding of a matrix of two rows.
     np.testing.assert_allclose(linear.eigenvalues, [-1 + 8**0.5 * 1j, -1 - 8**0.5 * 1j], rtol=1e-14)
     assert "-1 ± 2.828i" in repr(linear)
-    assert "about a steady motion" in linear._repr_html_()
+    assert ">a steady motion<" in linear._repr_html_()
 
 
 def test_nothing_in_a_name_is_markup():
@@ -81,13 +81,36 @@ def test_nothing_in_a_name_is_markup():
 
 
 def test_long_tables_are_cut_with_a_note():
-    text = table("many", ["n", "x"], ((str(i), 0.5 * i) for i in range(1000)), n_rows=1000)
-    assert "… 976 more rows" in text
-    assert len(text) < 4000
-    assert "28 more columns" in matrix("A", ["a"], [f"c{i}" for i in range(39)], np.zeros((1, 39)))
-    assert table("none", ["n"], [], n_rows=0) == ""
-    assert block("title", "").count("<p>") == 1
-    assert labelled("x", [("a", "b"), ("empty", "")]) == "<x>\n  a  b"
+    many = Table(("n", "x"), [(str(i), 0.5 * i) for i in range(1000)], "many")
+    assert "… 976 more rows" in many.html()
+    assert len(many.html()) < 4000
+    assert many.text(24).endswith("… 976 more")
+    assert "… 976" not in many.text()
+    wide = matrix("A", ["a"], [f"c{i}" for i in range(39)], np.zeros((1, 39)))
+    assert "28 more columns" in wide.html()
+    assert wide.text() == ""
+    assert Table(("n",), []).html() == Table(("n",), []).text() == ""
+    assert Report("title", "").html().count("<p>") == 1
+    assert Report("x", Facts([("a", "b"), ("empty", "")])).brief() == "<x>\n  a  b"
+
+
+def test_columns_of_text_are_aligned_and_tables_set_apart():
+    table = Table(
+        ("name", "value", "unit", "more"), [("a", 1.5, "m", 1), ("bcd", -2.0, "", 2)], in_text=3
+    )
+    report = Report("title", "sentence", table, "end")
+    lines = [
+        "title",
+        "sentence",
+        "",
+        "name  value  unit",
+        "a       1.5  m",
+        "bcd      -2",
+        "",
+        "end",
+    ]
+    assert report.text().splitlines() == lines
+    assert "more" in report.html()
 
 
 def test_listings_are_dicts_that_copy_and_pickle():

@@ -13,14 +13,14 @@ from cotree.formulation.first_graph import form_first_graph, tree_links
 from cotree.formulation.mass_matrix import is_deep
 from cotree.graph import tree_walk
 from cotree.linear.tree import factorise_bordered
-from cotree.markup import block, preformatted, table
 from cotree.program.counts import OperationCount, count_operations, cycles
 from cotree.program.solved import SolvedSystem
+from cotree.report import Report, Reported, Table
 from cotree.scene.graphs import Trees, motion_spaces
 from cotree.sensitivity.graphs import form_derivatives, unknown_tangents
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from cotree.equations import Derivative
     from cotree.formulation.first_graph import FirstGraph
@@ -64,19 +64,22 @@ class Alternative:
     n_operations: int
     n_cycles: float
 
-    def summary(self) -> str:
-        """Describe it in one line."""
+    def cells(self) -> tuple[object, ...]:
+        """Return the row of a table; see :func:`tried`."""
         axes = ", ".join(map(str, self.own_axes)) or "none"
         way = "along the tree" if self.is_along_tree else "by the matrix"
         way += ", deferred" if self.is_deferred else ""
-        return (
-            f"{self.n_operations:8} operations, {self.n_cycles:8.0f} cycles, "
-            f"{self.n_states:3} states, {self.n_multipliers:3} multipliers, {way},"
-            f" tree {{{self.trees.listed()}}}; clusters in their own axes: {axes}"
-        )
+        costs = self.n_operations, round(self.n_cycles), self.n_states, self.n_multipliers
+        return *costs, way, axes, self.trees.listed()
 
 
-class Operations(dict[str, OperationCount]):
+def tried(caption: str, alternatives: Iterable[Alternative]) -> Table:
+    """List formulations in a table."""
+    head = "operations", "cycles", "states", "multipliers", "way", "clusters in own axes", "tree"
+    return Table(head, [row.cells() for row in alternatives], caption)
+
+
+class Operations(Reported, dict[str, OperationCount]):
     """Operation counts by kernel, and the formulations that were tried.
 
     Attributes
@@ -91,31 +94,19 @@ class Operations(dict[str, OperationCount]):
         super().__init__(counts)
         self.alternatives = tuple(alternatives)
 
+    def report(self) -> Report:
+        """Build the report: what each kernel takes, and the formulations."""
+        rows = [(name, n.kernel, n.prepare, n.total) for name, n in self.items() if n.total]
+        head = "kernel", "each call", "prepared", "total"
+        return Report("Operations", Table(head, rows), self.tried())
+
     def __repr__(self) -> str:
-        return str(self)
+        return self.summary()
 
-    def _repr_html_(self) -> str:
-        """Show what each kernel takes in a notebook, and the formulations."""
-        rows = [
-            (name, row.kernel, row.prepare, row.total) for name, row in self.items() if row.total
-        ]
-        head = ["kernel", "each call", "prepared", "total"]
-        tried = "\n".join(self.tried())
-        return block("Operations", table("", head, rows, n_rows=len(rows)), preformatted(tried))
-
-    def __str__(self) -> str:
-        """Show what each kernel takes, and the formulations."""
-        lines = [
-            f"{name}: {count.kernel} operations, {count.prepare} of prepare"
-            for name, count in self.items()
-            if count.total
-        ]
-        return "\n".join([*lines, *self.tried()])
-
-    def tried(self) -> list[str]:
-        """Describe the formulations, a line each under a head."""
-        rows = [f"  {row.summary()}" for row in self.alternatives]
-        return ["formulations tried, the fewest estimated cycles first:", *rows]
+    def tried(self) -> Table:
+        """List the formulations."""
+        caption = "formulations tried, the fewest estimated cycles first"
+        return tried(caption, self.alternatives)
 
 
 def choose_first_graph(

@@ -14,6 +14,7 @@ from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
+from cotree.report import Report, Reported
 from cotree.results import Result
 from cotree.scene.expressions import check_number, parse
 from cotree.scene.settings import Simulation, documented, settings_from
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
     from cotree.program import Layout
     from cotree.scene.settings import OtherSettings, Settings
 
+#: What users call, in the order of a session.
+_CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
+
 # Texts that hold numbers, such as those of an optimiser, would be kept without end. What is dropped
 # here is still in the cache on disk.
 _MOST_VARIANTS = 32
@@ -51,7 +55,7 @@ _MOST_VARIANTS = 32
 _MOST_KEPT = 8
 
 
-class Model:
+class Model(Reported):
     """A compiled scene.
 
     Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
@@ -108,16 +112,11 @@ class Model:
         spec = self._spec if isinstance(self._spec, bytes) else pickled(self._spec) or b""
         return type(self), (self.kernels, spec, {}, self._defaults)
 
-    def __repr__(self) -> str:
-        from cotree.model.display import model_text
-
-        return model_text(self, ("auto", *METHODS))
-
-    def _repr_html_(self) -> str:
-        """Show names, parameters, methods and compiler in a notebook."""
-        from cotree.model.display import model_html
-
-        return model_html(self, ("auto", *METHODS))
+    def report(self) -> Report:
+        """Build the report: names, calls, methods, compiler and, in notebooks, parameters."""
+        facts = {"calls": _CALLS, "methods": " ".join(("auto", *METHODS))}
+        facts["compiler"] = self.kernels.compiler
+        return self.layout.report(type(self).__name__, facts.items())
 
     @property
     def constraints(self) -> tuple[str, ...]:
@@ -149,13 +148,13 @@ class Model:
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
-        lines = [self.kernels.program.summary(), *self.operations.tried()]
+        lines = []
         for report in self.spec.formed.reports:
             lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
-            counts = [(name, n, report.after[name]) for name, n in report.before.items()]
+            counts = ((name, n, report.after[name]) for name, n in report.before.items())
             rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
             lines += rows or ["  none changed"]
-        return "\n".join(lines)
+        return Report(self.kernels.program.summary(), self.operations.tried(), *lines).text()
 
     def derived(self, p: Any = None) -> dict[str, float]:
         """Return the values of the parameters that are derived from others, by name.

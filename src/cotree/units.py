@@ -322,3 +322,14 @@ def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
+
+
+def quotient(unit: str, divisor: str) -> str:
+    """Write a unit over another, m over N m as m/(N m); nothing if one of them is not known."""
+    # An unknown unit makes the quotient unknown, which is not the same as a number.
+    if not unit or not divisor:
+        return ""
+    if divisor == "1":
+        return unit
+    compound = any(mark in divisor for mark in " /*")
+    return f"{unit}/{f'({divisor})' if compound else divisor}"

@@ -119,7 +119,7 @@ def test_figure_1_has_four_f_circuits(spring_mass_damper: Tree):
     assert [circuit.terms(row) for row in circuit.rows] == [
         ((-1, "m"), (1, row)) for row in circuit.rows
     ]
-    assert circuit.summary().splitlines()[:2] == ["   m  k  c  F  s", "k -1  1  0  0  0"]
+    assert circuit.summary().splitlines()[:2] == ["    m  k  c  F  s", "k  -1  1  0  0  0"]
 
 
 def test_incidence_is_plus_one_at_the_tail(spring_mass_damper: Tree):

@@ -143,7 +143,7 @@ def test_deferring_shortens_the_path_of_a_chain():
     assert alternatives[0].is_deferred
     other = next(row for row in alternatives if row.is_along_tree and not row.is_deferred)
     assert alternatives[0].n_cycles < other.n_cycles
-    assert "deferred" in alternatives[0].summary()
+    assert "along the tree, deferred" in alternatives[0].cells()
 
 
 def test_kernels_of_very_many_links_stay_as_they_were_formed(monkeypatch):

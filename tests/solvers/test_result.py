@@ -114,8 +114,8 @@ def test_csv_into_no_folder(result, tmp_path):
 
 def test_summary(result):
     text = result.summary()
-    assert text.startswith("RK45 reached")
-    assert "At t = 0.3333333333 s:" in text
+    assert text.splitlines()[1].startswith("RK45 reached")
+    assert "end: t = 0.3333333333 s" in text
     assert "0.6666666667 m/s" in text
     assert "RK45: 2 steps, 10 evaluations, 0 Jacobians." in text
     assert "compile 0.1 s, integrate 0.5 s" in text

@@ -40,10 +40,10 @@ from cotree.cli.options import (
     warnings_in_one_line,
     with_settings,
 )
-from cotree.cli.report import run_report
-from cotree.cli.studies import bench_scene, check_scene, lint_scene, warn_of
+from cotree.cli.studies import bench_scene, check_scene, derived_values, lint_scene, warn_of
 from cotree.cli.sweep import sweep_scene
 from cotree.errors import Error, SceneError
+from cotree.report import Report
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -232,7 +232,12 @@ def run_scene(
     result = model.simulate((0.0, end), points, **settings)
     # The report comes before the files, so that it is there even where one of them cannot be
     # written.
-    typer.echo(run_report(described, model, result, values))
+    kernels = f"kernels in {model.kernels.backend}"
+    kernels += " from the cache" if model.kernels.cached else ""
+    # A failure has been told already, as a warning on standard error.
+    parts = result.report().parts[0 if result.success else 1 :]
+    title = f"{described.headline}; {len(model.states)} states, {kernels}"
+    typer.echo(Report(title, *parts, derived_values(model, values)).text())
     if csv is not None:
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")

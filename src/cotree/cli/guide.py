@@ -10,9 +10,10 @@ import typer
 
 from cotree.cli.arguments import check_folder
 from cotree.errors import SceneError, nearest
+from cotree.report import Report, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
 #: Short names of shipped scenes to start from.
 TEMPLATES = {
@@ -45,22 +46,12 @@ def _list_components() -> str:
     rows = [(row.name, _graphs(row.domains), row.doc) for row in COMPONENTS.values()]
     parts = [(name, _about(_text(name))) for name in shipped_parts()]
     told = "cotree components NAME shows nodes, fields and an example of one."
-    listed = _table(("component", "graphs", "meaning"), rows)
-    return f"{listed}\n\n{_table(('part', 'meaning'), parts)}\n\n{told}"
+    tables = Table(("component", "graphs", "meaning"), rows), Table(("part", "meaning"), parts)
+    return Report("", *tables, told).text()
 
 
 def _graphs(domains: Iterable[str]) -> str:
     return ", ".join(domains) or "none"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Align columns by spaces; the last column is left as wide as it is."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)][:-1]
-    lines = []
-    for row in (head, *rows):
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
-        lines.append("  ".join([*cells, row[-1]]).rstrip())
-    return "\n".join(lines)
 
 
 def _describe(name: str) -> str:
@@ -78,7 +69,7 @@ def _describe(name: str) -> str:
     parts = [f"{name}: {row.doc}\ngraphs: {_graphs(row.domains)}\nnodes:  {nodes_of(usage)}"]
     if usage.entries:
         cells = [(e.name, takes_of(e), e.unit, default_of(e), e.doc) for e in usage.entries]
-        parts.append(_table(("field", "takes", "unit", "default", "meaning"), cells))
+        parts.append(Table(("field", "takes", "unit", "default", "meaning"), cells).text())
     if usage.initial:
         parts.append(f"initial values: {', '.join(usage.initial)}")
     edge, statement = examples()[name]
@@ -95,12 +86,10 @@ def _describe_part(name: str) -> str:
 
     scene, _ = load_part(name)
     parts = [f"{name}: {_about(_text(name))}\nports: {', '.join(scene.ports)}"]
-    cells = [
-        list(map(str, row.cells())) for row in scene.parameters.values() if "." not in row.name
-    ]
-    parts.append(_table(("parameter", "value", "unit", "meaning"), cells))
+    cells = [row.cells() for row in scene.parameters.values() if "." not in row.name]
+    parts.append(Table(("parameter", "value", "unit", "meaning"), cells, align="llll").text())
     if inputs := [(n, row.unit, row.doc) for n, row in scene.inputs.items() if "." not in n]:
-        parts.append(_table(("input", "unit", "meaning"), inputs))
+        parts.append(Table(("input", "unit", "meaning"), inputs).text())
     if outputs := [n for n in scene.outputs if "." not in n]:
         parts.append(f"outputs: {', '.join(outputs)}")
     own = {"scene": name, **{port: f"my_{port}" for port in scene.ports}}
@@ -133,7 +122,7 @@ def new_scene(
 
     if list_:
         rows = [(short, scene, _about(_text(scene))) for short, scene in TEMPLATES.items()]
-        typer.echo(_table(("template", "scene", "what it is"), rows))
+        typer.echo(Table(("template", "scene", "what it is"), rows).text())
         typer.echo("\ncotree new NAME --like TEMPLATE writes NAME.toml.")
         return
     if name is None:

@@ -30,12 +30,12 @@ from cotree.cli.options import (
     read_scene,
     with_settings,
 )
-from cotree.cli.report import derived_lines
+from cotree.report import Values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from cotree.api import Scene
+    from cotree.api import Model, Scene
     from cotree.lint import Finding
 
 
@@ -86,6 +86,13 @@ def finding_lines(found: Sequence[Finding]) -> list[str]:
     return lines
 
 
+def derived_values(model: Model, parameters: Mapping[str, float] | None) -> Values:
+    """List the parameters that follow from others: name, expression, value and unit."""
+    values = model.derived(parameters)
+    rows = [(f"{r.name} = {r.text}", values[r.name], r.unit) for r in model.layout.derived]
+    return Values((), rows, "derived parameters", digits=10)
+
+
 @with_settings("atol", rtol=1e-12)
 def check_scene(
     scene: SceneName,
@@ -112,8 +119,8 @@ def check_scene(
     # The equations have been formed just now.
     for line in finding_lines(lint(described, is_formed=False)):
         typer.echo(line)
-    for line in derived_lines(model, values):
-        typer.echo(line)
+    if derived := derived_values(model, values).text():
+        typer.echo(derived)
     report = check_sensitivities(
         model,
         t_end=t_end,

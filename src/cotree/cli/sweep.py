@@ -167,7 +167,7 @@ def sweep_scene(
     except MemberError as error:
         complain(str(error))
         raise typer.Exit(1) from None
-    typer.echo(sweep_report(runs, time.perf_counter() - begun))
+    typer.echo(sweep_report(runs, time.perf_counter() - begun).text())
     if file is not None:
         write_dataset(runs, file)
         typer.echo(f"wrote {file}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import brief
+from cotree.report import Report, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +18,7 @@ _MOST_LISTED = 10
 _QUANTILES = (0.025, 0.5, 0.975)
 
 
-def sweep_report(runs: Any, seconds: float) -> str:
+def sweep_report(runs: Any, seconds: float) -> Report:
     """Describe the results of a sweep.
 
     Parameters
@@ -33,15 +34,13 @@ def sweep_report(runs: Any, seconds: float) -> str:
     was_run = int((status != -3).sum())
     own = float(np.sum(runs["seconds"].values)) / max(1, was_run)
     failed = np.flatnonzero((status != 0) & (status != -3))
-    lines = [
+    return Report(
         f"{runs.attrs['scene']}: {n} members, {shape}; {runs.sizes['time']} times, "
         f"{runs.attrs['method']}",
         f"{was_run} run in {seconds:.3g} s, each {_time(own)} on its thread; {failed.size} failed",
-    ]
-    lines += _failed_lines(runs, dims, failed)
-    if (status == 0).any():
-        lines += ["", *_last_lines(runs, dims)]
-    return "\n".join(lines)
+        *_failed_lines(runs, dims, failed),
+        _quantiles(runs, dims, status == 0),
+    )
 
 
 def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
@@ -54,7 +53,7 @@ def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
         name: runs[name].broadcast_like(like).transpose(*dims).values.ravel() for name in names
     }
     messages = runs["message"].values.ravel()
-    lines = [""]
+    lines = []
     for i in failed[:_MOST_LISTED]:
         values = ", ".join(f"{name} = {_short(column[i])}" for name, column in columns.items())
         lines.append(f"failed: {values or f'member {i}'}: {brief(messages[i], 300)}")
@@ -63,24 +62,18 @@ def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
     return lines
 
 
-def _last_lines(runs: Any, dims: Sequence[str]) -> list[str]:
-    """Write quantiles of the last values over all members that succeeded."""
-    done = np.asarray(runs["status"].values).ravel() == 0
+def _quantiles(runs: Any, dims: Sequence[str], done: Any) -> Table:
+    """List quantiles of the last values over all members that succeeded."""
     rows = []
     for name, row in runs.data_vars.items():
-        if row.dims != (*dims, "time"):
-            continue
-        last = row.values[..., -1].ravel()[done]
-        last = last[~np.isnan(last)]
-        if len(last):  # an event may have ended all of them before
-            found = np.quantile(last, _QUANTILES)
-            rows.append((name, *(f"{value:.6g}" for value in found), row.attrs.get("units", "")))
-    title = (f"t = {float(runs['time'].values[-1]):.6g} s", "2.5 %", "median", "97.5 %", "")
-    width = max((len(row[0]) for row in (title, *rows)), default=0)
-    return [
-        f"{row[0]:<{width}}{''.join(f'{cell:>14}' for cell in row[1:4])} {row[4]}".rstrip()
-        for row in (title, *rows)
-    ]
+        if row.dims == (*dims, "time") and done.any():
+            last = row.values[..., -1].ravel()[done]
+            last = last[~np.isnan(last)]
+            if len(last):  # an event may have ended all of them before
+                found = np.quantile(last, _QUANTILES).tolist()
+                rows.append((name, *found, row.attrs.get("units", "")))
+    head = (f"t = {float(runs['time'].values[-1]):.6g} s", "2.5 %", "median", "97.5 %", "")
+    return Table(head, rows)
 
 
 def _short(value: Any) -> str:

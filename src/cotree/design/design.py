@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.errors import ParameterError, brief, nearest
-from cotree.markup import block, labelled, paragraph, table
+from cotree.report import Facts, Report, Reported, Table, Values
 
 if TYPE_CHECKING:
     from cotree.compiled import Model
@@ -43,7 +43,7 @@ class ConditionValue:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Design:
+class Design(Reported):
     """The outcome of :func:`cotree.optimise`; a value by name is ``design["L"]``.
 
     Attributes
@@ -113,43 +113,20 @@ class Design:
             "initial": {n: v for n, v in self.parameters.items() if n not in names},
         }
 
-    def summary(self) -> str:
-        """Describe the design in a few lines."""
-        lines = [self.message]
-        lines += [f"  {name} = {value:.10g}" for name, value in self.parameters.items()]
-        lines.append(f"Objective: {self.objective:.10g}.")
+    def report(self) -> Report:
+        """Build the report: message, values and conditions."""
         has_several_runs = len(self.results) > 1
-        for row in self.conditions:
-            state = "violated" if not row.holds else "active" if row.is_active else "holds"
-            where = f" in run {row.run + 1}" if has_several_runs else ""
-            lines.append(f"  {row.text}{where}: {state}, excess {row.excess:.3g}")
-        return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return labelled(
-            "Design",
-            [
-                ("status", self.message),
-                *((name, f"{value:.8g}") for name, value in self.parameters.items()),
-                ("objective", f"{self.objective:.8g}"),
-            ],
-        )
-
-    def _repr_html_(self) -> str:
-        """Show values and conditions as tables in a notebook."""
         conditions = [
-            (row.text, row.excess, "yes" if row.holds else "no", "yes" if row.is_active else "")
+            (
+                row.text + (f" in run {row.run + 1}" if has_several_runs else ""),
+                "violated" if not row.holds else "active" if row.is_active else "holds",
+                row.excess,
+            )
             for row in self.conditions
         ]
-        return block(
+        return Report(
             "Design",
-            paragraph(self.message),
-            table("", ["name", "value"], self.parameters.items(), n_rows=len(self.parameters)),
-            table(
-                "conditions",
-                ["condition", "excess", "holds", "active"],
-                conditions,
-                n_rows=len(conditions),
-            ),
-            paragraph(f"objective: {self.objective:.8g}"),
+            Facts([("status", self.message)]),
+            Values((), [*self.parameters.items(), ("Objective", self.objective)], digits=10),
+            Table(("condition", "", "excess"), conditions, digits=3),
         )

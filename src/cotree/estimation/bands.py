@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured, spread
 from cotree.estimation.problem import Problem
+from cotree.report import frame
 from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
@@ -70,8 +71,6 @@ class Band:
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with the columns t, value, error, lower and upper."""
-        from cotree.estimation.report import frame
-
         names = ("t", "value", "error", "lower", "upper")
         rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
         return frame([dict(zip(names, row, strict=True)) for row in rows])

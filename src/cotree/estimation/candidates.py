@@ -23,6 +23,7 @@ import numpy.typing as npt
 from cotree.errors import ParameterError, nearest
 from cotree.estimation import bands
 from cotree.estimation.conditions import spread
+from cotree.report import Report, Reported, Table, frame
 from cotree.scene.given import check_mapping, check_whole
 from cotree.scene.variants import expressions_among
 
@@ -108,41 +109,28 @@ class NextMeasurement:
     determines: tuple[str, ...]
 
 
-class NextMeasurements(tuple[NextMeasurement, ...]):
+class NextMeasurements(Reported, tuple[NextMeasurement, ...]):
     """Proposed measurements, in order of their benefit."""
 
-    def __str__(self) -> str:
-        """Format them as a table."""
-        from cotree.estimation.report import columns
-
+    def report(self) -> Report:
+        """Build the report: a table."""
         names = list(self[0].errors) if self else []
-        head = ["output", "experiment", "t [s]", *(f"error of {name}" for name in names), ""]
+        head = ("output", "experiment", "t [s]", *(f"error of {name}" for name in names), "")
         rows = [
-            [
-                row.output,
-                row.experiment,
-                f"{row.t:.6g}",
+            (
+                *(row.output, row.experiment, f"{row.t:.6g}"),
                 *(f"{row.errors[name]:.3g}" for name in names),
                 f"determines {', '.join(row.determines)}" if row.determines else "",
-            ]
+            )
             for row in self
         ]
-        return "\n".join(columns(head, rows, (0, 1, len(head) - 1)))
+        return Report("Next measurements", Table(head, rows, align=f"ll{'r' * (len(names) + 1)}l"))
 
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        from cotree import markup
-
-        names = list(self[0].errors) if self else []
-        head = ["output", "experiment", "t [s]", *(f"error of {name}" for name in names)]
-        rows = [[r.output, r.experiment, r.t, *(r.errors[name] for name in names)] for r in self]
-        return markup.block("Next measurements", markup.table("", head, rows, n_rows=len(rows)))
+    def __repr__(self) -> str:
+        return self.summary()
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with a row for each measurement."""
-        from cotree.estimation.report import frame
-
         return frame(
             [
                 {

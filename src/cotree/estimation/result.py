@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.errors import ParameterError, nearest
+from cotree.report import Report, Reported, Table, counted, frame, matrix
 from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
@@ -27,129 +29,15 @@ if TYPE_CHECKING:
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
 
-
-class ShownFit:
-    """Text, tables and plots of a :class:`~cotree.estimation.result.FitResult`."""
-
-    @cached_property
-    def units(self) -> dict[str, str]:
-        """Units by name; an empty string if unknown."""
-        return {
-            row.name: row.unit or _unit(self._fit.problem, row.name)
-            for row in self._fit.problem.estimated
-        }
-
-    @property
-    def is_converged(self) -> bool:
-        """Whether the best start met the tolerances of the optimiser."""
-        return self._fit.starts[0].is_converged
-
-    @property
-    def optimality(self) -> float:
-        """The optimality of the best start; see :class:`~cotree.estimation.multistart`."""
-        return self._fit.starts[0].optimality
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as JSON-compatible values; numbers that are not finite are None."""
-        from cotree.estimation.report import as_dict
-
-        return as_dict(self._fit)
-
-    def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """Return the same as JSON text; if a path is given, also write it to that file."""
-        from cotree.files import written_whole
-
-        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
-        if path is not None:
-            with written_whole(path) as draft:
-                draft.write_text(text + "\n", encoding="utf-8")
-        return text
-
-    def to_dataframe(self, level: float = 0.95) -> Any:
-        """Return a pandas DataFrame with a row for each parameter."""
-        from cotree.estimation.report import estimate_rows, frame
-
-        return frame(estimate_rows(self._fit, level), "parameter")
-
-    def starts_table(self) -> Any:
-        """Return a pandas DataFrame with a row for each start, the best one first."""
-        from cotree.estimation.report import frame, starts_rows
-
-        return frame(starts_rows(self._fit), "rank")
-
-    def plot(self) -> Figure:
-        """Plot data and predictions with bands, residuals, and starts or correlations."""
-        from cotree.estimation.pictures import overview
-
-        return overview(self._fit)
-
-    def plot_courses(self, *, noise: bool = False) -> Figure:
-        """Plot measured and predicted values over time with bands, which may include noise."""
-        from cotree.estimation.pictures import courses
-        from cotree.plot.fits import draw_courses
-
-        return draw_courses(courses(self._fit, noise=noise))
-
-    def plot_residuals(self) -> Figure:
-        """Plot residuals over time, measured against predicted values, and a probability plot."""
-        from cotree.estimation.pictures import residuals
-        from cotree.plot.fits import draw_residuals
-
-        return draw_residuals(residuals(self._fit))
-
-    def plot_waterfall(self) -> Figure:
-        """Plot the objectives of all starts in ascending order."""
-        from cotree.estimation.pictures import waterfall
-
-        return waterfall(self._fit)
-
-    def plot_profiles(self, names: Sequence[str] | None = None, *, level: float = 0.95) -> Figure:
-        """Compute and plot profile likelihoods."""
-        from cotree.estimation.pictures import profiles
-
-        return profiles(self._fit, names, level)
-
-    def plot_correlation(self) -> Figure:
-        """Plot the correlation matrix of the estimates as a heat map."""
-        from cotree.plot.fits import draw_correlation
-
-        return draw_correlation(self._fit.names, self._fit.correlation)
-
-    def __str__(self) -> str:
-        """Return a summary as plain text."""
-        from cotree.estimation.report import as_text
-
-        return as_text(self._fit)
-
-    def __repr__(self) -> str:
-        """Return the estimates on one line."""
-        found = ", ".join(f"{name} = {value:.6g}" for name, value in self._fit.parameters.items())
-        return f"<FitResult: {found}>"
-
-    def _repr_html_(self) -> str:
-        from cotree.estimation.report import as_html
-
-        return as_html(self._fit)
-
-    @property
-    def _fit(self) -> FitResult:
-        return cast("FitResult", self)
-
-
-def _unit(problem: Problem, name: str) -> str:
-    """Find the unit of the model parameter or state to which an estimated parameter is tied."""
-    for condition in problem.conditions:
-        for target, value in (*condition.parameters.items(), *condition.initial.items()):
-            if value == name:
-                return condition.model.layout.units.get(target, "")
-    return ""
-
-
-if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
+# Width of sentences, the smallest correlation that is listed, and the largest number of them.
+_WIDTH, _CORRELATED, _MOST_CORRELATED = 96, 0.5, 8
 
-class FitResult(ShownFit):
+_HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "unit", "")
+
+
+class FitResult(Reported):
     """Estimated parameters with their uncertainty.
 
     ``print(result)`` shows estimates with standard errors and intervals, and the findings: anything
@@ -493,3 +381,252 @@ class FitResult(ShownFit):
     def _relative_fisher(self) -> Array:
         sizes = np.abs(self.uncertainty.split.sizes)
         return np.asarray(np.outer(sizes, sizes) * self.fisher)
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units by name; an empty string if unknown."""
+        return {
+            row.name: row.unit or _unit(self.problem, row.name) for row in self.problem.estimated
+        }
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the best start met the tolerances of the optimiser."""
+        return self.starts[0].is_converged
+
+    @property
+    def optimality(self) -> float:
+        """The optimality of the best start; see :class:`~cotree.estimation.multistart`."""
+        return self.starts[0].optimality
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as JSON-compatible values; numbers that are not finite are None."""
+        found: dict[str, Any] = _plain(
+            {
+                "parameters": self._estimates(),
+                "agreement": self._agreement(),
+                "names": list(self.names),
+                "scales": [row.scale for row in self.problem.estimated],
+                "theta": self.theta,
+                "covariance": self.covariance,
+                "correlation": self.correlation,
+                "fisher": self.fisher,
+                "eigenvalues": self.eigenvalues,
+                "starts": self._starts(),
+                "findings": list(self.findings),
+            }
+        )
+        return found
+
+    def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
+        """Return the same as JSON text; if a path is given, also write it to that file."""
+        from cotree.files import written_whole
+
+        text = json.dumps(self.to_dict(), indent=2, allow_nan=False)
+        if path is not None:
+            with written_whole(path) as draft:
+                draft.write_text(text + "\n", encoding="utf-8")
+        return text
+
+    def to_dataframe(self, level: float = 0.95) -> Any:
+        """Return a pandas DataFrame with a row for each parameter."""
+        return frame(self._estimates(level), "parameter")
+
+    def starts_table(self) -> Any:
+        """Return a pandas DataFrame with a row for each start, the best one first."""
+        return frame(self._starts(), "rank")
+
+    def plot(self) -> Figure:
+        """Plot data and predictions with bands, residuals, and starts or correlations."""
+        from cotree.estimation.pictures import overview
+
+        return overview(self)
+
+    def plot_courses(self, *, noise: bool = False) -> Figure:
+        """Plot measured and predicted values over time with bands, which may include noise."""
+        from cotree.estimation.pictures import courses
+        from cotree.plot.fits import draw_courses
+
+        return draw_courses(courses(self, noise=noise))
+
+    def plot_residuals(self) -> Figure:
+        """Plot residuals over time, measured against predicted values, and a probability plot."""
+        from cotree.estimation.pictures import residuals
+        from cotree.plot.fits import draw_residuals
+
+        return draw_residuals(residuals(self))
+
+    def plot_waterfall(self) -> Figure:
+        """Plot the objectives of all starts in ascending order."""
+        from cotree.estimation.pictures import waterfall
+
+        return waterfall(self)
+
+    def plot_profiles(self, names: Sequence[str] | None = None, *, level: float = 0.95) -> Figure:
+        """Compute and plot profile likelihoods."""
+        from cotree.estimation.pictures import profiles
+
+        return profiles(self, names, level)
+
+    def plot_correlation(self) -> Figure:
+        """Plot the correlation matrix of the estimates as a heat map."""
+        from cotree.plot.fits import draw_correlation
+
+        return draw_correlation(self.names, self.correlation)
+
+    def report(self) -> Report:
+        """Build the report: agreement, estimates, correlations and findings."""
+        sizes = {
+            "parameter": len(self.problem.estimated),
+            "value": len(self.problem.measured),
+            "experiment": len(self.problem.conditions),
+        }
+        parameters, values, experiments = (counted(n, noun) for noun, n in sizes.items())
+        agreement = [
+            (name, "" if isinstance(value, float) and math.isnan(value) else value)
+            for name, value in self._agreement().items()
+            if name not in ("values", "conditions", "estimated")
+        ]
+        estimates = [
+            (
+                row["parameter"],
+                f"{row['estimate']:.6g}",
+                _shown(row["error"], "{:.3g}"),
+                f"{100 * row['relative']:.2g} %" if math.isfinite(row["relative"]) else "",
+                _shown(row["lower"]),
+                _shown(row["upper"]),
+                *(row["unit"], row["remark"]),
+            )
+            for row in self._estimates()
+        ]
+        return Report(
+            f"Fit of {parameters} to {values} of {experiments}",
+            Table(("", ""), agreement, align="lr"),
+            Table(_HEAD, estimates, align="lrrrrrll"),
+            _wrapped(self._how()),
+            _wrapped(f"Correlations: {', '.join(pairs)}") if (pairs := self._correlated()) else "",
+            matrix("Correlation", self.names, self.names, np.round(self.correlation, 3)),
+            *(_wrapped(f"! {sentence}", "  ") for sentence in self.findings),
+        )
+
+    def __repr__(self) -> str:
+        """Return the estimates on one line."""
+        found = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
+        return f"<FitResult: {found}>"
+
+    def _estimates(self, level: float = 0.95) -> list[dict[str, Any]]:
+        """Return a row for each parameter: estimate, error, interval, bounds and remark."""
+        errors, intervals = self.standard_errors, self.intervals(level)
+        is_open = self.uncertainty.split.is_open
+        rows = []
+        for i, row in enumerate(self.problem.estimated):
+            value, error = self.parameters[row.name], errors[row.name]
+            side = self.at_bounds.get(row.name, "")
+            remark = f"at its {side} bound" if side else ""
+            rows.append(
+                {
+                    "parameter": row.name,
+                    "estimate": value,
+                    "error": error,
+                    "relative": abs(error / value) if value else math.inf,
+                    "lower": intervals[row.name][0],
+                    "upper": intervals[row.name][1],
+                    "unit": self.units[row.name],
+                    "scale": row.scale,
+                    "bounds": (row.lower, row.upper),
+                    "remark": "not determined" if is_open[i] else remark,
+                }
+            )
+        return rows
+
+    def _agreement(self) -> dict[str, Any]:
+        """Return the goodness-of-fit statistics by name."""
+        return {
+            "values": len(self.problem.measured),
+            "conditions": len(self.problem.conditions),
+            "estimated": len(self.problem.estimated),
+            "degrees of freedom": self.degrees_of_freedom,
+            "chi2": self.chi2,
+            "reduced chi2": self.reduced_chi2,
+            "log-likelihood": self.log_likelihood,
+            "AIC": self.aic,
+            "BIC": self.bic,
+            "starts": len(self.starts),
+            "converged": sum(row.is_converged for row in self.starts),
+            "evaluations": sum(row.n_evaluations for row in self.starts),
+        }
+
+    def _starts(self) -> list[dict[str, Any]]:
+        """Return a row for each start, the best one first.
+
+        The distance from the best end point is the Mahalanobis distance, in standard errors;
+        undetermined directions do not contribute.
+        """
+        best, rows = self.starts[0], []
+        values = self.problem.scaled.values
+        for rank, start in enumerate(self.starts):
+            apart = start.theta - best.theta
+            distance = math.sqrt(max(float(apart @ self.fisher @ apart), 0.0))
+            rows.append(
+                {
+                    "rank": rank,
+                    "objective": start.objective,
+                    "above": start.objective - best.objective if rank else 0.0,
+                    "distance": distance,
+                    "evaluations": start.n_evaluations,
+                    "converged": start.is_converged,
+                    "message": start.message,
+                    **dict(zip(self.names, values(start.theta).tolist(), strict=True)),
+                }
+            )
+        return rows
+
+    def _how(self) -> str:
+        freedom = self.uncertainty.freedom
+        law = (
+            "normal quantiles, because the noise is given"
+            if math.isinf(freedom)
+            else f"Student's t with {freedom:g} degrees of freedom, because the noise is estimated"
+        )
+        logs = any(row.scale != "lin" for row in self.problem.estimated)
+        on_scale = "; those of logarithmic parameters are formed on that scale" if logs else ""
+        return f"The 95 % intervals use {law}{on_scale}."
+
+    def _correlated(self) -> list[str]:
+        """List the largest correlations."""
+        found = [
+            (abs(c), f"{self.names[i]} with {self.names[j]} {c:+.2f}")
+            for i in range(len(self.names))
+            for j in range(i)
+            if math.isfinite(c := float(self.correlation[i, j])) and abs(c) >= _CORRELATED
+        ]
+        return [text for _, text in sorted(found, reverse=True)[:_MOST_CORRELATED]]
+
+
+def _unit(problem: Problem, name: str) -> str:
+    """Find the unit of the model parameter or state to which an estimated parameter is tied."""
+    for condition in problem.conditions:
+        for target, value in (*condition.parameters.items(), *condition.initial.items()):
+            if value == name:
+                return condition.model.layout.units.get(target, "")
+    return ""
+
+
+def _shown(number: float, form: str = "{:.6g}") -> str:
+    return "" if math.isnan(number) else form.format(number)
+
+
+def _wrapped(sentence: str, later: str = "") -> str:
+    return textwrap.fill(sentence, _WIDTH, subsequent_indent=later)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -36,7 +36,7 @@ from cotree.export.c_checks import (
 )
 from cotree.export.main_program import METHODS, Numbers, main_context
 from cotree.files import target_path
-from cotree.markup import names
+from cotree.report import names
 from cotree.version import VERSION
 
 if TYPE_CHECKING:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from cotree.choice import tried
 from cotree.graph import f_circuit, f_cutset, incidence
-from cotree.markup import labelled, names
+from cotree.report import Facts, Report, Table, names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,29 +68,24 @@ class GraphReport:
 
     def summary(self) -> str:
         """Describe graphs, trees and matrices."""
-        parts = []
+        parts: list[str | Table] = []
         for name, graph in self.graphs.items():
-            parts += [graph.summary(), self.trees[name].summary()]
+            above = "\n" if parts else ""
+            parts += [f"{above}{graph.summary()}", self.trees[name].summary()]
             parts += ["f-cutsets", self.f_cutset[name].summary()]
-            parts += ["f-circuits", self.f_circuit[name].summary(), ""]
-        for is_one, head in (
+            parts += ["f-circuits", self.f_circuit[name].summary()]
+        for is_one, caption in (
             # A tree that translation and rotation share is chosen automatically, others by name
             # only.
             (True, "trees counted, by operations of the right-hand side; the first is taken"),
             (False, "different trees for translation and rotation, taken only where named"),
         ):
-            rows = [f"  {row.summary()}" for row in self.costs if row.trees.is_one == is_one]
-            parts += [head, *rows] if rows else []
-        return "\n".join(parts)
+            parts.append(tried(caption, [row for row in self.costs if row.trees.is_one == is_one]))
+        return Report("", *parts).text()
 
     def __repr__(self) -> str:
-        return labelled(
-            "GraphReport",
-            [
-                (f"{name} tree", names(graph_tree.branches))
-                for name, graph_tree in self.trees.items()
-            ],
-        )
+        trees = [(f"{name} tree", names(tree.branches)) for name, tree in self.trees.items()]
+        return Report("GraphReport", Facts(trees)).brief()
 
     def _repr_svg_(self) -> str:
         """Show the graphs in a notebook."""

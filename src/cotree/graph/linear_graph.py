@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cotree.errors import TopologyError, listed, nearest
+from cotree.report import Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -125,12 +126,8 @@ class LinearGraph:
             f"{self.domain} graph: {self.n_nodes} nodes, {self.n_edges} edges, "
             f"reference {self.reference}"
         )
-        names, ends = _widths(self.edges)
-        lines = (
-            f"  {edge.name:<{names}}  {f'{edge.tail} -> {edge.head}':<{ends}}  {edge.kind}"
-            for edge in self.edges
-        )
-        return "\n".join([head, *lines])
+        rows = [(edge.name, f"{edge.tail} -> {edge.head}", edge.kind) for edge in self.edges]
+        return Table((), rows, head).text() or head
 
 
 def _check_unique(noun: str, names: Iterable[str], domain: str) -> None:
@@ -141,13 +138,6 @@ def _check_unique(noun: str, names: Iterable[str], domain: str) -> None:
                 f"{noun} '{name}' occurs twice in the {domain} graph; rename one of them"
             )
         seen.add(name)
-
-
-def _widths(edges: tuple[GraphEdge, ...]) -> tuple[int, int]:
-    """Widths of the columns of names and of `tail -> head`."""
-    names = max((len(edge.name) for edge in edges), default=0)
-    ends = max((len(f"{edge.tail} -> {edge.head}") for edge in edges), default=0)
-    return names, ends
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.graph.tree import tree_walk
+from cotree.report import Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,18 +51,8 @@ class TopologyMatrix:
 
     def summary(self) -> str:
         """Print the matrix with the names of its rows and columns."""
-        width = max((len(name) for name in self.rows), default=0)
-        widths = [max(len(name), 2) for name in self.columns]
-        lines = [
-            " ".join(
-                [f"{name:>{width}}"]
-                + [f"{value:>{n}}" for value, n in zip(values, widths, strict=True)]
-            )
-            for name, values in zip(
-                ("", *self.rows), (self.columns, *self.matrix.tolist()), strict=True
-            )
-        ]
-        return "\n".join(lines)
+        rows = [(name, *row) for name, row in zip(self.rows, self.matrix.tolist(), strict=True)]
+        return Table(("", *self.columns), rows).text()
 
 
 def incidence(graph: LinearGraph) -> TopologyMatrix:

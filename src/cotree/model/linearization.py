@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import Error, ParameterError, SingularSystemError, brief, nearest
+from cotree.report import Facts, Report, Reported, matrix, names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -73,7 +74,7 @@ class LinearSlopes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization:
+class Linearization(Reported):
     """A linear system about a motion: z' = A z + B u, y = C z + D u for small deviations.
 
     Attributes
@@ -112,16 +113,27 @@ class Linearization:
     slopes: Mapping[str, LinearSlopes] = field(default_factory=dict)
     modes: Mapping[str, float] = field(default_factory=dict)
 
-    def __repr__(self) -> str:
-        from cotree.model.display import linear_text
-
-        return linear_text(self)
-
-    def _repr_html_(self) -> str:
-        """Show the matrices with the names of their rows and columns in a notebook."""
-        from cotree.model.display import linear_html
-
-        return linear_html(self)
+    def report(self) -> Report:
+        """Build the report: names, eigenvalues and, in notebooks, the matrices."""
+        z, u, y = self.states, self.inputs, self.outputs
+        rates = [f"{name}′" for name in z]
+        return Report(
+            f"Linearization of {len(z)} states",
+            Facts(
+                [
+                    ("about", self.summary().partition("about ")[2]),
+                    ("modes", self.in_modes),
+                    ("z", names(z)),
+                    ("u", names(u)),
+                    ("y", names(y)),
+                    ("eigenvalues of A", _listed(self.eigenvalues)),
+                ]
+            ),
+            matrix("A", rates, z, self.A),
+            matrix("B", rates, u, self.B),
+            matrix("C", y, z, self.C),
+            matrix("D", y, u, self.D),
+        )
 
     @property
     def eigenvalues(self) -> npt.NDArray[np.complex128]:
@@ -188,12 +200,10 @@ class Linearization:
                 "to_control() needs the package control: run `pip install control` (the extra "
                 "cotree[control]), or use to_scipy()"
             ) from error
-        names = {
-            "states": _without_dots(self.states),
-            "inputs": _without_dots(self.inputs),
-            "outputs": _without_dots(self.outputs),
+        given = {
+            name: _without_dots(getattr(self, name)) for name in ("states", "inputs", "outputs")
         }
-        return StateSpace(self.A, self.B, self.C, self.D, **names, remove_useless_states=False)
+        return StateSpace(self.A, self.B, self.C, self.D, **given, remove_useless_states=False)
 
     @property
     def in_modes(self) -> str:
@@ -214,6 +224,17 @@ class Linearization:
         if len(self.states) == len(self.basis) - len(self.modes):
             return f"{size}, about a steady motion"
         return f"{size}, about a steady motion: the eigenvalues of A determine stability"
+
+
+def _listed(values: npt.NDArray[np.complex128], most: int = 12) -> str:
+    """Write eigenvalues, a pair of conjugate ones as one."""
+    parts = [
+        f"{x.real:.4g}" if x.imag == 0.0 else f"{x.real:.4g} ± {x.imag:.4g}i"
+        for x in values
+        if x.imag >= 0.0
+    ]
+    hidden = len(parts) - most
+    return ", ".join(parts[:most]) + (f" and {hidden} more" if hidden > 0 else "") or "none"
 
 
 def _without_dots(names: Sequence[str]) -> list[str]:

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from cotree.build import find_toolchain
 from cotree.dag.nodes import TIME, kinds_in, symbols_in
-from cotree.errors import ParameterError, SingularSystemError
+from cotree.errors import BuildError, ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters
 from cotree.model.columns import in_columns, is_many
 from cotree.model.kernels import why_undefined
@@ -236,6 +237,17 @@ class CompiledModel:
     def backend(self) -> str:
         """What evaluates the kernels: ``C``, or ``none`` without a compiler."""
         return self._kernels.backend
+
+    @property
+    def compiler(self) -> str:
+        """Name and version of the compiler; "none" where there was none."""
+        if self.backend != "C":
+            return "none: nothing is evaluated"
+        try:
+            found = find_toolchain()
+        except BuildError:
+            found = None  # the environment names another one since
+        return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
         """Return the address of a kernel in C; None where it is none."""

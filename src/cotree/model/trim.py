@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
-from cotree.markup import labelled
 from cotree.model.linear import Linear
 from cotree.model.linearize import Direction, Linearizer
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
 from cotree.model.unknowns import check_friction, guess_friction, settle_friction, settle_jumps
+from cotree.report import Facts, Report, Reported
 from cotree.scene.expressions import check_number
 from cotree.scene.given import check_mapping, check_names
 from cotree.tolerances import RANK
@@ -45,7 +45,7 @@ class Conditions(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrimPoint:
+class TrimPoint(Reported):
     """An equilibrium, or a point of a steady motion; a value by name is ``point["tau"]``.
 
     Attributes
@@ -207,17 +207,12 @@ class TrimPoint:
         ]
         return f"not locally unique: {listed(parts)}"
 
-    def __repr__(self) -> str:
+    def report(self) -> Report:
+        """Build the report: the unknowns."""
         values = [(name, f"{self[name]:.8g}") for name in self.unknowns]
         shown = values[:12] + ([("...", f"{len(values) - 12} more")] if len(values) > 12 else [])
-        return labelled(
-            f"TrimPoint of {self.model.layout.name}",
-            [
-                ("point", self.summary()),
-                *shown,
-                ("residual", f"{self.residual:.2g}"),
-            ],
-        )
+        facts = [("point", self.summary()), *shown, ("residual", f"{self.residual:.2g}")]
+        return Report(f"TrimPoint of {self.model.layout.name}", Facts(facts))
 
 
 def _together(names: Sequence[str]) -> str:

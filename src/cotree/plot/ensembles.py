@@ -13,7 +13,8 @@ import numpy as np
 
 from cotree.errors import SceneError, brief, nearest
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid, new_figure, quotient, sensitivity_pair
+from cotree.plot.result import curve_colors, draw_grid, new_figure, sensitivity_pair
+from cotree.units import quotient
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from cotree.errors import SceneError, brief, nearest
+from cotree.units import quotient
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -329,14 +330,3 @@ def _legend_columns(labels: Sequence[str]) -> int:
     """Return how many labels fit side by side above a panel, each with its line."""
     widths = [len(label) + _LINE for label in labels]
     return len(labels) if sum(widths) <= _PANEL else max(1, _PANEL // max(widths))
-
-
-def quotient(unit: str, divisor: str) -> str:
-    """Write a unit over another, m over N m as m/(N m); nothing if one of them is not known."""
-    # An unknown unit makes the quotient unknown, which is not the same as a number.
-    if not unit or not divisor:
-        return ""
-    if divisor == "1":
-        return unit
-    compound = any(mark in divisor for mark in " /*")
-    return f"{unit}/{f'({divisor})' if compound else divisor}"

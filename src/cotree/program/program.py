@@ -15,6 +15,7 @@ from cotree.dag.time_events import Corners, find_corners
 from cotree.errors import SolveError
 from cotree.linear.plan import plan_elimination
 from cotree.program.counts import OperationCount, by_need, count_operations
+from cotree.report import Facts, Report, Table, names
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence
@@ -171,6 +172,28 @@ class Layout:
     def n_algebraic(self) -> int:
         """Number of algebraic unknowns."""
         return sum(self.algebraic)
+
+    def report(self, kind: str, more: Iterable[tuple[str, str]]) -> Report:
+        """Build a report of names, further facts and, in notebooks, parameters."""
+        groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        values = zip(self.parameters, self.parameter_values, strict=True)
+        facts = [
+            (noun, names([f"{row.name} [{row.unit}]" if row.unit else row.name for row in rows], 6))
+            for noun, rows in groups.items()
+        ]
+        facts.insert(1, ("parameters", names([row.name for row in self.parameters])))
+        to = f"to {names(self.sensitivities)}" if self.sensitivities else "none"
+        held = names([row.name for row in self.constraints]) if self.constraints else ""
+        return Report(
+            f"{kind} {self.name}",
+            Facts([*facts, ("sensitivities", to), ("constraints", held), *more]),
+            Table(
+                ("name", "value", "unit", "meaning"),
+                [(row.name, value, row.unit, row.doc) for row, value in values],
+                "parameters",
+                in_text=0,
+            ),
+        )
 
 
 @dataclass(frozen=True)

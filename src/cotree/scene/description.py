@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
-from cotree.scene.display import EdgeListing, ParameterListing, scene_html, scene_summary
+from cotree.report import Listing, Report, Reported, Table, Values, counted
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, may_call_tables, parse
@@ -30,6 +30,8 @@ __all__ = [
     "SceneDescription",
 ]
 
+
+_PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
 
 #: The rules by name, with what each finds. One that is refused cannot be meant on purpose.
 RULES: dict[str, str] = {
@@ -74,7 +76,7 @@ def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
 
 
 @dataclass(repr=False)
-class SceneDescription:
+class SceneDescription(Reported):
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
     Every method checks its arguments before keeping them, so that a description always consists
@@ -101,7 +103,7 @@ class SceneDescription:
         # Written by hand, since a dataclass would take tables that nothing has checked.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
-        self.parameters, self.edges = ParameterListing(), EdgeListing()
+        self.parameters, self.edges = Listing(*_PARAMETER), Listing(*_EDGE)
         self.inputs, self.outputs, self.tables = {}, {}, {}
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
@@ -113,10 +115,6 @@ class SceneDescription:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.headline}>"
-
-    def _repr_html_(self) -> str:
-        """Show edges, parameters and expressions in a notebook."""
-        return scene_html(self)
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -164,12 +162,45 @@ class SceneDescription:
             "mode": len(self.modes),
             "event": len(self.events),
         }
-        shown = [f"{n} {noun}{'s' if n != 1 else ''}" for noun, n in counts.items() if n]
+        shown = [counted(n, noun) for noun, n in counts.items() if n]
         return f"{self.name}: {', '.join(shown)}"
 
-    def summary(self) -> str:
-        """Describe the scene, a line for each edge and each part."""
-        return scene_summary(self)
+    def report(self) -> Report:
+        """Build the report: edges, parts, parameters and expressions, and notes on its file.
+
+        What parts hold is not listed again, but counted in their lines.
+        """
+        edges = []
+        for edge in self.edges.values():
+            if "." not in edge.name:
+                name, kind, nodes, fields = edge.cells()
+                places = [nodes] if nodes else []
+                places += [f"on {edge.statement['joint']}"] if "joint" in edge.statement else []
+                places += [f"on {' - '.join(e.acts_on)}" for e in edge.ports if len(e.acts_on) == 2]
+                edges.append((name, kind, ", ".join(places), fields))
+        own = [row for name, row in self.parameters.items() if "." not in name]
+        derived = [(row.name, row.cells()[1], row.unit) for row in own if row.is_derived]
+        expressions = [
+            (kind, name, getattr(value, "text", "table"))
+            for kind, values in (
+                ("input", {name: row.value for name, row in self.inputs.items()}),
+                ("output", self.outputs),
+                ("mode", {name: row.initial for name, row in self.modes.items()}),
+                ("event", {name: row.when for name, row in self.events.items()}),
+            )
+            for name, value in values.items()
+        ]
+        notes = self.origin.notes if self.origin else ()
+        parameters = [row.cells() for row in self.parameters.values()]
+        return Report(
+            f"Scene {self.headline}",
+            Table(_EDGE, edges, "edges", in_text=3),
+            *(f"  {part.shown}" for part in self.parts.values()),
+            Values((), derived, "derived parameters", most=0),
+            Table(_PARAMETER, parameters, "parameters", "lrll", in_text=0),
+            Table(("", "name", "expression"), expressions, in_text=0),
+            *(f"note: {note}" for note in notes),
+        )
 
     @may_call_tables
     def parameter(

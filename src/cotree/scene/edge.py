@@ -17,7 +17,6 @@ from cotree.components import COMPONENTS, Component, Field, Kind, Role, Shape, T
 from cotree.components.ports import HEAT, loss_of
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, brief
-from cotree.scene.display import edge_cells
 from cotree.scene.fields import check_fields, check_initial, edge_statement, initial_names, plain
 from cotree.scene.ports import PortEnds, acts_on_multibody, check_heat, check_ports
 
@@ -243,8 +242,20 @@ class Edge:
         return {name: value for name, value in self.fields.items() if not geometry.field(name)}
 
     def cells(self) -> tuple[str, str, str, str]:
-        """Return the row of a table: name, type, nodes and fields."""
-        return edge_cells(self)
+        """Return the row of a table: name, type, nodes and fields, as they were stated."""
+        known = {"type", "nodes", "initial"}
+        fields = ", ".join(f"{k}={_plain(v)}" for k, v in self.statement.items() if k not in known)
+        between = " → " if len(self.nodes) == 2 else ", "
+        return self.name, self.component.name, between.join(self.nodes), fields
+
+
+def _plain(value: object) -> str:
+    """Write a value of a field without quotes: texts are expressions."""
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_plain, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{k}={_plain(v)}' for k, v in value.items())}}}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def make_edge(

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from cotree.errors import Error, ModelError, nearest
 from cotree.files import write_csv
-from cotree.markup import block, paragraph, table
 from cotree.records import Deferring
+from cotree.report import Report, Reported, Values, counted
+from cotree.units import quotient
 
 if TYPE_CHECKING:
     import os
@@ -54,7 +55,7 @@ class EventTimes:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RunRecord(Deferring):
+class RunRecord(Reported, Deferring):
     """The outcome of one simulation as numbers.
 
     Outputs, inputs, events and values of parameters are evaluated when they are first read; an
@@ -128,10 +129,6 @@ class RunRecord(Deferring):
 
     def __repr__(self) -> str:
         return f"<Result of {len(self.states)} states at {len(self.t)} times: {self.message}>"
-
-    def _repr_html_(self) -> str:
-        """Show what came out, and how it went, in a notebook."""
-        return result_html(self)
 
     @property
     def success(self) -> bool:
@@ -281,36 +278,49 @@ class RunRecord(Deferring):
         table = self.columns()
         write_csv(path, itertools.chain([table], zip(*table.values(), strict=True)))
 
-    def summary(self) -> str:
-        """Return the last point with 10 digits, the solver's message and where time went."""
-        lines = [self.message]
+    def report(self) -> Report:
+        """Build the report: the message, the last point with 10 digits, events, and the work.
+
+        In notebooks values have their start, least and largest value, too.
+        """
+        size = f"{counted(len(self.states), 'state')} at {counted(len(self.t), 'time')}"
+        tables, span = [], ""
         if self.t.size:
-            lines.append(f"At t = {self.t[-1]:.10g} s:")
-            lines += _aligned(
-                (name, f"{values[-1]:.10g}", self.units.get(name, ""))
-                for name, values in self.columns().items()
-                if name != "t"
-            )
-        lines += [
-            f"Event '{name}' happened {len(row.t)} time{'' if len(row.t) == 1 else 's'}"
+            span = f", t = {self.t[0]:.6g} to {self.t[-1]:.6g} s"
+            end = f"{'end' if self.success else 'last good point'}: t = {self.t[-1]:.10g} s"
+            followers = [row.name for row in self.positions]
+            groups = {end: (*self.states, *followers), "outputs": self.outputs}
+            for caption, names in (groups | {"inputs": self.inputs}).items():
+                rows = [_row(name, self.unit(name), self[name]) for name in names]
+                tables.append(_values(caption, rows))
+            for to in self.parameters_of_sensitivity:
+                rows = [
+                    _row(
+                        f"d({name})/d({to})",
+                        quotient(self.unit(name), self.unit(to)),
+                        self.sensitivity(name, to),
+                    )
+                    for name in self._known
+                ]
+                tables.append(_values(f"sensitivities to {to}", rows))
+        events = [
+            f"Event '{name}' happened {counted(len(row.t), 'time')}"
             + (f", last at t = {row.t[-1]:.10g} s." if row.t.size else ".")
             for name, row in self.events.items()
         ]
-        work = self.statistics
-        lines.append(
+        work, drift = self.statistics, self.drift
+        lines = [
             f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians."
-        )
-        if self.drift is not None:
-            lines.append(
-                f"Constraints held to {self.drift.worst:.1g}, "
-                f"largest correction {self.drift.correction:.1g}."
-            )
+        ]
+        if drift is not None:
+            held = f"Constraints held to {drift.worst:.1g}"
+            lines.append(f"{held}, largest correction {drift.correction:.1g}.")
         if self.redundant:
             lines.append(f"Redundant constraints: {self.redundant}; reactions are not unique.")
         if self.times:
             stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in self.times.items())
             lines.append(f"Time: {stages}.")
-        return "\n".join(lines)
+        return Report(f"Result of {size}{span}", self.message, *tables, *events, *lines)
 
     def _groups(
         self, fields: Sequence[str] = ("y", "output_values", "input_values")
@@ -330,17 +340,6 @@ def _hint(name: str, known: Iterable[str]) -> str:
     """End the sentence with the nearest known name."""
     hint = nearest(name, known)
     return hint if hint.endswith("?") else f"{hint}."
-
-
-def _aligned(rows: Iterable[tuple[str, str, str]]) -> list[str]:
-    """Set names, numbers and units in columns."""
-    table = list(rows)
-    name_width = max((len(name) for name, _, _ in table), default=0)
-    number_width = max((len(number) for _, number, _ in table), default=0)
-    return [
-        f"  {name:<{name_width}}  {number:>{number_width}} {unit}".rstrip()
-        for name, number, unit in table
-    ]
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -429,43 +428,13 @@ class Trajectory:
     is_unsolved: bool = False
 
 
-def result_html(result: RunRecord) -> str:
-    """Show the end, least and largest value of each column, the events and the work."""
-    work = result.statistics
-    n = (len(result.states) + len(result.outputs)) * (1 + len(result.parameters_of_sensitivity))
-    span = f", t = {result.t[0]:.6g} to {result.t[-1]:.6g} s" if result.t.size else ""
-    events = [
-        (name, len(row.t), float(row.t[-1]) if row.t.size else "never")
-        for name, row in result.events.items()
-    ]
-    return block(
-        f"Result: {len(result.states)} states at {len(result.t)} times{span}",
-        paragraph(("" if result.success else "The run failed. ") + result.message),
-        table(
-            "",
-            ["", "unit", "start", "end", "least", "largest"],
-            _rows(result),
-            n_rows=n + len(result.inputs) if result.t.size else 0,
-        ),
-        table("events", ["name", "times", "last [s]"], events, n_rows=len(events)),
-        paragraph(
-            f"{work.method}: {work.n_steps} steps, {work.nfev} evaluations, {work.njev} Jacobians",
-            muted=True,
-        ),
-    )
-
-
-def _rows(result: RunRecord) -> Iterator[tuple[object, ...]]:
-    """Return a row for each column of the result, the sensitivities last."""
-    for name in (*result.states, *result.outputs, *result.inputs):
-        yield _row(name, result.unit(name), result[name])
-    for name in (*result.states, *result.outputs):
-        for to in result.parameters_of_sensitivity:
-            yield _row(f"∂ {name} / ∂ {to}", "", result.sensitivity(name, to))
-
-
-def _row(title: str, unit: str, values: np.ndarray) -> tuple[object, ...]:
+def _row(title: str, unit: str, values: FloatArray) -> tuple[object, ...]:
     # Sensitivities of reactions that are not unique are nan throughout.
     is_known = bool(np.any(np.isfinite(values)))
     low, high = (np.nanmin(values), np.nanmax(values)) if is_known else (np.nan, np.nan)
-    return (title, unit, *map(float, (values[0], values[-1], low, high)))
+    return (title, float(values[-1]), unit, *map(float, (values[0], low, high)))
+
+
+def _values(caption: str, rows: Sequence[Sequence[object]]) -> Values:
+    head = ("", "end", "unit", "start", "least", "largest")
+    return Values(head, rows, caption, digits=10, in_text=3)

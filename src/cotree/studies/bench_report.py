@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
+from cotree.report import Report, Reported, Table
 from cotree.studies.accuracy import ERROR, OWN_ERROR, BenchRow, fastest
-from cotree.studies.display import bench_html
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from cotree.studies.accuracy import Reference
 
@@ -23,7 +23,7 @@ TARGETS = (1e-3, 1e-6, 1e-9)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BenchReport:
+class BenchReport(Reported):
     """Speed against error of methods on one scene.
 
     Attributes
@@ -58,14 +58,6 @@ class BenchReport:
 
     def __repr__(self) -> str:
         return f"<BenchReport of {self.scene}: {len(self.rows)} runs; print(report) for the table>"
-
-    def __str__(self) -> str:
-        """Return the table and the recommendations."""
-        return self.summary()
-
-    def _repr_html_(self) -> str:
-        """Show the table and the recommendations in a notebook."""
-        return bench_html(self)
 
     def recommended(self, target: float) -> BenchRow | None:
         """Return the fastest run whose error, of states and sensitivities, is at most ``target``.
@@ -104,19 +96,32 @@ class BenchReport:
         """Return whether errors are judged relative to own sizes, too: the reference knows them."""
         return self.reference.own_agreement <= target
 
-    def summary(self) -> str:
-        """Return the table, then the recommended methods."""
+    def report(self) -> Report:
+        """Build the report: the table, then the recommended methods."""
         to = f", sensitivities to {', '.join(self.sensitivities)}" if self.sensitivities else ""
-        head = [
+        m = self.machine
+        versions = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
+        # Without sensitivities their columns are left out.
+        errors = ["states", "own", "sensitivities", "own"][: 4 if self.sensitivities else 2]
+        head = ["method", "rtol", "atol", "seconds", "spread", *errors, "steps", "evaluations", ""]
+        caption = "recommended, the fastest whose error is at most (least times)"
+        return Report(
             f"{self.scene}: {self.n_states} states{to}, t = 0 to {self.t_end:g} s",
             f"reference: {self.reference.summary()}",
             f"error: {ERROR} over {self.n_points} points; own: {OWN_ERROR}",
             f"seconds: medians of {self.repeats} runs at most, all methods in turn; spread: of the "
             "median above the least",
-            *self._about(),
-            "",
-        ]
-        return "\n".join([*head, *self._table(), "", *self._recommendations()])
+            f"machine: {m['processor']}, {m['processors']} cores, load {m['load_at_start']} at the "
+            f"start and {m['load_at_end']} at the end; compiler: {m['compiler']}",
+            "versions: " + ", ".join(f"{name} {m[name.lower()]}" for name in versions),
+            Table(
+                head,
+                [self._cells(row) for row in self.rows],
+                align=f"l{'r' * (len(head) - 2)}l",
+                most=60,
+            ),
+            Table((), [*self._recommendations()], caption),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the trajectories as numbers, texts, lists and dicts for JSON."""
@@ -166,37 +171,6 @@ class BenchReport:
         parts = self.scene, self.sensitivities, self.rows, self.reference
         return plot_bench(*parts, make=figure_for_people)
 
-    def _about(self) -> list[str]:
-        """Describe what the times were taken with."""
-        m = self.machine
-        names = ("cotree", "SUNDIALS", "numpy", "scipy", "python")
-        return [
-            f"machine: {m['processor']}, {m['processors']} cores, load {m['load_at_start']} at the "
-            f"start and {m['load_at_end']} at the end; compiler: {m['compiler']}",
-            "versions: " + ", ".join(f"{name} {m[name.lower()]}" for name in names),
-        ]
-
-    def _table(self) -> list[str]:
-        # Without sensitivities their columns are left out.
-        errors = ["states", "own", "sensitivities", "own"][: 4 if self.sensitivities else 2]
-        table = [["method", "rtol", "atol", "seconds", "spread", *errors, "steps", "evaluations"]]
-        notes = [""]
-        for row in self.rows:
-            table.append(self._cells(row))
-            notes.append(f"  {row.note}" if row.note else "")
-        # Messages stand behind the columns and widen none.
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        return [
-            (
-                "  ".join(
-                    [cells[0].ljust(widths[0])]
-                    + [cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True)]
-                )
-                + note
-            ).rstrip()
-            for cells, note in zip(table, notes, strict=True)
-        ]
-
     def _cells(self, row: BenchRow) -> list[str]:
         pair, work = self.reference, row.statistics
         cells = [row.method, f"{row.rtol:.0e}", f"{row.atol:.0e}"]
@@ -209,28 +183,26 @@ class BenchReport:
         if self.sensitivities:
             cells.append(_shown(row.error_sensitivities, pair.agreement_sensitivities))
             cells.append(_shown(row.own_error_sensitivities, own[1]))
-        return (
-            [*cells, *("-", "-")] if work is None else [*cells, f"{work.n_steps}", f"{work.nfev}"]
-        )
+        counts = ["-", "-"] if work is None else [f"{work.n_steps}", f"{work.nfev}"]
+        return [*cells, *counts, row.note]
 
-    def _recommendations(self) -> list[str]:
-        lines = ["recommended, the fastest whose error is at most (least times)"]
+    def _recommendations(self) -> Iterator[tuple[str, str]]:
         for target in TARGETS:
             tied = self.tied(target)
-            if tied:
-                said = "\n    tie  ".join(
-                    f"{row.method} at rtol {row.rtol:.0e}, atol {row.atol:.0e}: {row.least:.3g} s"
-                    for row in tied
-                )
-                said += ", within noise of each other" if len(tied) > 1 else ""
-                if not self.judges_own(target):
-                    said += "\n         (small quantities are not judged by their own size here)"
-            elif self.reference.agreement > target:
-                said = f"not known: the reference is good to {self.reference.agreement:.1e} only"
-            else:
-                said = "none of these"
-            lines.append(f"  {target:.0e}  {said}")
-        return lines
+            said = [
+                f"{row.method} at rtol {row.rtol:.0e}, atol {row.atol:.0e}: {row.least:.3g} s"
+                for row in tied
+            ]
+            if len(tied) > 1:
+                said[-1] += ", within noise of each other"
+            if tied and not self.judges_own(target):
+                said.append("(small quantities are not judged by their own size here)")
+            if not tied:
+                known = self.reference.agreement
+                of_it = f"not known: the reference is good to {known:.1e} only"
+                said = ["none of these" if known <= target else of_it]
+            for i, line in enumerate(said):
+                yield f"{target:.0e}" if i == 0 else "tie" if i < len(tied) else "", line
 
 
 def _shown(error: float, agreement: float) -> str:

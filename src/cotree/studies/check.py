@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import Error, ParameterError, nearest
-from cotree.studies.display import check_html
+from cotree.report import Report, Reported, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -154,7 +154,7 @@ _ROUNDING = 10.0 * float(np.finfo(float).eps) ** (2.0 / 3.0)
 
 
 @dataclass(frozen=True)
-class ParameterCheck:
+class ParameterCheck(Reported):
     """One sensitivity against finite differences.
 
     Attributes
@@ -196,27 +196,25 @@ class ParameterCheck:
         # A deviation that is not known is nan, which no comparison accepts.
         return self.deviation <= self.tolerance
 
-    def summary(self) -> str:
-        """Return the deviation over the step size as a table, then the verdict."""
-        lines = [f"sensitivity to {self.name} = {self.value:.10g}", "         h   max |S - FD(h)|"]
-        for step, deviation, quantity in zip(
-            self.steps, self.deviations, self.quantities, strict=True
-        ):
-            shown = "not available" if math.isnan(deviation) else f"{deviation:.3e}  {quantity}"
-            lines.append(f"  {step:8.2e}   {shown}")
-        verdict = "PASS" if self.passed else "FAIL"
+    def report(self) -> Report:
+        """Build the report: the verdict, and the deviation over the step size."""
+        found = f"{'PASS' if self.passed else 'FAIL'}  {self.name} = {self.value:.10g}"
         if not math.isnan(self.deviation):
-            verdict += (
-                f"  {self.name}: closest is {self.closest}, {self.deviation:.2e} at "
-                f"h = {self.step:.2e}, allowed {self.tolerance:.2e}"
+            found += (
+                f": closest is {self.closest}, {self.deviation:.2e} at h = {self.step:.2e}, "
+                f"allowed {self.tolerance:.2e}"
             )
-        else:
-            verdict += f"  {self.name}"
-        return "\n".join([*lines, f"{verdict}; {self.note}" if self.note else verdict])
+        steps = zip(self.steps, self.deviations, self.quantities, strict=True)
+        rows = [
+            (f"{h:.2e}", "not available" if math.isnan(v) else f"{v:.3e}", name)
+            for h, v, name in steps
+        ]
+        caption = f"{found}; {self.note}" if self.note else found
+        return Report("", Table(("h", "max |S - FD(h)|", "of"), rows, caption, "rrl", most=0))
 
 
 @dataclass(frozen=True, repr=False)
-class CheckReport:
+class CheckReport(Reported):
     """Sensitivities of a model against finite differences.
 
     Attributes
@@ -239,8 +237,6 @@ class CheckReport:
     def __repr__(self) -> str:
         return f"<CheckReport: {self.verdict}>"
 
-    _repr_html_ = check_html
-
     @property
     def passed(self) -> bool:
         """Return whether every parameter passed."""
@@ -262,10 +258,18 @@ class CheckReport:
             return f"all sensitivities passed: {len(self.rows)}"
         return f"{len(failed)} of {len(self.rows)} sensitivities failed: {', '.join(failed)}"
 
-    def summary(self) -> str:
-        """Return a table and a verdict for each parameter, and one for all."""
-        rows = (row.summary() for row in self.rows)
-        return "\n\n".join([self.heading, *rows, self.verdict])
+    def report(self) -> Report:
+        """Build the report: of each parameter the deviations in text, and the verdict in HTML."""
+        head = ("parameter", "value", "closest", "deviation", "allowed", "verdict")
+        rows = [
+            (
+                *(row.name, row.value, row.closest, row.deviation, row.tolerance),
+                "PASS" if row.passed else f"FAIL {row.note}".strip(),
+            )
+            for row in self.rows
+        ]
+        steps = (part for row in self.rows for part in row.report().parts)
+        return Report(self.heading, *steps, Table(head, rows, in_text=0), self.verdict)
 
 
 def check_sensitivities(

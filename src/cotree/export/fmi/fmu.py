@@ -21,10 +21,10 @@ from cotree.export.fmi.model_description import Description, xml_text
 from cotree.export.fmi.platforms import build_libraries, wanted_platforms
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import write_rows, written_whole
-from cotree.markup import names
 from cotree.naming import c_identifier
 from cotree.program.surfaces import without_corners
 from cotree.quiet import level_of_user
+from cotree.report import names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

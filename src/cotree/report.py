@@ -1,0 +1,311 @@
+"""Reports of objects: text at a prompt and in a terminal, HTML in a notebook.
+
+In: names, numbers and texts. Out: aligned columns of text; and HTML in which all of them are
+escaped, since they may come from a stranger's file, in the colours of the page that it stands in,
+dark or light.
+"""
+
+from __future__ import annotations
+
+import html
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cotree.errors import Error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+#: Rows and columns of a table that HTML shows, characters of a cell, width of a line of text, and
+#: lines that a long text takes.
+MOST_ROWS, MOST_COLUMNS, _MOST_TEXT, _LINE, _MOST_WRAPPED = 24, 12, 160, 96, 4
+
+_SIDES = {"l": ' style="text-align:left"', "r": ' style="text-align:right"'}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under headings.
+
+    Attributes
+    ----------
+    head : sequence of str
+        Headings of the columns.
+    rows : sequence of sequence
+        Cells: texts, and numbers, which stand to the right.
+    caption : str
+        The name of the table.
+    align : str
+        For each column ``l`` or ``r``; by the cells of the first row where absent.
+    digits : int
+        Significant digits of numbers.
+    in_text : int, optional
+        Number of columns that text has, all where absent; HTML has all of them.
+    most : int
+        Number of rows that HTML has; a note has the number of the others.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    caption: str = ""
+    align: str = ""
+    digits: int = 6
+    in_text: int | None = None
+    most: int = MOST_ROWS
+
+    @property
+    def is_headed(self) -> bool:
+        """Whether text has the headings."""
+        return any(self.head)
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether text has empty lines around the table."""
+        return bool(self.caption) or self.is_headed
+
+    def text(self, most: int | None = None) -> str:
+        """Return the first rows in aligned columns, or all; nothing where there are none."""
+        if not self.rows or self.in_text == 0:
+            return ""
+        lines = self._lines([self._written(row[: self.in_text]) for row in self.rows[:most]])
+        lines = [line.rstrip() for line in lines]
+        if most is not None:
+            lines = [cut(line) for line in lines]
+            lines += [f"… {len(self.rows) - most} more"] if len(self.rows) > most else []
+        margin = "  " if self.caption or not self.is_headed else ""
+        lines = [f"{margin}{line}" for line in lines]
+        return "\n".join([self.caption, *lines] if self.caption else lines)
+
+    def html(self) -> str:
+        """Return a table of HTML; nothing where there are no rows."""
+        if not self.rows or not self.most:
+            return ""
+        shown = [_row("td", self._written(row), self._sides) for row in self.rows[: self.most]]
+        head = _row("th", self.head, self._sides) if any(self.head) else ""
+        hidden = {"rows": len(self.rows) - self.most, "columns": len(self.head) - MOST_COLUMNS}
+        note = ", ".join(f"{n} more {what}" for what, n in hidden.items() if n > 0)
+        title = f'<caption style="text-align:left">{escaped(self.caption)}</caption>'
+        body = f"<thead>{head}</thead><tbody>{''.join(shown)}</tbody>"
+        # Some pages put tables into the middle.
+        found = f'<table style="margin-left:0">{title if self.caption else ""}{body}</table>'
+        return found + (f'<p style="opacity:.7">… {note}</p>' if note else "")
+
+    def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
+        rows = [self.head[: self.in_text], *rows] if self.is_headed else rows
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        return [
+            "  ".join(
+                f"{cell:>{width}}" if side == "r" else f"{cell:<{width}}"
+                for cell, width, side in zip(row, widths, self._sides, strict=False)
+            )
+            for row in rows
+        ]
+
+    @property
+    def _sides(self) -> str:
+        return self.align or "".join("l" if isinstance(x, str) else "r" for x in self.rows[0])
+
+    def _written(self, row: Sequence[object]) -> list[str]:
+        return [f"{x:.{self.digits}g}" if isinstance(x, float) else str(x) for x in row]
+
+
+def _row(tag: str, cells: Sequence[str], sides: str) -> str:
+    written = [
+        f"<{tag}{_SIDES[side]}>{escaped(cell)}</{tag}>"
+        for cell, side in list(zip(cells, sides, strict=False))[:MOST_COLUMNS]
+    ]
+    return f"<tr>{''.join(written)}</tr>"
+
+
+class Values(Table):
+    """Values: rows of name, value, unit, and what only HTML has."""
+
+    is_headed = False
+
+    def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
+        width = max(len(row[0]) for row in rows)
+        # A space holds the place of a minus sign.
+        gaps = [" " if isinstance(row[1], float) and not row[1] < 0.0 else "" for row in self.rows]
+        return [
+            f"{name:<{width}} = {gap}{' '.join(rest)}"
+            for gap, (name, *rest) in zip(gaps, rows, strict=False)
+        ]
+
+
+class Facts(Table):
+    """Facts: rows of a label and a text; long texts are wrapped."""
+
+    def __init__(self, rows: Iterable[tuple[str, str]]) -> None:
+        """Leave out rows without a text."""
+        super().__init__((), [(label, text) for label, text in rows if text])
+
+    def _lines(self, rows: Sequence[Sequence[str]]) -> list[str]:
+        width = max(len(row[0]) for row in rows)
+        return [
+            f"{label if first else '':<{width}}  {line}"
+            for label, text in rows
+            for first, line in _wrapped(text, _LINE - width)
+        ]
+
+
+def _wrapped(text: str, width: int) -> list[tuple[bool, str]]:
+    """Wrap a text to the first lines of it, each with whether it is the first."""
+    lines = textwrap.wrap(text, width, break_on_hyphens=False)[:_MOST_WRAPPED]
+    return [(i == 0, line) for i, line in enumerate(lines)]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A title, and sentences and tables below it.
+
+    Attributes
+    ----------
+    title : str
+        The first line.
+    parts : tuple of str or Table
+        In their order; those that are empty are left out. HTML joins the lines of a text.
+    """
+
+    title: str
+    parts: tuple[str | Table, ...]
+
+    def __init__(self, title: str, *parts: str | Table) -> None:
+        object.__setattr__(self, "title", title)
+        object.__setattr__(self, "parts", parts)
+
+    def text(self, most: int | None = None) -> str:
+        """Return lines of text, with at most some rows of each table."""
+        lines, was_apart = [self.title] if self.title else [], False
+        for part in self.parts:
+            text = part if isinstance(part, str) else part.text(most)
+            if text:
+                is_apart = not isinstance(part, str) and part.is_apart
+                lines += [""] if lines and (is_apart or was_apart) else []
+                lines.append(text)
+                was_apart = is_apart
+        return "\n".join(lines)
+
+    def brief(self) -> str:
+        """Return the title and the facts below it."""
+        facts = [part for part in self.parts if isinstance(part, (Facts, Values))]
+        shown = [part.text() for part in facts if part.rows and not part.caption]
+        return "\n".join([f"<{self.title}>", *shown])
+
+    def html(self) -> str:
+        """Return HTML."""
+        # MathJax would set what stands between two dollar signs, in a unit or a message.
+        head = '<div class="tex2jax_ignore mathjax_ignore">'
+        title = f"<p><b>{escaped(self.title, 1000)}</b></p>" if self.title else ""
+        parts = [
+            f"<p>{escaped(part, 1000)}</p>" if isinstance(part, str) else part.html()
+            for part in self.parts
+            if part
+        ]
+        return "\n".join([head + title, *filter(None, parts), "</div>"])
+
+
+class Reported:
+    """Base of objects that show a report where they are printed and in notebooks."""
+
+    def report(self) -> Report:
+        """Build the report."""
+        raise NotImplementedError
+
+    def summary(self) -> str:
+        """Return the report as text."""
+        return self.report().text()
+
+    def __str__(self) -> str:
+        """Return the report as text."""
+        return self.report().text()
+
+    def __repr__(self) -> str:
+        """Return its title and facts."""
+        return self.report().brief()
+
+    def _repr_html_(self) -> str:
+        """Show the report in a notebook."""
+        return self.report().html()
+
+
+class Listing(Reported, dict[str, Any]):
+    """A table by name, which shows itself a line a row.
+
+    Its rows have ``cells()``: texts and numbers, the name first.
+
+    Parameters
+    ----------
+    *head : str
+        Headings of the columns.
+    """
+
+    def __init__(self, *head: str) -> None:
+        super().__init__()
+        self.head = head
+
+    def report(self) -> Report:
+        """Build the report: a table."""
+        return Report("", Table(self.head, [row.cells() for row in self.values()]))
+
+    def __repr__(self) -> str:
+        """Return a line for each row, of a long table for the first ones."""
+        return self.report().text(MOST_ROWS) or "{}"
+
+    __str__ = __repr__
+
+
+def frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> Any:
+    """Return a pandas DataFrame.
+
+    Raises
+    ------
+    Error
+        If pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise Error("tables need pandas: run `pip install cotree[ensembles]`") from error
+    table = pd.DataFrame(list(rows))
+    return table.set_index(index) if index and len(table) else table
+
+
+def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: Any) -> Table:
+    """Return a table that only HTML has: a matrix with the names of its rows and columns.
+
+    Parameters
+    ----------
+    caption : str
+        Its name.
+    rows, columns : sequence of str
+        Names.
+    values : ndarray, shape (n_rows, n_columns)
+        Its entries.
+    """
+    shown = zip(rows, values[:, :MOST_COLUMNS].tolist(), strict=True) if columns else ()
+    body = [(name, *entries) for name, entries in shown]
+    return Table(("", *columns), body, caption, in_text=0, most=MOST_COLUMNS)
+
+
+def escaped(text: object, most: int = _MOST_TEXT) -> str:
+    """Put a text on one line of HTML, cut short, in which nothing is markup or mathematics."""
+    line = " ".join(str(text).split())
+    return html.escape(line if len(line) <= most else f"{line[: most - 1]}…")
+
+
+def cut(line: str, most: int = _LINE) -> str:
+    """Cut a line of text short."""
+    return line if len(line) <= most else f"{line[: most - 1]}…"
+
+
+def names(items: Sequence[str], most: int = 8) -> str:
+    """List names; of many the first ones and their number."""
+    if len(items) <= most:
+        return ", ".join(items) or "none"
+    return f"{', '.join(items[:most])}, … ({len(items)})"
+
+
+def counted(n: int, noun: str) -> str:
+    """Return a number and a noun, in the plural unless the number is 1."""
+    return f"{n} {noun}{'s' if n != 1 else ''}"
