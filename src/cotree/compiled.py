@@ -114,9 +114,9 @@ class Model(Reported):
 
     def report(self) -> Report:
         """Build the report: names, calls, methods, compiler and, in notebooks, parameters."""
-        facts = {"calls": _CALLS, "methods": " ".join(("auto", *METHODS))}
-        facts["compiler"] = self.kernels.compiler
-        return self.layout.report(type(self).__name__, facts.items())
+        methods, compiler = " ".join(("auto", *METHODS)), self.kernels.compiler
+        facts = ("calls", _CALLS), ("methods", methods), ("compiler", compiler)
+        return self.layout.report(type(self).__name__, facts)
 
     @property
     def constraints(self) -> tuple[str, ...]:
