@@ -148,13 +148,8 @@ class Model(Reported):
 
     def summary(self) -> str:
         """Describe the kernels, the formulations tried and what each pass did."""
-        lines = []
-        for report in self.spec.formed.reports:
-            lines.append(f"pass {report.name}: operations of each kernel alone, before -> after")
-            counts = ((name, n, report.after[name]) for name, n in report.before.items())
-            rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
-            lines += rows or ["  none changed"]
-        return Report(self.kernels.program.summary(), self.operations.tried(), *lines).text()
+        passes = (report.summary() for report in self.spec.formed.reports)
+        return Report(self.kernels.program.summary(), self.operations.tried(), *passes).text()
 
     def derived(self, p: Any = None) -> dict[str, float]:
         """Return the values of the parameters that are derived from others, by name.

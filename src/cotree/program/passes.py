@@ -355,6 +355,13 @@ class PassReport:
         """Operations of each kernel alone, after the pass."""
         return _counts(self.later)
 
+    def summary(self) -> str:
+        """List the kernels that the pass changed."""
+        head = f"pass {self.name}: operations of each kernel alone, before -> after"
+        counts = ((name, n, self.after[name]) for name, n in self.before.items())
+        rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
+        return "\n".join([head, *(rows or ["  none changed"])])
+
 
 def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """Run every pass of the recipe."""
