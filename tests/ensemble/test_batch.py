@@ -116,12 +116,12 @@ def test_events_and_the_sensitivities_of_their_times(ball, method):
     block = run_block(plan, rows, threads=2)
     assert_same(block, run_one_by_one(plan, rows))
     # It falls from h with v: h + v t - g t^2 / 2 = 0, so dt/dh = 1 / (g t - v).
-    first = np.searchsorted(block.happened.member, np.arange(6))
+    first = np.searchsorted(block.events[:, 0], np.arange(6))
     g = ball.default_parameters[ball.parameters.index("g")]
-    t, v, h = block.happened.t[first], rows[:, 2], rows[:, 1]
+    t, v, h = block.events[first, 2], rows[:, 2], rows[:, 1]
     # Times are as good as the tolerance of 1e-6.
     np.testing.assert_allclose(h + v * t - g * t * t / 2, 0.0, atol=1e-5)
-    np.testing.assert_allclose(block.happened.s[first, 1], 1 / (g * t - v), rtol=1e-5)
+    np.testing.assert_allclose(block.events[first, 4], 1 / (g * t - v), rtol=1e-5)
 
 
 def test_many_events_of_one_member_find_room(ball):
@@ -129,7 +129,7 @@ def test_many_events_of_one_member_find_room(ball):
     plan = Plan(ball.kernels, Settings((0.0, 30.0), TIMES, "dop853", 1e-3), ("h", "e", "v"))
     rows = np.array([[1.0, 0.8, 0.5], [0.1, 0.99, 1e-3], [1.0, 0.8, 0.5]])
     block = run_block(plan, rows)
-    assert np.bincount(block.happened.member)[1] > 300
+    assert np.bincount(block.events[:, 0].astype(int))[1] > 300
     assert_same(block, run_one_by_one(plan, rows))
 
 
@@ -151,7 +151,7 @@ def test_a_member_that_fails_on_its_way_says_what_its_run_says(ball):
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1, 0]
     assert "accumulates" in block.messages[1]
-    assert 1 not in block.happened.member
+    assert 1 not in block.events[:, 0]
     assert_same(block, run_one_by_one(plan, rows))
 
 

@@ -48,5 +48,5 @@ def test_events_are_listed_by_member():
         for v in (value, 1.1 * value)
     ]
     times = [t for run in runs for row in run.events.values() for t in row.t]
-    assert block.happened.t.tolist() == times
-    assert set(block.happened.member.tolist()) == {0, 1}
+    assert block.events[:, 2].tolist() == times
+    assert set(block.events[:, 0].tolist()) == {0, 1}

@@ -33,7 +33,7 @@ from cotree.ensemble.pattern import (
     problem_of,
     tolerances,
 )
-from cotree.ensemble.plan import Block, Plan, Results
+from cotree.ensemble.plan import Block, Plan
 from cotree.ensemble.reasons import EVENTS_SPENT, STEPS_SPENT, TIME_SPENT, budget_message
 from cotree.ensemble.trial import run_member, run_one_by_one, settings_of
 from cotree.errors import BuildError, Error
@@ -91,7 +91,7 @@ class BlockInC:
 
     def __init__(self, pattern: Pattern, rows: FloatArray) -> None:
         self.pattern, self.library, self.rows = pattern, load_batch(), rows
-        self.results = Results(pattern.plan, len(rows))
+        self.results = Block(pattern.plan, len(rows))
         self.lanes = find_lanes(pattern)
         self._kept: list[Any] = []
         self.batch = self.library.ffi.new("cotree_batch *")
@@ -157,7 +157,7 @@ class BlockInC:
         for worker in workers:
             rows = worker.event_records()
             results.add_events(rows[is_good[rows[:, 0].astype(np.intp)]])
-        return results.block()
+        return results.finished()
 
     def _trajectory(self, member: int) -> Trajectory:
         n, t_eval = self.n_kept[member], self.pattern.plan.settings.t_eval
@@ -276,7 +276,7 @@ class BlockInC:
         c.n_outputs, c.outputs = len(places), self.pointer(np.array(places, np.intc), "int")
         c.values = self.pointer(results.z)
         c.output_values = self.pointer(results.outputs)
-        c.output_slopes = self.pointer(results.slopes)
+        c.output_slopes = self.pointer(results.output_sensitivities)
         self.n_steps = np.zeros(n, dtype=np.dtype("l"))
         c.n_steps = self.pointer(self.n_steps, "long")
         self.n_kept = np.zeros(n, dtype=np.intc)
@@ -487,6 +487,7 @@ def run_block(
     members = BlockInC(pattern, rows)
     wanted = usable_cores() if threads is None else max(1, threads)
     workers = [Worker(members) for _ in range(max(1, min(wanted, len(rows), members.most_threads)))]
+    stop = threading.Event() if stop is None else stop
     _drive(workers, members, stop)
     if members.requeue_rejected():
         _drive(workers, members, stop)
@@ -519,59 +520,37 @@ def pattern_of(plan: Plan) -> Pattern | NotBatchable:
     return _patterns[plan]
 
 
-def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event | None) -> None:
+def _drive(workers: Sequence[Worker], members: BlockInC, stop: Event) -> None:
     """Run members by workers until none is left, or the ensemble is stopped."""
-    if stop is not None and stop.is_set():
-        members.stop()
     errors: list[BaseException] = []
 
     def work(worker: Worker) -> None:
         try:
             while worker.advance(_INTERVAL):
-                pass
+                halt_if_stopped()
+        except KeyboardInterrupt:
+            stop.set()
         except BaseException as error:
             errors.append(error)
             members.stop()
 
+    def halt_if_stopped() -> None:
+        if stop.is_set():
+            members.stop()
+
+    halt_if_stopped()
     # This thread works, too: where it only waited, systems would begin two others on one core and
     # move one of them some milliseconds later.
     threads = [threading.Thread(target=work, args=(worker,)) for worker in workers[1:]]
     for thread in threads:
         thread.start()
-    try:
-        _drive_here(workers[0], members, stop)
-    except BaseException:
-        members.stop()
-        raise
-    finally:
-        _await(threads, members, stop)
-    if errors:
-        raise errors[0]
-
-
-def _await(threads: Sequence[threading.Thread], members: BlockInC, stop: Event | None) -> None:
-    """Wait until other threads have ended their work."""
+    work(workers[0])
     for thread in threads:
         while thread.is_alive():
             try:
+                halt_if_stopped()
                 thread.join(_INTERVAL)
-                if stop is not None and stop.is_set():
-                    members.stop()
             except KeyboardInterrupt:
-                _stop(members, stop)
-
-
-def _drive_here(worker: Worker, members: BlockInC, stop: Event | None) -> None:
-    """Run members by one worker in this thread; C returns now and then."""
-    try:
-        while worker.advance(_INTERVAL):
-            if stop is not None and stop.is_set():
-                members.stop()
-    except KeyboardInterrupt:
-        _stop(members, stop)
-
-
-def _stop(members: BlockInC, stop: Event | None) -> None:
-    members.stop()
-    if stop is not None:
-        stop.set()
+                stop.set()
+    if errors:
+        raise errors[0]

@@ -20,7 +20,7 @@ from cotree.ensemble.batch import pattern_of
 from cotree.ensemble.lanes import refusal_of
 from cotree.ensemble.members import MEMBER, Members
 from cotree.ensemble.pattern import NotBatchable
-from cotree.ensemble.plan import FEW, NOT_RUN, Block, Happened, Plan, Results, n_sensitivities
+from cotree.ensemble.plan import FEW, Block, Plan
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
 from cotree.files import check_suffix, target_path, write_csv, written_whole
@@ -93,8 +93,7 @@ class DatasetSchema:
         model, units = plan.model, plan.model.layout.units
         found: dict[str, Any] = {}
         n, n_y = len(model.states), len(plan.outputs)
-        n_s = len(model.sensitivities) if plan.has_sensitivities else 0
-        n_t = len(plan.settings.t_eval)
+        n_s, n_t = plan.n_sensitivities, len(plan.settings.t_eval)
         # Views: z goes parameter by parameter behind the states.
         y = block.z[:, :, :n].reshape(*shape, n_t, n)
         s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n) if n_s else None
@@ -127,7 +126,7 @@ class DatasetSchema:
         for name, values in per_member.items():
             about = {"long_name": _PER_MEMBER[name]} | ({"units": "s"} if name == "seconds" else {})
             found[name] = (dims, values.reshape(shape), about)
-        return found | _events(plan, dims, shape, block.happened)
+        return found | _events(plan, dims, shape, block.events)
 
 
 class Names:
@@ -170,7 +169,7 @@ def _coordinates(
         for j, name in enumerate(members.columns):
             found[names.column(name)] = (MEMBER, members.rows[:, j], about[name])
     found[TIME] = (TIME, plan.settings.t_eval, {"units": "s"})
-    if plan.has_sensitivities:
+    if plan.n_sensitivities:
         parameters = plan.model.sensitivities
         found[PARAMETER] = (PARAMETER, np.array(parameters, dtype=object))
         units = [layout.units.get(name, "") for name in parameters]
@@ -179,30 +178,30 @@ def _coordinates(
 
 
 def _events(
-    plan: Plan, dims: tuple[str, ...], shape: tuple[int, ...], happened: Happened
+    plan: Plan, dims: tuple[str, ...], shape: tuple[int, ...], events: FloatArray
 ) -> dict[str, Any]:
     """Return counts and times of each event, times padded with nan to the most of all."""
     found: dict[str, Any] = {}
-    n_members, n_s = int(np.prod(shape)), happened.s.shape[1]
-    rows = plan.model.layout.events
-    own = [happened.event == i for i in range(len(rows))]
-    counts = [np.bincount(happened.member[mask], minlength=n_members) for mask in own]
+    n_members, n_s = int(np.prod(shape)), plan.n_sensitivities
+    rows, members = plan.model.layout.events, events[:, 0].astype(np.intp)
+    own = [events[:, 1] == i for i in range(len(rows))]
+    counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
     most = max((int(count.max(initial=0)) for count in counts), default=0)
     for row, mask, count in zip(rows, own, counts, strict=True):
         # Times of a member stand one after another: what is left is their place among its own.
         starts = np.cumsum(count) - count
-        member = happened.member[mask]
+        member = members[mask]
         place = np.arange(len(member)) - starts[member]
         times = np.full((n_members, most), np.nan)
-        times[member, place] = happened.t[mask]
+        times[member, place] = events[mask, 2]
         title = row.name
         about = {"long_name": f"how often {title} happened"}
         found[f"n({title})"] = (dims, count.reshape(shape), about)
         about = _about("s", f"times of {title}")
         found[f"t({title})"] = ((*dims, OCCURRENCE), times.reshape(*shape, most), about)
-        if plan.has_sensitivities:
+        if n_s:
             slopes = np.full((n_members, most, n_s), np.nan)
-            slopes[member, place] = happened.s[mask]
+            slopes[member, place] = events[mask, 3:]
             about = _about("s / unit of parameter", f"sensitivities of the times of {title}")
             found[f"d(t({title}))"] = (
                 (*dims, OCCURRENCE, PARAMETER),
@@ -264,7 +263,7 @@ def _arguments(plan: Plan, expressions: Mapping[str, str]) -> dict[str, Any]:
     # Gains that members set have values here for the model's sake alone.
     shared = found["parameters"] or {}
     found["parameters"] = {n: v for n, v in shared.items() if n not in plan.columns}
-    return {**found, "sensitivities": plan.has_sensitivities, "outputs": list(plan.outputs)}
+    return {**found, "sensitivities": plan.n_sensitivities > 0, "outputs": list(plan.outputs)}
 
 
 def plain(value: Any) -> Any:
@@ -385,34 +384,34 @@ def _is_zarr(path: Path) -> bool:
     return any((path / name).exists() for name in ("zarr.json", ".zgroup"))
 
 
-class Collected(Results):
-    """Results of members, nan for those that no block has brought yet.
+class Collected:
+    """Results of members in memory, nan for those that no block has brought yet.
 
     Attributes
     ----------
-    done : int
-        Members that were run.
     reasons : Reasons
-        Those of them that failed.
+        How many members were run, and why some of them failed.
     """
 
-    def __init__(self, schema: DatasetSchema) -> None:
+    def __init__(self, schema: DatasetSchema, ranges: Iterable[tuple[int, int]]) -> None:
         n_members = len(schema.members.rows)
         check_memory(member_bytes(schema.plan) * n_members, n_members)
-        super().__init__(schema.plan, n_members)
-        self._schema = schema
-        self.done, self.reasons = 0, Reasons()
+        self._schema, self._ranges = schema, ranges
+        self._whole, self.reasons = Block(schema.plan, n_members), Reasons()
+
+    def ranges(self) -> Iterable[tuple[int, int]]:
+        """Return the ranges of members to run."""
+        return self._ranges
 
     def take(self, first: int, block: Block) -> None:
         """Take the results of some members, of which the first is given by its number."""
-        there = slice(first, first + len(block.status))
-        self.z[there], self.outputs[there] = block.z, block.outputs
-        self.slopes[there] = block.output_sensitivities
-        self.status[there], self.messages[there] = block.status, block.messages
-        self.steps[there], self.seconds[there] = block.steps, block.seconds
-        own = block.happened
-        self.add_events(np.column_stack([own.member + first, own.event, own.t, own.s]))
-        self.done += int(np.count_nonzero(block.status != NOT_RUN))
+        there, whole = slice(first, first + len(block.status)), self._whole
+        for name in ("z", "outputs", "output_sensitivities", "status", "messages", "steps"):
+            getattr(whole, name)[there] = getattr(block, name)
+        whole.seconds[there] = block.seconds
+        events = block.events.copy()
+        events[:, 0] += first
+        whole.add_events(events)
         self.reasons.add(first, block.status, block.messages)
 
     def wait(self, stop: Event) -> bool:
@@ -424,13 +423,14 @@ class Collected(Results):
 
     def dataset(self) -> Any:
         """Put them into an ``xarray.Dataset``."""
-        return self._schema.dataset(self._schema.variables(self._schema.shape, self.block()))
+        block = self._whole.finished()
+        return self._schema.dataset(self._schema.variables(self._schema.shape, block))
 
 
 def member_bytes(plan: Plan) -> int:
     """Return the bytes of the results of one member, without events."""
     n_values = len(plan.model.states) + len(plan.model.layout.positions) + len(plan.outputs)
-    return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + n_sensitivities(plan))
+    return 8 * int(np.size(plan.settings.t_eval)) * n_values * (1 + plan.n_sensitivities)
 
 
 def check_memory(n_bytes: int, n_members: int) -> None:

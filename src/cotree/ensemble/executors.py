@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cotree.ensemble.batch import run_block
-from cotree.ensemble.plan import Block, Plan, Results
+from cotree.ensemble.plan import Block, Plan
 from cotree.errors import BuildError, SolveError, brief
 from cotree.solvers.evaluate import FAILED
 
@@ -356,10 +356,10 @@ class _ExecutorRun:
             f"its worker died both times that its block was run ({reason}): it may have run out of "
             "memory"
         )
-        results = Results(self._plan, share.end - share.first)
+        block = Block(self._plan, share.end - share.first)
         for member in range(share.end - share.first):
-            results.fail(member, FAILED, sentence)
-        return results.block(), 0.0
+            block.fail(member, FAILED, sentence)
+        return block.finished(), 0.0
 
     def _renew(self, reason: str) -> None:
         self._pool.renew(reason)

@@ -42,40 +42,9 @@ class Plan:
     is_chosen: bool = False
 
     @property
-    def has_sensitivities(self) -> bool:
-        """Whether sensitivities are integrated."""
-        return self.settings.sensitivities and bool(self.model.sensitivities)
-
-
-@dataclass(frozen=True, eq=False)
-class Happened:
-    """The events of some members, one entry for each time that one happened."""
-
-    member: npt.NDArray[np.intp]  # places of the members in the block, in increasing order
-    event: npt.NDArray[np.intp]  # numbers of the events in ``model.layout.events``
-    t: FloatArray  # times, [s], increasing for each member
-    s: FloatArray  # sensitivities of the times, [s / parameter unit]
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Results of some members, in the order of their rows."""
-
-    #: States, then their sensitivities parameter by parameter. All values of a member that failed
-    #: are nan, and those behind the end of one that an event stopped.
-    z: FloatArray
-    outputs: FloatArray  # outputs, likewise
-    output_sensitivities: FloatArray  # their sensitivities
-    #: As of :class:`cotree.solvers.result.Trajectory`; -3 where the ensemble was stopped before the
-    #: member had run.
-    status: npt.NDArray[np.int8]
-    #: A sentence for each member that failed or was not run, or that another method ran; empty for
-    #: others.
-    messages: tuple[str, ...]
-    steps: npt.NDArray[np.int64]  # accepted steps
-    #: Wall-clock time of each, [s]; members in the lanes of one vector share theirs.
-    seconds: FloatArray
-    happened: Happened  # the events
+    def n_sensitivities(self) -> int:
+        """The number of parameters whose sensitivities are integrated."""
+        return len(self.model.sensitivities) if self.settings.sensitivities else 0
 
 
 #: The status of a member that was not run, since the ensemble was stopped.
@@ -85,39 +54,49 @@ NOT_RUN = -3
 NOT_RUN_SENTENCE = "it was not run: the ensemble was stopped before"
 
 
-class Results:
-    """Results of the members of a block; it is mutable, and members are put in in any order.
+class Block:
+    """Results of some members, in the order of their rows; members are put in in any order.
 
     Attributes
     ----------
-    z, outputs, slopes, status, messages, steps, seconds
-        As the arrays of a ``Block``; of members that are not put in ``z``, ``outputs`` and
-        ``slopes`` hold anything.
+    z : ndarray, shape (n_members, n_t, n_states * (1 + n_sensitivities))
+        States, then their sensitivities parameter by parameter. All values of a member that failed
+        are nan, and those behind the end of one that an event stopped.
+    outputs : ndarray, shape (n_members, n_t, n_outputs)
+        Outputs, likewise.
+    output_sensitivities : ndarray, shape (n_members, n_t, n_sensitivities, n_outputs)
+        Their sensitivities.
+    status : ndarray of int8, shape (n_members,)
+        As of :class:`cotree.solvers.result.Trajectory`; -3 where the ensemble was stopped before
+        the member had run.
+    messages : list of str
+        A sentence for each member that failed or was not run, or that another method ran; empty for
+        others.
+    steps : ndarray of int64, shape (n_members,)
+        Accepted steps.
+    seconds : ndarray, shape (n_members,)
+        Wall-clock time of each, [s]; members in the lanes of one vector share theirs.
+    events : ndarray, shape (n_events, 3 + n_sensitivities)
+        The place of the member in the block, the number of the event in ``model.layout.events``,
+        its time, [s], and the sensitivities of the time; by member, then by time.
     """
 
     def __init__(self, plan: Plan, n_members: int) -> None:
         n_t, n, n_y = np.size(plan.settings.t_eval), len(plan.model.states), len(plan.outputs)
-        m = self.n_sensitivities = n_sensitivities(plan)
-        self._plan = plan
-        self._events = [event.name for event in plan.model.layout.events]
-        self._places = [plan.model.outputs.index(name) for name in plan.outputs]
-        self._happened: list[FloatArray] = []
+        m = plan.n_sensitivities
         self.z = np.empty((n_members, n_t, n * (1 + m)))
         self.outputs = np.empty((n_members, n_t, n_y))
-        self.slopes = np.empty((n_members, n_t, m, n_y))
+        self.output_sensitivities = np.empty((n_members, n_t, m, n_y))
         self.status = np.full(n_members, NOT_RUN, dtype=np.int8)
         self.messages = [NOT_RUN_SENTENCE] * n_members
         self.steps = np.zeros(n_members, dtype=np.int64)
         self.seconds = np.zeros(n_members)
-
-    def leave_blank(self, member: int) -> None:
-        """Set all values of a member to nan."""
-        for array in (self.z, self.outputs, self.slopes):
-            array[member] = np.nan
+        self.events = np.zeros((0, 3 + m))
+        self._parts: list[FloatArray] = []  # events, before the block is finished
 
     def fail(self, member: int, status: int, message: str) -> None:
         """Put in a member that failed."""
-        self.leave_blank(member)
+        self._blank(member)
         self.status[member], self.messages[member] = status, message
 
     def succeed(self, members: npt.NDArray[np.bool_]) -> None:
@@ -129,71 +108,48 @@ class Results:
         for member in np.flatnonzero(members).tolist():
             self.messages[member] = ""
 
-    def put(self, member: int, run: RunRecord) -> None:
+    def put(self, plan: Plan, member: int, run: RunRecord) -> None:
         """Put in a member that ran by itself."""
         self.steps[member] = run.statistics.n_steps
+        self.fail(member, run.status, run.message if run.status != 0 else "")
         if run.status != 0:
-            self.fail(member, run.status, run.message)
             return
-        self.leave_blank(member)
-        self.status[member], self.messages[member] = 0, ""
-        n, m = len(self._plan.model.states), self.n_sensitivities
+        n, m = len(plan.model.states), plan.n_sensitivities
         # Where an event ends a run, its last point is that of the event, which nobody asked for.
-        wanted = np.asarray(self._plan.settings.t_eval, dtype=float)
+        wanted = np.asarray(plan.settings.t_eval, dtype=float)
         k = min(len(run.t), len(wanted))
         reached = int(np.count_nonzero(run.t[:k] == wanted[:k]))
         self.z[member, :reached, :n] = run.y.T[:reached]
         self.z[member, :reached, n:] = (
             run.s[:, :m].transpose(2, 1, 0).reshape(len(run.t), m * n)[:reached]
         )
-        self.outputs[member, :reached] = run.output_values[self._places].T[:reached]
-        found = run.output_sensitivities[self._places, :m].transpose(2, 1, 0)
-        self.slopes[member, :reached] = found[:reached]
-        self._happened.append(_happened(run, member, self._events, m))
+        places = [plan.model.outputs.index(name) for name in plan.outputs]
+        self.outputs[member, :reached] = run.output_values[places].T[:reached]
+        found = run.output_sensitivities[places, :m].transpose(2, 1, 0)
+        self.output_sensitivities[member, :reached] = found[:reached]
+        names = [event.name for event in plan.model.layout.events]
+        rows = [
+            [float(member), float(names.index(name)), float(t), *times.s[:m, j]]
+            for name, times in run.events.items()
+            for j, t in enumerate(times.t)
+        ]
+        # Events are grouped by name; those at one time stay in the order of the model.
+        events = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
+        self.add_events(events[np.argsort(events[:, 2], kind="stable")])
 
     def add_events(self, rows: FloatArray) -> None:
-        """Add events, a row each: member, event, time, and the derivatives of the time."""
-        self._happened.append(rows)
+        """Add events; those of each member are in order."""
+        self._parts.append(rows)
 
-    def block(self) -> Block:
-        """Return what was put in; other members were not run."""
+    def finished(self) -> Block:
+        """Return the block, of which members that were not put in are blank."""
         is_left = self.status == NOT_RUN
-        for array in (self.z, self.outputs, self.slopes) if is_left.any() else ():
-            array[is_left] = np.nan
-        return Block(
-            self.z,
-            self.outputs,
-            self.slopes,
-            self.status,
-            tuple(self.messages),
-            self.steps,
-            self.seconds,
-            _gathered(self._happened, self.n_sensitivities),
-        )
+        if is_left.any():
+            self._blank(is_left)
+        rows = np.concatenate([self.events, *self._parts])
+        self.events, self._parts = rows[np.argsort(rows[:, 0], kind="stable")], []
+        return self
 
-
-def n_sensitivities(plan: Plan) -> int:
-    """Count the parameters of sensitivity of a run."""
-    return len(plan.model.sensitivities) if plan.has_sensitivities else 0
-
-
-def _happened(run: RunRecord, member: int, names: list[str], m: int) -> FloatArray:
-    """List the events of one run, a row each."""
-    rows = [
-        [float(member), float(names.index(name)), float(t), *times.s[:m, j]]
-        for name, times in run.events.items()
-        for j, t in enumerate(times.t)
-    ]
-    # Events are grouped by name; those at one time stay in the order of the model.
-    found = np.array(rows, dtype=float).reshape(len(rows), 3 + m)
-    return found[np.argsort(found[:, 2], kind="stable")]
-
-
-def _gathered(parts: list[FloatArray], m: int) -> Happened:
-    """Put events together, by member; those of each are in order already."""
-    rows = np.concatenate([np.zeros((0, 3 + m)), *parts])
-    if len(rows):
-        rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    return Happened(
-        rows[:, 0].astype(np.intp), rows[:, 1].astype(np.intp), rows[:, 2].copy(), rows[:, 3:]
-    )
+    def _blank(self, members: int | npt.NDArray[np.bool_]) -> None:
+        for array in (self.z, self.outputs, self.output_sensitivities):
+            array[members] = np.nan

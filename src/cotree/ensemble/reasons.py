@@ -33,6 +33,8 @@ class Reasons:
 
     Attributes
     ----------
+    done : int
+        How many members were run.
     failed : int
         How many members failed.
     first : (int, str) or None
@@ -40,13 +42,14 @@ class Reasons:
     """
 
     def __init__(self) -> None:
-        self.failed = 0
+        self.done = self.failed = 0
         self.first: tuple[int, str] | None = None
         self._counts: Counter[str] = Counter()
         self._shown: dict[str, tuple[int, str]] = {}
 
     def add(self, first: int, status: npt.NDArray[np.int8], messages: Sequence[str]) -> None:
         """Take in some members, of which the first is given by its number."""
+        self.done += int(np.count_nonzero(status != NOT_RUN))
         for i in np.flatnonzero((status != 0) & (status != NOT_RUN)).tolist():
             row = first + i, str(messages[i])
             reason = _NUMBER.sub("#", row[1])

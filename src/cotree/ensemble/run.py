@@ -11,7 +11,7 @@ import contextlib
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -160,22 +160,20 @@ def run_ensemble(
         contextlib.ExitStack() as opened,
     ):
         done: Collected | Store
-        ranges: Callable[[], Iterable[tuple[int, int]]]
         if execution.store is None:
-            done, ranges = Collected(schema), partial(pace.ranges, n)
+            done = Collected(schema, pace.ranges(n))
         else:
             done = Store(execution.store, schema, partial(pace.size, plan, members.rows))
-            ranges = done.ranges
             pace.spread(done.members_of_a_block, opened)
         opened.callback(done.close)
         run = partial(run_blocks, threads=pace.threads, executor=pace.executor, stop=stop)
         try:
             _check(execution, members, done.reasons)
             while True:
-                with contextlib.closing(run(plan, members.rows, ranges())) as blocks:
+                with contextlib.closing(run(plan, members.rows, done.ranges())) as blocks:
                     for first, block in blocks:
                         done.take(first, block)
-                        bar.reached(done.done, done.reasons.failed)
+                        bar.reached(done.reasons.done, done.reasons.failed)
                         _check(execution, members, done.reasons)
                 if not done.wait(stop):
                     break
@@ -188,7 +186,16 @@ def run_ensemble(
         except BaseException:
             stop.set()
             raise
-    _warn_of_failures(n, done.done, done.reasons)
+    reasons, level = done.reasons, level_of_user()
+    if reasons.done < n:
+        warnings.warn(
+            f"stopped after {reasons.done} of {n} members: the others are nan, with status "
+            f"{NOT_RUN}",
+            RuntimeWarning,
+            stacklevel=level,
+        )
+    if reasons.failed:
+        warnings.warn(reasons.summary(n), RuntimeWarning, stacklevel=level)
     return done.dataset()
 
 
@@ -312,15 +319,3 @@ def _check(execution: Execution, members: Members, reasons: Reasons) -> None:
     if execution.on_error == "raise" and reasons.first is not None:
         i, sentence = reasons.first
         raise MemberError(f"{members.described(i)} failed: {sentence}")
-
-
-def _warn_of_failures(n: int, n_done: int, reasons: Reasons) -> None:
-    """Warn of members that failed or were not run."""
-    if n_done < n:
-        _warn(f"stopped after {n_done} of {n} members: the others are nan, with status {NOT_RUN}")
-    if reasons.failed:
-        _warn(reasons.summary(n))
-
-
-def _warn(sentence: str) -> None:
-    warnings.warn(sentence, RuntimeWarning, stacklevel=level_of_user())

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.ensemble.dataset import DatasetSchema, plain
-from cotree.ensemble.plan import NOT_RUN, Block, Plan, Results
+from cotree.ensemble.plan import NOT_RUN, Block, Plan
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import SolveError, StoreError, brief
 from cotree.files import template_folder
@@ -67,7 +67,7 @@ def identity_of(plan: Plan) -> dict[str, Any]:
         "inputs": {name: _short(table) for name, table in tables.items()},
         "parameters": {name: v for name, v in values.items() if name not in plan.columns},
         "outputs": list(plan.outputs),
-        "sensitivities": list(model.sensitivities) if plan.has_sensitivities else [],
+        "sensitivities": list(model.sensitivities) if plan.n_sensitivities else [],
         "kernels": model.backend,
         "model": model.digest,
         "engine": _engine(),
@@ -230,10 +230,8 @@ class Store:
 
     Attributes
     ----------
-    done : int
-        Members that are there.
     reasons : Reasons
-        Those of them that failed.
+        How many members are there, and why some of them failed.
     members_of_a_block : int
         The number of members of a block, but for the last one.
     """
@@ -245,7 +243,7 @@ class Store:
         self._locks: dict[int, BaseFileLock] = {}
         self._writer = ThreadPoolExecutor(1, "cotree-store")
         self._writing: Future[None] | None = None
-        self.done, self.reasons = 0, Reasons()
+        self.reasons = Reasons()
         with store_errors(self.path):
             self.members_of_a_block = self._open(size)
             self._missing = dict.fromkeys(range(0, self._n, self.members_of_a_block))
@@ -339,7 +337,7 @@ class Store:
         """Write the manifest."""
         schema = self._schema
         # A block of no members has all variables.
-        rows = schema.variables((0,) * len(schema.dims), Results(schema.plan, 0).block())
+        rows = schema.variables((0,) * len(schema.dims), Block(schema.plan, 0))
         about = empty.to_dict(data=False)
         store = {
             "identity": self._identity,
@@ -391,7 +389,6 @@ class Store:
 
     def _count(self, first: int, status: Any, messages: Any) -> None:
         del self._missing[first]
-        self.done += len(status)
         self.reasons.add(first, status, messages)
 
     def _write(self, first: int, block: Block) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.ensemble.plan import Block, Plan, Results
+from cotree.ensemble.plan import Block, Plan
 from cotree.errors import Error
 from cotree.quiet import level_of_user, without_warnings
 from cotree.solvers.evaluate import FAILED
@@ -35,24 +35,24 @@ if TYPE_CHECKING:
 
 def run_one_by_one(plan: Plan, rows: FloatArray, *, stop: Event | None = None) -> Block:
     """Run members one after another."""
-    results = Results(plan, len(rows))
+    block = Block(plan, len(rows))
     for i, row in enumerate(rows.tolist()):
         if stop is not None and stop.is_set():
             break
-        run_member(plan, row, results, i)
-    return results.block()
+        run_member(plan, row, block, i)
+    return block.finished()
 
 
-def run_member(plan: Plan, row: Sequence[float], results: Results, member: int) -> None:
-    """Run one member by itself, as ``simulate`` does, and put it among the results."""
+def run_member(plan: Plan, row: Sequence[float], block: Block, member: int) -> None:
+    """Run one member by itself, as ``simulate`` does, and put it into a block."""
     begun = time.perf_counter()
     try:
         settings = settings_of(plan.model, plan.settings, plan.columns, row)
         with without_warnings():  # a message says the same
-            results.put(member, simulate(plan.model, settings))
+            block.put(plan, member, simulate(plan.model, settings))
     except Error as error:
-        results.fail(member, FAILED, str(error))
-    results.seconds[member] += time.perf_counter() - begun
+        block.fail(member, FAILED, str(error))
+    block.seconds[member] += time.perf_counter() - begun
 
 
 def settings_of(
