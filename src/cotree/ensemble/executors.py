@@ -179,70 +179,25 @@ class _Share:
     has_lost: bool = False  # whether its worker died
 
 
-class _Pool:
-    """The executor, or in place of a broken pool of processes a new one of the same size."""
-
-    def __init__(self, executor: Any) -> None:
-        self.executor, self._is_own = executor, False
-        self._n_workers, self._counted = 1, -math.inf
-        self.deaths = 0  # since the last answer
-
-    def renew(self, reason: str) -> None:
-        """Replace a broken pool; other shares of the old one report its end, too."""
-        old: Any = self.executor
-        if not getattr(old, "_broken", True):
-            return
-        kind: Any = type(old)
-        if kind is not futures.ProcessPoolExecutor:
-            raise SolveError(
-                f"the executor is broken ({reason.rstrip('.')}): make a new one and run again; "
-                "with store=... only what is missing is computed"
-            )
-        self.deaths += 1
-        if self.deaths > _MOST_DEATHS:
-            raise SolveError(
-                f"processes of the executor die before they give anything ({reason.rstrip('.')}): "
-                "look at what they print, and whether a script guards its own call with "
-                "if __name__ == '__main__'"
-            )
-        self.close()
-        self._is_own, self.executor = (
-            True,
-            kind(
-                old._max_workers,
-                mp_context=old._mp_context,
-                initializer=old._initializer,
-                initargs=old._initargs,
-            ),
-        )
-
-    def count(self) -> int:
-        """Count the workers, now and then."""
-        now = time.monotonic()
-        if now - self._counted > _COUNTED_FOR:
-            self._n_workers, self._counted = max(1, count_workers(self.executor)), now
-        return self._n_workers
-
-    def close(self) -> None:
-        """End a pool that was made here."""
-        if self._is_own:
-            self.executor.shutdown(wait=False, cancel_futures=True)
-
-
 class _ExecutorRun:
-    """Shares under way on an executor, and those to submit once more."""
+    """Shares under way on an executor, and those to submit once more.
+
+    A broken pool of processes is replaced by a new one of the same size.
+    """
 
     def __init__(
         self, executor: Any, plan: Plan, rows: FloatArray, threads: int, stop: threading.Event
     ) -> None:
-        self._pool, self._stop = _Pool(executor), stop
+        self._executor, self._is_own, self._stop = executor, False, stop
+        self._n_workers, self._counted = 1, -math.inf
+        self._deaths = 0  # since the last answer
         self._plan, self._rows, self._threads = plan, rows, threads
         # Threads of this process share its memory. Other classes, even those derived from it, may
         # have none in common.
-        self._is_here = type(executor) is futures.ThreadPoolExecutor
-        self._parcel = None if self._is_here else parcel_of(plan)
+        is_here = type(executor) is futures.ThreadPoolExecutor
+        self._parcel = None if is_here else parcel_of(plan)
         self._is_known = False  # whether some worker has the plan
-        self.flying: dict[futures.Future[Any], _Share] = {}
+        self._flying: dict[futures.Future[Any], _Share] = {}
         self._arrived: queue.SimpleQueue[futures.Future[Any]] = queue.SimpleQueue()
         self._again: deque[_Share] = deque()
 
@@ -253,16 +208,17 @@ class _ExecutorRun:
             if self._stop.is_set():
                 end = min(end, time.monotonic() + _GRACE)
                 self._again.clear()
-                self.cancel()
+                for future in self._flying:
+                    future.cancel()
             else:
                 self._fill(source, ranges)
-            if not self.flying or time.monotonic() > end:
+            if not self._flying or time.monotonic() > end:
                 return
             try:
                 future = self._arrived.get(timeout=_PATIENCE)
             except queue.Empty:
                 continue
-            share = self.flying.pop(future)
+            share = self._flying.pop(future)
             answer = self._answer(future, share)
             if answer is None:
                 continue
@@ -271,23 +227,21 @@ class _ExecutorRun:
                 learn(share.end - share.first, seconds)
             yield share.first, block
 
-    def cancel(self) -> None:
-        """Cancel what has not begun."""
-        for future in self.flying:
-            future.cancel()
-
     def close(self) -> None:
         """Cancel what has not begun, and end a pool that was made here."""
-        self.cancel()
-        self._pool.close()
+        for future in self._flying:
+            future.cancel()
+        if self._is_own:
+            self._executor.shutdown(wait=False, cancel_futures=True)
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
         """Submit as many shares as are to be under way: one, if it may have killed a worker."""
-        room = AHEAD * self._pool.count()
+        n_workers = self._count()
+        room = AHEAD * n_workers
         if hasattr(ranges, "n_workers"):
-            ranges.n_workers = self._pool.count()
-        while len(self.flying) < room and not any(s.has_lost for s in self.flying.values()):
-            if self._again and self._again[0].has_lost and self.flying:
+            ranges.n_workers = n_workers
+        while len(self._flying) < room and not any(s.has_lost for s in self._flying.values()):
+            if self._again and self._again[0].has_lost and self._flying:
                 return
             found = None if self._again else next(source, None)
             if not self._again and found is None:
@@ -300,11 +254,11 @@ class _ExecutorRun:
                 self._again.appendleft(share)
                 self._renew("its processes ended")
                 continue
-            self.flying[future] = share
+            self._flying[future] = share
             future.add_done_callback(self._arrived.put)
 
     def _submit(self, share: _Share) -> futures.Future[Any]:
-        rows, submit = self._rows[share.first : share.end], self._pool.executor.submit
+        rows, submit = self._rows[share.first : share.end], self._executor.submit
         try:
             if self._parcel is None:
                 found = submit(run_here, self._plan, rows, self._threads, self._stop)
@@ -328,7 +282,7 @@ class _ExecutorRun:
         error = futures.CancelledError() if future.cancelled() else future.exception()
         again = replace(share, with_plan=True, attempt=share.attempt + 1)
         if error is None:
-            self._is_known, self._pool.deaths = True, 0
+            self._is_known, self._deaths = True, 0
             found: tuple[Block, float] | None = future.result()
             if found is None:
                 self._again.appendleft(again)
@@ -362,8 +316,41 @@ class _ExecutorRun:
         return block.finished(), 0.0
 
     def _renew(self, reason: str) -> None:
-        self._pool.renew(reason)
-        self._is_known = False
+        """Replace a broken pool; other shares of the old one report its end, too."""
+        self._is_known, old = False, self._executor
+        if not getattr(old, "_broken", True):
+            return
+        if type(old) is not futures.ProcessPoolExecutor:
+            raise SolveError(
+                f"the executor is broken ({reason.rstrip('.')}): make a new one and run again; "
+                "with store=... only what is missing is computed"
+            )
+        self._deaths += 1
+        if self._deaths > _MOST_DEATHS:
+            raise SolveError(
+                f"processes of the executor die before they give anything ({reason.rstrip('.')}): "
+                "look at what they print, and whether a script guards its own call with "
+                "if __name__ == '__main__'"
+            )
+        if self._is_own:
+            old.shutdown(wait=False, cancel_futures=True)
+        own: Any = old
+        self._is_own, self._executor = (
+            True,
+            futures.ProcessPoolExecutor(
+                own._max_workers,
+                mp_context=own._mp_context,
+                initializer=own._initializer,
+                initargs=own._initargs,
+            ),
+        )
+
+    def _count(self) -> int:
+        """Count the workers, now and then."""
+        now = time.monotonic()
+        if now - self._counted > _COUNTED_FOR:
+            self._n_workers, self._counted = max(1, count_workers(self._executor)), now
+        return self._n_workers
 
 
 def run_on(
@@ -377,8 +364,7 @@ def run_on(
 ) -> Iterator[tuple[int, Block]]:
     """Run ranges of rows on an executor; parameters as of :func:`cotree.ensemble.run.run_blocks`.
 
-    A pool of processes that loses one is of no use any more: a new one of the same size takes its
-    place, and is shut down at the end.
+    A pool of processes that loses one is of no use any more: a new one is shut down at the end.
     """
     run = _ExecutorRun(executor, plan, rows, threads, stop)
     try:

@@ -130,7 +130,7 @@ def run_members(
     # Most programs run no ensembles.
     from cotree.ensemble.dataset import check_xarray
     from cotree.ensemble.members import read_members
-    from cotree.ensemble.run import Execution, check_execution, make_plan, run_ensemble
+    from cotree.ensemble.run import Execution, make_plan, run_ensemble
     from cotree.ensemble.trial import POINTS
 
     check_xarray()
@@ -146,7 +146,6 @@ def run_members(
     }
     shared = settings_from(model._defaults, given)
     execution = Execution(threads, executor, store, progress, on_error)
-    check_execution(execution)
     rows = read_members(members)
     compiled, shared = _compiled_for(model, shared, rows)
     plan = make_plan(compiled, shared, rows, outputs=outputs, lanes=lanes)

@@ -79,23 +79,19 @@ def budget_message(
     problem: Problem, method: str, job: Any, ended: int, kept: FloatArray, last: FloatArray
 ) -> str:
     """Return where a member stopped, and which state grew meanwhile."""
-    reason = _reason(problem, job, ended)
+    settings = problem.settings
+    if ended == EVENTS_SPENT:
+        reason = verdict("spends", [], detail=job.most_events)
+    elif ended == STEPS_SPENT:
+        reason = steps_spent(settings.max_steps or 0)
+    else:
+        reason = time_spent(settings.time_limit or 0.0)
     sentences = [*summary(problem, method, float(job.t), reason), stiffness_note(job)]
-    assert problem.settings.t_eval is not None  # a plan gives them
-    t, z = problem.settings.t_eval[: len(kept)], kept
+    assert settings.t_eval is not None  # a plan gives them
+    t, z = settings.t_eval[: len(kept)], kept
     # As in a run by itself, the last point is one of those that are looked at.
     if not (len(t) and t[-1] == float(job.t)):
         t, z = np.append(t, float(job.t)), np.vstack([z, last])
     work = Statistics(method, 0, 0, 0, int(job.n_steps), 0.0)
     message = " ".join(filter(None, sentences))
     return with_growth(problem, Trajectory(t, z.T, BUDGET_SPENT, message, work)).message
-
-
-def _reason(problem: Problem, job: Any, ended: int) -> str:
-    if ended == EVENTS_SPENT:
-        return verdict("spends", [], detail=job.most_events)
-    if ended == STEPS_SPENT:
-        assert problem.settings.max_steps is not None  # it is spent
-        return steps_spent(problem.settings.max_steps)
-    assert problem.settings.time_limit is not None  # likewise
-    return time_spent(problem.settings.time_limit)

@@ -143,6 +143,15 @@ class Execution:
     progress: bool = True
     on_error: str = "keep"
 
+    def __post_init__(self) -> None:
+        if self.threads is not None:
+            check_count(self.threads, "threads")
+        read_executor(self.executor)
+        if self.store is not None:
+            read_path(self.store)
+        if self.on_error not in ("keep", "raise"):
+            raise SolveError(f"on_error is {self.on_error!r}: give 'keep' or 'raise'")
+
 
 def run_ensemble(
     plan: Plan, members: Members, execution: Execution, attributes: Mapping[str, Any]
@@ -277,17 +286,6 @@ def make_plan(
     is_chosen = settings.method == "auto"
     settings = tried_settings(model, settings, members)
     return Plan(model, settings, members.columns, wanted, lanes, is_chosen)
-
-
-def check_execution(execution: Execution) -> None:
-    """Check threads, executor, store and on_error before anything runs."""
-    if execution.threads is not None:
-        check_count(execution.threads, "threads")
-    read_executor(execution.executor)
-    if execution.store is not None:
-        read_path(execution.store)
-    if execution.on_error not in ("keep", "raise"):
-        raise SolveError(f"on_error is {execution.on_error!r}: give 'keep' or 'raise'")
 
 
 def check_count(value: object, name: str) -> None:
