@@ -73,48 +73,35 @@ class DatasetSchema:
         self._attributes = dict(attributes)
         # The model that runs has them compiled in; a call gives them to the scene's own.
         self._expressions = self._attributes.pop("inputs", {})
-        self._names = Names(plan)
-        axes = tuple(self._names.column(name) for name in members.dimensions)
+        axes = tuple(self._column(name) for name in members.dimensions)
         self.dims = axes if members.is_grid else (MEMBER,)
         self.shape = members.shape
 
     def dataset(self, variables: Mapping[str, Any]) -> Any:
         """Put variables into an ``xarray.Dataset``."""
-        plan, members = self.plan, self.members
-        return check_xarray().Dataset(
-            variables,
-            _coordinates(plan, members, self._names, self.dims),
-            {**self._attributes, **_attributes(plan, members, self._expressions)},
-        )
+        own = _attributes(self.plan, self.members, self._expressions)
+        return check_xarray().Dataset(variables, self._coordinates(), {**self._attributes, **own})
 
     def variables(self, shape: tuple[int, ...], block: Block) -> dict[str, Any]:
         """Return the variables of some members: dimensions, values and attributes by name."""
-        plan, dims, names = self.plan, self.dims, self._names
-        model, units = plan.model, plan.model.layout.units
+        plan, dims, layout = self.plan, self.dims, self.plan.model.layout
         found: dict[str, Any] = {}
-        n, n_y = len(model.states), len(plan.outputs)
+        n, n_y = len(plan.model.states), len(plan.outputs)
         n_s, n_t = plan.n_sensitivities, len(plan.settings.t_eval)
         # Views: z goes parameter by parameter behind the states.
         y = block.z[:, :, :n].reshape(*shape, n_t, n)
-        s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n) if n_s else None
+        s = block.z[:, :, n:].reshape(*shape, n_t, n_s, n)
         outputs = block.outputs.reshape(*shape, n_t, n_y)
         slopes = block.output_sensitivities.reshape(*shape, n_t, n_s, n_y)
-        rows = [
-            (name, y[..., i], None if s is None else s[..., i])
-            for i, name in enumerate(model.states)
-        ]
-        rows += [
-            (row.name, row.sum_of(y), None if s is None else row.sum_of(s))
-            for row in model.layout.positions
-        ]
+        rows = [(name, y[..., i], s[..., i]) for i, name in enumerate(plan.model.states)]
+        rows += [(row.name, row.sum_of(y), row.sum_of(s)) for row in layout.positions]
         rows += [(name, outputs[..., i], slopes[..., i]) for i, name in enumerate(plan.outputs)]
-        docs = {row.name: row.doc for row in model.layout.outputs}
+        docs = {row.name: row.doc for row in layout.outputs}
         for name, values, slope in rows:
-            title = names.value(name)
-            about = _about(units.get(name, ""), docs.get(name) or name)
-            found[title] = ((*dims, TIME), values, about)
+            title = f"value({name})" if name in _TAKEN else name
+            unit = layout.units.get(name, "")
+            found[title] = ((*dims, TIME), values, _about(unit, docs.get(name) or name))
             if n_s:
-                unit = units.get(name, "")
                 about = _about(f"{unit or '1'} / unit of parameter", f"sensitivity of {name}")
                 found[f"d({title})"] = ((*dims, TIME, PARAMETER), slope, about)
         per_member = {
@@ -124,91 +111,69 @@ class DatasetSchema:
             "seconds": block.seconds,
         }
         for name, values in per_member.items():
-            about = {"long_name": _PER_MEMBER[name]} | ({"units": "s"} if name == "seconds" else {})
+            about = _about("s" if name == "seconds" else "", _PER_MEMBER[name])
             found[name] = (dims, values.reshape(shape), about)
-        return found | _events(plan, dims, shape, block.events)
+        return found | self._events(shape, block.events)
 
-
-class Names:
-    """Names of variables and coordinates, of which no two are the same."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._states = plan.model.states
-        self._values = {*plan.model.states, *plan.outputs}
-
-    def value(self, name: str) -> str:
-        """Return the name of a state's or output's variable: its own, unless it is taken."""
-        return f"value({name})" if name in _TAKEN else name
-
-    def column(self, name: str) -> str:
-        """Return the name of the coordinate of what members set."""
-        if name in self._states:
+    def _column(self, name: str) -> str:
+        """Return the name of the coordinate of what members set; no variable has the same."""
+        plan = self.plan
+        if name in plan.model.states:
             return f"initial({name})"
-        return f"parameter({name})" if name in _TAKEN or name in self._values else name
+        return f"parameter({name})" if name in _TAKEN or name in plan.outputs else name
 
-
-def _coordinates(
-    plan: Plan, members: Members, names: Names, dims: tuple[str, ...]
-) -> dict[str, Any]:
-    """Return the coordinates of members, times and parameters."""
-    layout = plan.model.layout
-    docs = {row.name: row.doc for row in (*layout.parameters, *layout.outputs)}
-    about = {
-        name: _about(
-            layout.units.get(name, ""),
-            f"initial value of {name}" if name in plan.model.states else docs.get(name) or name,
-        )
-        for name in members.columns
-    }
-    found: dict[str, Any] = {}
-    if members.is_grid:
-        for dim, (name, values) in zip(dims, members.dimensions.items(), strict=True):
-            found[dim] = (dim, values, about[name])
-    else:
-        found[MEMBER] = (MEMBER, members.dimensions[MEMBER])
-        for j, name in enumerate(members.columns):
-            found[names.column(name)] = (MEMBER, members.rows[:, j], about[name])
-    found[TIME] = (TIME, plan.settings.t_eval, {"units": "s"})
-    if plan.n_sensitivities:
-        parameters = plan.model.sensitivities
-        found[PARAMETER] = (PARAMETER, np.array(parameters, dtype=object))
-        units = [layout.units.get(name, "") for name in parameters]
-        found["parameter_unit"] = (PARAMETER, np.array(units, dtype=object))
-    return found
-
-
-def _events(
-    plan: Plan, dims: tuple[str, ...], shape: tuple[int, ...], events: FloatArray
-) -> dict[str, Any]:
-    """Return counts and times of each event, times padded with nan to the most of all."""
-    found: dict[str, Any] = {}
-    n_members, n_s = int(np.prod(shape)), plan.n_sensitivities
-    rows, members = plan.model.layout.events, events[:, 0].astype(np.intp)
-    own = [events[:, 1] == i for i in range(len(rows))]
-    counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
-    most = max((int(count.max(initial=0)) for count in counts), default=0)
-    for row, mask, count in zip(rows, own, counts, strict=True):
-        # Times of a member stand one after another: what is left is their place among its own.
-        starts = np.cumsum(count) - count
-        member = members[mask]
-        place = np.arange(len(member)) - starts[member]
-        times = np.full((n_members, most), np.nan)
-        times[member, place] = events[mask, 2]
-        title = row.name
-        about = {"long_name": f"how often {title} happened"}
-        found[f"n({title})"] = (dims, count.reshape(shape), about)
-        about = _about("s", f"times of {title}")
-        found[f"t({title})"] = ((*dims, OCCURRENCE), times.reshape(*shape, most), about)
-        if n_s:
-            slopes = np.full((n_members, most, n_s), np.nan)
-            slopes[member, place] = events[mask, 3:]
-            about = _about("s / unit of parameter", f"sensitivities of the times of {title}")
-            found[f"d(t({title}))"] = (
-                (*dims, OCCURRENCE, PARAMETER),
-                slopes.reshape(*shape, most, n_s),
-                about,
+    def _coordinates(self) -> dict[str, Any]:
+        """Return the coordinates of members, times and parameters."""
+        plan, members, layout = self.plan, self.members, self.plan.model.layout
+        docs = {row.name: row.doc for row in (*layout.parameters, *layout.outputs)}
+        about = {
+            name: _about(
+                layout.units.get(name, ""),
+                f"initial value of {name}" if name in plan.model.states else docs.get(name) or name,
             )
-    return found
+            for name in members.columns
+        }
+        found: dict[str, Any] = {}
+        if members.is_grid:
+            for dim, (name, values) in zip(self.dims, members.dimensions.items(), strict=True):
+                found[dim] = (dim, values, about[name])
+        else:
+            found[MEMBER] = (MEMBER, members.dimensions[MEMBER])
+            for j, name in enumerate(members.columns):
+                found[self._column(name)] = (MEMBER, members.rows[:, j], about[name])
+        found[TIME] = (TIME, plan.settings.t_eval, {"units": "s"})
+        if plan.n_sensitivities:
+            parameters = plan.model.sensitivities
+            found[PARAMETER] = (PARAMETER, np.array(parameters, dtype=object))
+            units = [layout.units.get(name, "") for name in parameters]
+            found["parameter_unit"] = (PARAMETER, np.array(units, dtype=object))
+        return found
+
+    def _events(self, shape: tuple[int, ...], events: FloatArray) -> dict[str, Any]:
+        """Return counts and times of each event, times padded with nan to the most of all."""
+        found: dict[str, Any] = {}
+        n_members, n_s, dims = int(np.prod(shape)), self.plan.n_sensitivities, self.dims
+        names = [row.name for row in self.plan.model.layout.events]
+        members = events[:, 0].astype(np.intp)
+        own = [events[:, 1] == i for i in range(len(names))]
+        counts = [np.bincount(members[mask], minlength=n_members) for mask in own]
+        most = max((int(count.max(initial=0)) for count in counts), default=0)
+        for name, mask, count in zip(names, own, counts, strict=True):
+            # Times of a member stand one after another: what is left is their place among its own.
+            starts = np.cumsum(count) - count
+            member = members[mask]
+            place = np.arange(len(member)) - starts[member]
+            times = np.full((n_members, most, 1 + n_s), np.nan)
+            times[member, place] = events[mask, 2:]
+            times = times.reshape(*shape, most, 1 + n_s)
+            about = {"long_name": f"how often {name} happened"}
+            found[f"n({name})"] = (dims, count.reshape(shape), about)
+            about = _about("s", f"times of {name}")
+            found[f"t({name})"] = ((*dims, OCCURRENCE), times[..., 0], about)
+            if n_s:
+                about = _about("s / unit of parameter", f"sensitivities of the times of {name}")
+                found[f"d(t({name}))"] = ((*dims, OCCURRENCE, PARAMETER), times[..., 1:], about)
+        return found
 
 
 def _about(unit: str, name: str) -> dict[str, str]:
@@ -276,11 +241,7 @@ def plain(value: Any) -> Any:
         return {str(name): plain(item) for name, item in value.items()}
     if callable(value):
         return f"the function {getattr(value, '__name__', 'of Python')}"
-    return [plain(item) for item in _items(value)]
-
-
-def _items(value: Iterable[Any] | FloatArray) -> Iterable[Any]:
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    return [plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
 
 
 #: Suffixes of files that are written.

@@ -33,22 +33,16 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Distribution:
-    """A distribution of one column."""
-
-    quantiles: Callable[[Any], Any]  # from probabilities to values
-    description: list[Any]  # its kind and numbers, as JSON takes them
-
-
-def read_distribution(given: Any, name: str, own: Callable[[], float]) -> Distribution:
-    """Read a distribution."""
+def read_distribution(
+    given: Any, name: str, own: Callable[[], float]
+) -> tuple[Callable[[Any], Any], list[Any]]:
+    """Return the quantiles of a distribution, and its kind and numbers, as JSON takes them."""
     if not isinstance(name, str):
         raise ParameterError(f"sample has the name {brief(repr(name))}: give it as text")
     what = f"the distribution of '{brief(name)}'"
     quantiles = getattr(given, "ppf", None) or getattr(given, "icdf", None)
     if quantiles is not None and hasattr(given, "mean") and not hasattr(given, "shapes"):
-        return Distribution(quantiles, [_described(given)])
+        return quantiles, [_described(given)]
     is_row = isinstance(given, Sequence) and not isinstance(given, str) and len(given) > 0
     if not is_row or not isinstance(given[0], str):
         raise ParameterError(
@@ -66,7 +60,7 @@ def read_distribution(given: Any, name: str, own: Callable[[], float]) -> Distri
     numbers = [
         check_number(value, f"{label} of {what}") for label, value in zip(wanted, rest, strict=True)
     ]
-    return Distribution(_frozen(kind, numbers, what, own).ppf, [kind, *numbers])
+    return _frozen(kind, numbers, what, own).ppf, [kind, *numbers]
 
 
 def _frozen(kind: str, numbers: Sequence[float], what: str, own: Callable[[], float]) -> Any:
@@ -228,17 +222,19 @@ def sample(
         raise ParameterError(
             f"there is no way {method!r} to draw members{nearest(method, METHODS)}"
         )
-    seed = _checked_seed(seed)
+    if seed is None:  # one is drawn that can be given again
+        seed = int(np.random.SeedSequence().generate_state(1)[0])
+    seed = check_whole(seed, "the seed")
     read = {
         name: read_distribution(given, name, partial(own_value, source, name))
         for name, given in distributions.items()
     }
     points = unit_points(method, int(n), len(read), seed)
     columns = {
-        name: _finite(row.quantiles(points[:, j]), name)
-        for j, (name, row) in enumerate(read.items())
+        name: _finite(quantiles(points[:, j]), name)
+        for j, (name, (quantiles, _)) in enumerate(read.items())
     }
-    described = {name: row.description for name, row in read.items()}
+    described = {name: description for name, (_, description) in read.items()}
     origin = {"method": method, "seed": seed, "n": int(n), "distributions": described}
     return Samples(columns, origin)
 
@@ -260,13 +256,6 @@ def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
     raise ParameterError(
         f"the model has no tunable parameter or state '{brief(name)}'{nearest(name, known)}"
     )
-
-
-def _checked_seed(seed: object) -> int:
-    """Accept a seed, or draw one that can be repeated."""
-    if seed is None:
-        return int(np.random.SeedSequence().generate_state(1)[0])
-    return check_whole(seed, "the seed")
 
 
 def unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:
