@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured, spread
+from cotree.estimation.estimated import LOGARITHMS
 from cotree.estimation.problem import Problem
 from cotree.report import frame
 from cotree.scene.given import check_whole
@@ -79,20 +80,12 @@ class Band:
         """Plot the value and the interval over time."""
         from cotree.plot.fits import Course, draw_courses
 
-        return draw_courses([course_of(self, Course, title=title_of(self.condition))], ax=ax)
+        return draw_courses([Course(title_of(self.condition), self)], ax=ax)
 
 
 def title_of(name: str) -> str:
     """Return the title of an experiment, whose name may be a number."""
     return f"experiment {name}" if name.isdigit() else name
-
-
-def course_of(band: Band, make: Any, **more: Any) -> Any:
-    """Convert a band to the form that the plots take; ``more`` may hold measured points."""
-    return make(
-        name=band.name, unit=band.unit, t=band.t, value=band.value,
-        lower=band.lower, upper=band.upper, level=band.level, **more,
-    )  # fmt: skip
 
 
 def find_condition(problem: Problem, given: int | str) -> int:
@@ -123,45 +116,49 @@ def read_times(t: Any, condition: Condition) -> Array:
     return times
 
 
-def at_times(
-    problem: Problem,
+def predicted_at(
+    found: Uncertainty,
     condition: Condition,
     output: str,
     t: Array,
-    noise: str | float = 1.0,
-    transformation: str = "lin",
-) -> Problem:
-    """Make a problem that predicts one quantity at given times."""
-    n = len(t)
+    noise: str | float,
+    transformation: str,
+) -> tuple[Problem, Predictions]:
+    """Predict a quantity at given times; also return the problem that does so."""
+    problem, n = found.problem, len(t)
+    quantities = [condition.quantity(output)] * n
     rows = Measured(
-        np.zeros(n, dtype=np.intp), t, [output] * n, np.ones(n), [noise] * n, transformation
+        np.zeros(n, dtype=np.intp), t, quantities, np.ones(n), [noise] * n, transformation
     )
-    return Problem(problem.estimated, [condition], rows, problem.settings)
+    at = Problem(problem.estimated, [condition], rows, problem.settings)
+    (there,) = at.predict([found.theta])
+    if there.message:
+        raise ParameterError(f"'{output}' cannot be predicted: {there.message}")
+    return at, there
 
 
-def measured_like(problem: Problem, number: int, output: str) -> int | None:
-    """Find a measured row of a quantity, preferably of this condition; None if there is none.
+def like_measured(
+    problem: Problem, number: int, output: str, noise: str | float | None
+) -> tuple[str | float, str]:
+    """Return noise and transformation of further measurements of a quantity.
 
-    Its noise and transformation apply to further measurements.
+    They are those of values that were measured, preferably in this condition, where ``noise`` is
+    None.
     """
     rows = [i for i, name in enumerate(problem.measured.observable) if name == output]
-    here = [i for i in rows if problem.measured.condition[i] == number]
-    return (here or rows or [None])[0]  # type: ignore[list-item]
-
-
-def noise_like(problem: Problem, output: str, row: int | None) -> str | float:
-    """Return the noise of further measurements: that of a measured row."""
-    if row is None:
-        raise ParameterError(
-            f"'{output}' was not measured, so its noise is unknown: give the standard "
-            "deviation of its noise"
-        )
-    return problem.measured.noise[row]
+    here = [i for i in rows if problem.measured.condition[i] == number] or rows
+    if not here:
+        if noise is None:
+            raise ParameterError(
+                f"'{output}' was not measured, so its noise is unknown: give the standard "
+                "deviation of its noise"
+            )
+        return noise, "lin"
+    kinds = spread(problem.measured.transformation, len(problem.measured))
+    return problem.measured.noise[here[0]] if noise is None else noise, kinds[here[0]]
 
 
 def band_of(
-    problem: Problem,
-    theta: Array,
     found: Uncertainty,
     output: str,
     t: Any = None,
@@ -173,6 +170,7 @@ def band_of(
     seed: int = 0,
 ) -> Band:
     """Predict a quantity with its interval; see :meth:`FitResult.bands`."""
+    problem = found.problem
     number = find_condition(problem, condition)
     run = problem.conditions[number]
     quantity = run.quantity(output)
@@ -181,19 +179,9 @@ def band_of(
         end = float(times.max()) if times.size else run.t_start + 1.0
         t = np.linspace(run.t_start, end, _POINTS)
     t = read_times(t, run)
-    row = measured_like(problem, number, quantity)
-    deviation: str | float = 1.0
-    if noise is not False:
-        deviation = noise_like(problem, quantity, row) if noise is True else noise
-    kind = (
-        "lin"
-        if row is None
-        else spread(problem.measured.transformation, len(problem.measured))[row]
-    )
-    at = at_times(problem, run, quantity, t, deviation, kind)
-    (there,) = at.predict([theta])
-    if there.message:
-        raise ParameterError(f"'{output}' cannot be predicted: {there.message}")
+    given = 1.0 if noise is False else None if noise is True else noise
+    deviation, kind = like_measured(problem, number, quantity, given)
+    at, there = predicted_at(found, run, output, t, deviation, kind)
     middle = at.likelihood.transformed(there.values)
     # The rows of the information are slopes over sigma, on the scale of the (additive) noise.
     slopes = at.likelihood.fisher_rows(there)[: len(t)] * there.sigma[:, None]
@@ -203,7 +191,7 @@ def band_of(
     deviations = factor * there.sigma
     total = np.hypot(errors, deviations) if noise is not False else errors
     if draws:
-        drawn = _draw(at, theta, found, draws, seed, deviations if noise is not False else None)
+        drawn = _draw(at, found, draws, seed, deviations if noise is not False else None)
         # Samples do not cover undetermined directions, so those entries are not usable.
         drawn = np.where(np.isfinite(errors), drawn, [[np.nan]])
         tail = 0.5 * (1.0 - level)
@@ -214,26 +202,19 @@ def band_of(
     else:
         reach = found.quantile(level) * total
         low, high = middle - reach, middle + reach
-    lower, upper = (_back(kind, values) for values in (low, high))
+    lower, upper, in_units = low, high, errors
+    if kind != "lin":
+        decade = LOGARITHMS[kind]
+        in_units = errors * (np.abs(there.values) * decade)
+        with np.errstate(over="ignore"):
+            lower, upper = np.exp(low * decade), np.exp(high * decade)
     unit = run.model.layout.units.get(quantity, "")
-    scale = np.abs(there.values) * (np.log(10.0) if kind == "log10" else 1.0)
-    in_units = errors if kind == "lin" else errors * scale
     return Band(
         output, unit, run.name, t, there.values, in_units, lower, upper, level, noise is not False
     )
 
 
-def _back(transformation: str, values: Array) -> Array:
-    """Invert the transformation of values."""
-    if transformation == "lin":
-        return values
-    with np.errstate(over="ignore"):
-        return np.asarray(np.exp(values * (np.log(10.0) if transformation == "log10" else 1.0)))
-
-
-def _draw(
-    at: Problem, theta: Array, found: Uncertainty, n: int, seed: int, deviations: Array | None
-) -> Array:
+def _draw(at: Problem, found: Uncertainty, n: int, seed: int, deviations: Array | None) -> Array:
     """Predict for samples of the estimates, all in one call of the ensemble engine."""
     random = np.random.default_rng(check_whole(seed, "seed"))
     n = check_whole(n, "draws", 1)
@@ -241,7 +222,8 @@ def _draw(
     wide = np.ones((n, 1))
     if math.isfinite(found.freedom):
         wide = np.sqrt(found.freedom / random.chisquare(found.freedom, (n, 1)))
-    thetas = theta + wide * random.standard_normal((n, found.root.shape[1])) @ found.root.T
+    drawn = wide * random.standard_normal((n, found.root.shape[1])) @ found.root.T
+    thetas = found.theta + drawn
     thetas = np.clip(thetas, at.scaled.lower, at.scaled.upper)
     runs: Sequence[Predictions] = at.predict(thetas, slopes=False)
     is_run = np.array([not run.message for run in runs])

@@ -22,7 +22,6 @@ import numpy.typing as npt
 
 from cotree.errors import ParameterError, nearest
 from cotree.estimation import bands
-from cotree.estimation.conditions import spread
 from cotree.report import Report, Reported, Table, frame
 from cotree.scene.given import check_mapping, check_whole
 from cotree.scene.variants import expressions_among
@@ -30,7 +29,6 @@ from cotree.scene.variants import expressions_among
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
 
 Array = npt.NDArray[np.float64]
@@ -175,8 +173,6 @@ def read_candidates(given: Any) -> list[Candidates]:
 
 
 def choose(
-    problem: Problem,
-    theta: Array,
     found: Uncertainty,
     given: Any,
     n: int,
@@ -185,7 +181,7 @@ def choose(
     repeat: bool = True,
 ) -> NextMeasurements:
     """Choose measurements; see :meth:`FitResult.next_measurements`."""
-    names = problem.scaled.names
+    names = found.problem.scaled.names
     if criterion not in CRITERIA and criterion not in names:
         listed = ", ".join(CRITERIA)
         raise ParameterError(
@@ -193,7 +189,7 @@ def choose(
             f"{nearest(criterion, (*CRITERIA, *names))}"
         )
     n = check_whole(n, "n", 1)
-    rows, labels = _rows(problem, theta, read_candidates(given), found)
+    rows, labels = _rows(found, read_candidates(given))
     if not repeat and n > len(labels):
         raise ParameterError(
             f"{n} measurements cannot be chosen from {len(labels)} candidates with repeat=False"
@@ -201,10 +197,9 @@ def choose(
     # The units may be negative; their outer product scales the information correctly all the same.
     present = np.outer(found.split.sizes, found.split.sizes) * found.fisher
     weigh = _Weigh(present, found.split.open.shape[1], criterion, names)
-    chosen = _improved(_greedy(rows, n, weigh, repeat, []), rows, weigh, repeat)
+    chosen = _improved(_greedy(rows, n, weigh, range(len(rows)), repeat), rows, weigh, repeat)
     # Order the final set by benefit.
-    order = _greedy(rows, n, weigh, False, [], among=chosen)
-    return _described(problem, theta, found, rows, labels, order, weigh)
+    return _described(found, rows, labels, _greedy(rows, n, weigh, chosen, False), weigh)
 
 
 class _Weigh:
@@ -247,9 +242,10 @@ class _Weigh:
 
 
 def _rows(
-    problem: Problem, theta: Array, given: Sequence[Candidates], found: Uncertainty
+    found: Uncertainty, given: Sequence[Candidates]
 ) -> tuple[list[Array], list[tuple[str, str, float, float]]]:
     """Return the information rows of all candidates, in relative units, and their labels."""
+    problem = found.problem
     rows: list[Array] = []
     labels: list[tuple[str, str, float, float]] = []
     for item in given:
@@ -268,16 +264,9 @@ def _rows(
             inputs={**base.inputs, **item.inputs} if item.inputs else base.inputs,
         )
         quantity = run.quantity(item.output)
-        like = bands.measured_like(problem, number, quantity)
-        noise = bands.noise_like(problem, quantity, like) if item.noise is None else item.noise
-        kind = "lin"
-        if like is not None:
-            kind = spread(problem.measured.transformation, len(problem.measured))[like]
+        noise, kind = bands.like_measured(problem, number, quantity, item.noise)
         t = bands.read_times(item.t, run)
-        at = bands.at_times(problem, run, quantity, t, noise, kind)
-        (there,) = at.predict([theta])
-        if there.message:
-            raise ParameterError(f"'{item.output}' cannot be predicted: {there.message}")
+        at, there = bands.predicted_at(found, run, item.output, t, noise, kind)
         information = at.likelihood.fisher_rows(there) * found.split.sizes
         for i in range(len(t)):
             # One row for the value and one for its standard deviation, if that is estimated.
@@ -289,17 +278,11 @@ def _rows(
 
 
 def _greedy(
-    rows: Sequence[Array],
-    n: int,
-    weigh: _Weigh,
-    repeat: bool,
-    taken: list[int],
-    among: Sequence[int] | None = None,
+    rows: Sequence[Array], n: int, weigh: _Weigh, among: Sequence[int], repeat: bool
 ) -> list[int]:
     """Add one candidate at a time, always the one with the best rating."""
-    left = list(range(len(rows))) if among is None else list(among)
-    chosen = list(taken)
-    added = sum((rows[i].T @ rows[i] for i in chosen), np.zeros_like(weigh.present))
+    left, chosen = list(among), list[int]()
+    added = np.zeros_like(weigh.present)
     while len(chosen) < n:
         best = max(dict.fromkeys(left), key=lambda i: weigh(added + rows[i].T @ rows[i]))
         chosen.append(best)
@@ -330,8 +313,6 @@ def _improved(chosen: list[int], rows: Sequence[Array], weigh: _Weigh, repeat: b
 
 
 def _described(
-    problem: Problem,
-    theta: Array,
     found: Uncertainty,
     rows: Sequence[Array],
     labels: Sequence[tuple[str, str, float, float]],
@@ -339,9 +320,10 @@ def _described(
     weigh: _Weigh,
 ) -> NextMeasurements:
     """Describe the benefit of each measurement, given those before it."""
-    names = problem.scaled.names
+    scaled = found.problem.scaled
+    names = scaled.names
     # If the noise was estimated, the variances keep their small-sample correction.
-    scale = np.abs(found.split.sizes) * problem.scaled.slopes(theta) * math.sqrt(found.spread)
+    scale = np.abs(found.split.sizes) * scaled.slopes(found.theta) * math.sqrt(found.spread)
     added = np.zeros_like(weigh.present)
     before, is_open = _errors(weigh, added)
     described = []

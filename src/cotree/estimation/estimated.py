@@ -18,7 +18,8 @@ Array = npt.NDArray[np.float64]
 #: Scales: "lin" is the value itself, the others are its natural and its decimal logarithm.
 SCALES = ("lin", "log", "log10")
 
-_LN10 = math.log(10.0)
+#: Natural logarithm of a value per unit of its logarithm, by scale.
+LOGARITHMS = {"lin": 1.0, "log": 1.0, "log10": math.log(10.0)}
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Scaled:
 
     def __init__(self, estimated: Sequence[Estimated]) -> None:
         self.names = tuple(row.name for row in estimated)
-        self._factors = np.array([{"log10": _LN10}.get(row.scale, 1.0) for row in estimated])
+        self._factors = np.array([LOGARITHMS[row.scale] for row in estimated])
         self._is_log = np.array([row.scale != "lin" for row in estimated], dtype=bool)
         self.lower = self.scaled(np.array([row.lower for row in estimated], dtype=float))
         self.upper = self.scaled(np.array([row.upper for row in estimated], dtype=float))

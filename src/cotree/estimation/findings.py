@@ -7,19 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cotree.estimation.estimated import LOGARITHMS
 from cotree.estimation.uncertainty import in_words, points_beside, split
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    import numpy.typing as npt
-
+    from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.multistart import Search, StartRecord
     from cotree.estimation.problem import Problem
     from cotree.estimation.uncertainty import Uncertainty
-
-    Array = npt.NDArray[np.float64]
 
 # Estimates count as lying on a bound if they are closer than this, relative to the distance between
 # the bounds or to their value: optimisers with bounds keep their iterates strictly feasible.
@@ -36,17 +34,14 @@ _IMPROBABLE = 1e-3
 _WIDE = 1e3
 
 
-def at_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
-    """Return "lower" or "upper" for each parameter at a bound, and an empty string for others."""
-    lower, upper = problem.scaled.lower, problem.scaled.upper
-    found = []
-    for x, low, high in zip(theta, lower, upper, strict=True):
-        width = high - low if math.isfinite(high - low) else max(1.0, abs(x))
-        if x - low <= _AT_BOUND * width:
-            found.append("lower")
-        else:
-            found.append("upper" if high - x <= _AT_BOUND * width else "")
-    return tuple(found)
+def at_bounds(problem: Problem, theta: Array) -> dict[str, str]:
+    """Return the parameters at a bound, with "lower" or "upper"."""
+    found, scaled = {}, problem.scaled
+    for name, x, low, high in zip(scaled.names, theta, scaled.lower, scaled.upper, strict=True):
+        near = _AT_BOUND * (high - low if math.isfinite(high - low) else max(1.0, abs(x)))
+        if x - low <= near or high - x <= near:
+            found[name] = "lower" if x - low <= near else "upper"
+    return found
 
 
 def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
@@ -70,12 +65,12 @@ def of_optimiser(starts: Sequence[StartRecord]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def of_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
+def of_bounds(problem: Problem, sides: Mapping[str, str]) -> tuple[str, ...]:
     """Report estimates at a bound."""
     sentences = []
-    noise = {name for name in problem.measured.noise if isinstance(name, str)}
-    for row, side in zip(problem.estimated, at_bounds(problem, theta), strict=True):
-        if side == "lower" and row.name in noise:
+    for row in problem.estimated:
+        side = sides.get(row.name)
+        if side == "lower" and row.name in problem.measured.noise:
             sentences.append(
                 f"'{row.name}' is at its lower bound {row.lower:g}: the model reproduces the data "
                 "almost exactly, so the noise cannot be estimated and the intervals are "
@@ -90,19 +85,15 @@ def of_bounds(problem: Problem, theta: Array) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def of_directions(
-    problem: Problem,
-    theta: Array,
-    found: Uncertainty,
-    more_rows: Array | None = None,
-) -> tuple[str, ...]:
+def of_directions(found: Uncertainty, more_rows: Array | None = None) -> tuple[str, ...]:
     """Report the directions that the data do not determine.
 
     ``more_rows``, the information of priors, is taken to be the same at nearby points.
     """
     if not found.split.open.shape[1]:
         return ()
-    points = points_beside(problem, theta)
+    problem = found.problem
+    points = points_beside(problem, found.theta)
     beside = []
     for point, there in zip(points, problem.predict(points), strict=True):
         if there.message:
@@ -115,21 +106,21 @@ def of_directions(
     return in_words(problem.scaled.names, found.split, beside)
 
 
-def of_widths(problem: Problem, theta: Array, found: Uncertainty) -> tuple[str, ...]:
+def of_widths(found: Uncertainty) -> tuple[str, ...]:
     """Report intervals that are too wide to be informative."""
-    sentences = []
+    sentences, scaled = [], found.problem.scaled
     reach = found.quantile(0.95) * found.errors
-    for i, row in enumerate(problem.estimated):
+    for i, row in enumerate(found.problem.estimated):
         if not math.isfinite(reach[i]):
             continue
-        low, high = problem.scaled.lower[i], problem.scaled.upper[i]
-        if theta[i] - reach[i] < low and theta[i] + reach[i] > high:
+        x = found.theta[i]
+        if x - reach[i] < scaled.lower[i] and x + reach[i] > scaled.upper[i]:
             sentences.append(
                 f"The data hardly determine '{row.name}': its 95 % interval is wider than its "
                 f"bounds {row.lower:g} and {row.upper:g}."
             )
         elif row.scale != "lin":
-            ratio = 2.0 * reach[i] * (math.log(10.0) if row.scale == "log10" else 1.0)
+            ratio = 2.0 * reach[i] * LOGARITHMS[row.scale]
             if ratio > math.log(_WIDE):
                 sentences.append(
                     f"The data hardly determine '{row.name}': the ends of its 95 % interval differ "

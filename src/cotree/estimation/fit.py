@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
-from cotree.estimation.estimated import Estimated, estimated, read_ranges
+from cotree.estimation.estimated import LOGARITHMS, Estimated, estimated, read_ranges
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.observing import MeasuredRows, Observer, signal
@@ -303,9 +303,6 @@ def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
     return found
 
 
-_LN10 = math.log(10.0)
-
-
 def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
     """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
 
@@ -342,7 +339,7 @@ def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
 def _ends(row: Estimated) -> tuple[float, float]:
     """Return an interval around the guess of a parameter, on its scale."""
     if row.scale != "lin":
-        decade = 1.0 if row.scale == "log10" else _LN10
+        decade = math.log(10.0) / LOGARITHMS[row.scale]
         middle = math.log10(row.start) * decade if row.start else 0.0
         return middle - decade, middle + decade
     start = row.start or 0.0

@@ -16,13 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.estimation.conditions import spread
+from cotree.estimation.estimated import LOGARITHMS
 
 if TYPE_CHECKING:
     from cotree.estimation.conditions import Measured
 
 Array = npt.NDArray[np.float64]
-
-_LN10 = math.log(10.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ class Likelihood:
         logs = np.array(spread(measured.transformation, n), dtype=object)
         self.is_log = logs != "lin"
         # T(x) = log(x) / factor, so its derivative is 1 / (factor x).
-        self._factor = np.where(logs == "log10", _LN10, 1.0)
+        self._factor = np.array([LOGARITHMS[word] for word in logs])
         self.is_normal = np.array(spread(measured.distribution, n), dtype=object) == "normal"
         self.value = np.asarray(measured.value, dtype=float)
         self._target = self.transformed(self.value)

@@ -18,10 +18,10 @@ import operator
 import queue
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.ensemble.run import stopped_by_interrupt
 from cotree.errors import ParameterError
@@ -32,8 +32,12 @@ if TYPE_CHECKING:
 
     from scipy.optimize import OptimizeResult
 
+    from cotree.estimation.estimated import Array, Scaled
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
+
+    #: Further residuals and their Jacobian as a function of ``theta``.
+    Rows = Callable[[Array], tuple[Array, Array]]
 
 
 class Stopped(BaseException):
@@ -122,9 +126,6 @@ class Rendezvous:
         asked, self._asked = self._asked, []
         for (_, _, answer), row in zip(asked, found, strict=True):
             answer.put(row)
-
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +250,7 @@ def minimise_from_starts(
     starts: Any,
     search: Search | None = None,
     *,
-    more_rows: Callable[[Array], tuple[Array, Array]] | None = None,
+    more_rows: Rows | None = None,
     progress: bool = True,
 ) -> tuple[StartRecord, ...]:
     """Minimise the negative log-likelihood, or a loss, from several starts.
@@ -284,7 +285,7 @@ def minimise_from_starts(
         for first in range(0, len(points), _SIDE_BY_SIDE):
             meeting = Rendezvous(problem.predict)
             block = [
-                Start(problem, i, x, how, more_rows, meeting)
+                Start(problem, problem.scaled, x, how, more_rows, partial(meeting.ask, i))
                 for i, x in enumerate(points[first : first + _SIDE_BY_SIDE])
             ]
 
@@ -301,19 +302,22 @@ def minimise_from_starts(
 
 
 class Start:
-    """One start: runs the optimiser and keeps the best of the points it evaluates."""
+    """One start: runs the optimiser and keeps the best of the points it evaluates.
+
+    ``scaled`` are the parameters that vary, and ``ask`` returns predictions at values of them.
+    """
 
     def __init__(
         self,
         problem: Problem,
-        number: int,
+        scaled: Scaled,
         began: Array,
         search: Search,
-        more_rows: Callable[[Array], tuple[Array, Array]] | None,
-        meeting: Rendezvous,
+        more_rows: Rows | None,
+        ask: Callable[[Array], Predictions],
     ) -> None:
-        self._problem, self._number, self._search = problem, number, search
-        self._began, self._more, self._meeting = began, more_rows, meeting
+        self._likelihood, self._scaled, self._search = problem.likelihood, scaled, search
+        self._began, self._more, self._ask = began, more_rows, ask
         self._rows = SquareRows(problem)
         self._n_evaluations = 0
         # The point evaluated last, with its residuals and their Jacobian.
@@ -326,19 +330,20 @@ class Start:
         """Run the optimiser; called in a separate thread."""
         from scipy.optimize import least_squares
 
-        scaled, how = self._problem.scaled, self._search
-        lm = how.optimiser == "lm"
+        lower, upper, how = self._scaled.lower, self._scaled.upper, self._search
+        is_lm, width = how.optimiser == "lm", upper - lower
+        by_bounds = how.scale == "bounds" and np.all(np.isfinite(width) & (width > 0.0))
+        first = np.clip(self._began, lower, upper)
         try:
-            first = self._values(self._inside(self._began))
-            if not np.all(np.isfinite(first)):
+            if not np.all(np.isfinite(self._values(first))) or not first.size:
                 return
             self._ended = least_squares(
-                self._high_values if lm else self._values,
-                self._inside(self._began),
+                self._high_values if is_lm else self._values,
+                first,
                 self._slopes,
-                bounds=(-np.inf, np.inf) if lm else (scaled.lower, scaled.upper),
+                bounds=(-np.inf, np.inf) if is_lm else (lower, upper),
                 method=how.optimiser,
-                x_scale=self._scale(),
+                x_scale=width if by_bounds else "jac",
                 loss=how.loss,
                 f_scale=how.f_scale,
                 ftol=how.ftol,
@@ -364,18 +369,10 @@ class Start:
             math.nan if ended is None else float(ended.optimality),
         )
 
-    def _scale(self) -> str | Array:
-        width = self._problem.scaled.upper - self._problem.scaled.lower
-        use_bounds = self._search.scale == "bounds" and np.all(np.isfinite(width) & (width > 0.0))
-        return width if use_bounds else "jac"
-
-    def _inside(self, theta: Array) -> Array:
-        return np.clip(theta, self._problem.scaled.lower, self._problem.scaled.upper)
-
     def _values(self, theta: Array) -> Array:
         if self._at is not None and np.array_equal(self._at[0], theta):
             return self._at[1]
-        found = self._meeting.ask(self._number, theta)
+        found = self._ask(theta)
         self._n_evaluations += 1
         rows, slopes = self._rows.at(found)
         if self._more is not None:
@@ -396,8 +393,7 @@ class Start:
         return rows if np.all(np.isfinite(rows)) else np.full_like(rows, _HIGH)
 
     def _slopes(self, theta: Array) -> Array:
-        if self._at is None or not np.array_equal(self._at[0], theta):
-            self._values(theta)
+        self._values(theta)
         assert self._at is not None
         return self._at[2]
 
@@ -406,7 +402,7 @@ class Start:
         if not np.all(np.isfinite(rows)):
             return
         if self._search.loss == "linear":
-            objective = -self._problem.likelihood.log_likelihood(found)
+            objective = -self._likelihood.log_likelihood(found)
             if self._more is not None:
                 objective += 0.5 * float(np.sum(self._more(theta)[0] ** 2))
         else:
@@ -416,17 +412,22 @@ class Start:
 
     def _why(self, ended: OptimizeResult) -> str:
         """Return the reason for termination."""
-        found = {
-            1: "converged: the gradient vanishes",
-            2: "converged: the objective no longer changes",
-            3: "converged: the parameters no longer change",
-            4: "converged: neither the objective nor the parameters change",
-        }
-        limit = (
-            f"it stopped after {_counted(self._n_evaluations)}, the limit, with an optimality of "
-            f"{ended.optimality:.1e}, more than {self._search.gtol:.0e}: raise max_evaluations"
-        )
-        return found.get(int(ended.status), limit)
+        if ended.status < 1:
+            return (
+                f"it stopped after {_counted(self._n_evaluations)}, the limit, with an optimality "
+                f"of {ended.optimality:.1e}, more than {self._search.gtol:.0e}: raise "
+                "max_evaluations"
+            )
+        return f"converged: {_CONVERGED[int(ended.status)]}"
+
+
+# Reasons by the status of `least_squares`.
+_CONVERGED = {
+    1: "the gradient vanishes",
+    2: "the objective no longer changes",
+    3: "the parameters no longer change",
+    4: "neither the objective nor the parameters change",
+}
 
 
 def _robust(rows: Array, search: Search) -> float:

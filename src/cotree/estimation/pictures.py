@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.estimation.bands import course_of, title_of
-from cotree.plot.fits import Course, Curve, Residuals, draw_overview, draw_profiles, draw_waterfall
+from cotree.estimation.bands import title_of
+from cotree.plot.fits import Course, Residuals, draw_overview, draw_profiles, draw_waterfall
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,16 +31,9 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
         times = np.unique(np.concatenate([np.linspace(run.t_start, end, 301), t]))
         band = result.bands(run.column(name), times, experiment=condition, noise=noise)
         is_plain = not result.problem.likelihood.is_log[rows].any()
-        parts.append(
-            course_of(
-                band,
-                Course,
-                title=title_of(run.name),
-                t_measured=t,
-                measured=np.asarray(measured.value, dtype=float)[rows],
-                sigma=found.sigma[rows] if is_plain else None,
-            )
-        )
+        values = np.asarray(measured.value, dtype=float)[rows]
+        sigma = found.sigma[rows] if is_plain else None
+        parts.append(Course(title_of(run.name), band, t, values, sigma))
     return parts
 
 
@@ -71,24 +64,8 @@ def waterfall(result: FitResult) -> Figure:
 
 def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Figure:
     """Compute profiles and plot them."""
-    found, errors = result.profiles(names, level=level), result.standard_errors
-    return draw_profiles(
-        [
-            Curve(
-                row.name,
-                result.units[row.name],
-                row.values,
-                row.rise,
-                *row.curve(),
-                row.estimate,
-                errors[row.name],
-                row.limit,
-                row.interval,
-                row.scale != "lin",
-            )
-            for row in found.values()
-        ]
-    )
+    found = result.profiles(names, level=level)
+    return draw_profiles(list(found.values()), result.standard_errors)
 
 
 def overview(result: FitResult) -> Figure:

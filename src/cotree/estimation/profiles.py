@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.estimation.estimated import Scaled
 from cotree.estimation.multistart import Rendezvous, Search, Start, Stopped
@@ -25,63 +25,10 @@ from cotree.estimation.multistart import Rendezvous, Search, Start, Stopped
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
-    from cotree.estimation.problem import Problem
+    from cotree.estimation.multistart import Rows
     from cotree.estimation.uncertainty import Uncertainty
-
-
-Array = npt.NDArray[np.float64]
-
-
-class FixedProblem:
-    """A problem with one of its parameters fixed."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        index: int,
-        value: float,
-        meeting: Rendezvous,
-        more_rows: Callable[[Array], tuple[Array, Array]] | None,
-    ) -> None:
-        self._index, self._value, self._meeting, self._more = index, value, meeting, more_rows
-        self.scaled = Scaled([*problem.estimated[:index], *problem.estimated[index + 1 :]])
-        self.measured, self.likelihood = problem.measured, problem.likelihood
-        self.more_rows = None if more_rows is None else self._more_rows
-
-    def free(self, theta: Array) -> Array:
-        """Remove the fixed parameter."""
-        return np.delete(theta, self._index)
-
-    def whole(self, theta: Array) -> Array:
-        """Insert the fixed parameter."""
-        return np.insert(theta, self._index, self._value)
-
-    def ask(self, number: int, theta: Any) -> Predictions:
-        """Return predictions, like :meth:`Rendezvous.ask`."""
-        found = self._meeting.ask(number, self.whole(theta))
-        return replace(
-            found,
-            slopes=np.delete(found.slopes, self._index, axis=1),
-            sigma_slopes=np.delete(found.sigma_slopes, self._index, axis=1),
-        )
-
-    def objective(self, number: int) -> float:
-        """Evaluate the objective if no other parameter is left."""
-        found = self._meeting.ask(number, self.whole(np.zeros(0)))
-        value = -self.likelihood.log_likelihood(found)
-        if self._more is not None:
-            value += 0.5 * float(np.sum(self._more(self.whole(np.zeros(0)))[0] ** 2))
-        return value if not found.message else np.inf
-
-    def _more_rows(self, theta: Array) -> tuple[Array, Array]:
-        assert self._more is not None
-        rows, slopes = self._more(self.whole(theta))
-        return rows, np.delete(slopes, self._index, axis=1)
-
-
-if TYPE_CHECKING:
-    Rows = Callable[[npt.NDArray[np.float64]], tuple[npt.NDArray[np.float64], Any]]
 
 
 # Target for the rise of twice the objective per step, as a fraction of the limit, which gives about
@@ -177,31 +124,26 @@ class Profile:
 
 
 def profiles_of(
-    problem: Problem,
-    theta: Array,
+    found: Uncertainty,
     objective: float,
     chosen: Sequence[int],
-    found: Uncertainty,
     *,
     level: float = 0.95,
     more_rows: Rows | None = None,
 ) -> tuple[Profile, ...]:
     """Compute the profile likelihoods of the parameters with the numbers ``chosen``.
 
-    ``objective`` is the negative log-likelihood at ``theta``, including priors.
+    ``objective`` is the negative log-likelihood at the estimates, including priors.
     """
-    limit = found.rise(level)
-    meeting = Rendezvous(problem.predict)
-    at = (theta, objective, limit, found, more_rows, meeting)
+    meeting = Rendezvous(found.problem.predict)
     walks = [
-        _Walk(problem, 2 * k + (side > 0), i, side, *at)
+        _Walk(found, objective, level, more_rows, partial(meeting.ask, 2 * k + (side > 0)), i, side)
         for k, i in enumerate(chosen)
         for side in (-1, 1)
     ]
     meeting.meet([walk.run for walk in walks], lambda done, n: None)
     return tuple(
-        _joined(problem, i, theta, level, limit, walks[2 * k], walks[2 * k + 1])
-        for k, i in enumerate(chosen)
+        _joined(found, i, level, walks[2 * k], walks[2 * k + 1]) for k, i in enumerate(chosen)
     )
 
 
@@ -210,43 +152,33 @@ class _Walk:
 
     def __init__(
         self,
-        problem: Problem,
-        number: int,
+        found: Uncertainty,
+        objective: float,
+        level: float,
+        more_rows: Rows | None,
+        ask: Callable[[Array], Predictions],
         index: int,
         side: int,
-        theta: Array,
-        objective: float,
-        limit: float,
-        found: Uncertainty,
-        more_rows: Rows | None,
-        meeting: Rendezvous,
     ) -> None:
-        self._problem, self._number, self._index, self._side = problem, number, index, side
-        self._objective, self._limit, self._more, self._meeting = (
-            objective,
-            limit,
-            more_rows,
-            meeting,
-        )
+        self._problem, self._objective, self._limit = found.problem, objective, found.rise(level)
+        self._more, self._ask, self._index, self._side = more_rows, ask, index, side
+        theta, scaled = found.theta, found.problem.scaled
         self.points: list[tuple[float, float, Array]] = [(float(theta[index]), 0.0, theta)]
         self.end: float | None = None  # where the limit is crossed
         self.why = ""
-        scaled = problem.scaled
         bound = float((scaled.lower if side < 0 else scaled.upper)[index])
         error = float(found.errors[index])
         size = float(abs(found.split.sizes[index]))
         # Undetermined parameters have no finite standard error and start with a relative step.
-        self._first = error * math.sqrt(_STEP * limit) if math.isfinite(error) else 0.2 * size
+        self._first = error * math.sqrt(_STEP * self._limit) if math.isfinite(error) else 0.2 * size
         reach = _FARTHEST * (error if math.isfinite(error) else size)
         # A lower bound of zero is minus infinity on a logarithmic scale.
         self._bound = bound if math.isfinite(bound) else float(theta[index]) + side * reach
         self.is_bounded = math.isfinite(bound)
         self._along = np.zeros(len(theta))
         if math.isfinite(error) and error > 0.0:
-            column = np.where(
-                np.isfinite(found.covariance[:, index]), found.covariance[:, index], 0
-            )
-            self._along = column / error**2
+            column = found.covariance[:, index]
+            self._along = np.where(np.isfinite(column), column, 0) / error**2
 
     def run(self) -> None:
         """Follow the profile until the limit is crossed or the bound is reached."""
@@ -318,32 +250,42 @@ class _Walk:
             last, before = self.points[-1], self.points[-2]
             along = (last[2] - before[2]) / (last[0] - before[0])
         began = nearest[2] + along * (x - nearest[0])
-        fixed = FixedProblem(self._problem, self._index, x, self._meeting, self._more)
-        if not fixed.scaled.names:
-            value = fixed.objective(self._number)
-            there = np.array([x])
-        else:
-            # `FixedProblem` has all members of `Problem` and `Rendezvous` that `Start` uses.
-            start = Start(
-                cast("Problem", fixed),
-                self._number,
-                fixed.free(began),
-                _SEARCH,
-                fixed.more_rows,
-                cast("Rendezvous", fixed),
-            )
-            start.run()
-            row = start.record()
-            value, there = row.objective, fixed.whole(row.theta)
-        if not math.isfinite(value):
+        others = [row for i, row in enumerate(self._problem.estimated) if i != self._index]
+        more = None if self._more is None else partial(self._more_at, x)
+        start = Start(
+            self._problem,
+            Scaled(others),
+            np.delete(began, self._index),
+            _SEARCH,
+            more,
+            partial(self._ask_at, x),
+        )
+        start.run()
+        row = start.record()
+        if not math.isfinite(row.objective):
             return None
-        return x, 2.0 * (value - self._objective), there
+        there = np.insert(row.theta, self._index, x)
+        return x, 2.0 * (row.objective - self._objective), there
+
+    def _ask_at(self, x: float, others: Array) -> Predictions:
+        """Return predictions with the parameter fixed."""
+        found, i = self._ask(np.insert(others, self._index, x)), self._index
+        return replace(
+            found,
+            slopes=np.delete(found.slopes, i, axis=1),
+            sigma_slopes=np.delete(found.sigma_slopes, i, axis=1),
+        )
+
+    def _more_at(self, x: float, others: Array) -> tuple[Array, Array]:
+        """Return the residuals of priors with the parameter fixed."""
+        assert self._more is not None
+        rows, slopes = self._more(np.insert(others, self._index, x))
+        return rows, np.delete(slopes, self._index, axis=1)
 
 
-def _joined(
-    problem: Problem, i: int, theta: Array, level: float, limit: float, down: _Walk, up: _Walk
-) -> Profile:
+def _joined(found: Uncertainty, i: int, level: float, down: _Walk, up: _Walk) -> Profile:
     """Combine both directions."""
+    problem, theta = found.problem, found.theta
     points = sorted([*down.points[1:], *up.points], key=lambda row: row[0])
     thetas = np.array([row[2] for row in points])
     row = problem.estimated[i]
@@ -374,7 +316,7 @@ def _joined(
         thetas,
         float(problem.scaled.values(theta)[i]),
         level,
-        limit,
+        found.rise(level),
         (ends[0], ends[1]),
         (closed[0], closed[1]),
         "; ".join(parts),

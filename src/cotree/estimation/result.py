@@ -16,20 +16,18 @@ from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    import numpy.typing as npt
     from matplotlib.figure import Figure
 
     from cotree.estimation.bands import Band
     from cotree.estimation.candidates import NextMeasurements
+    from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
-    from cotree.estimation.multistart import Search, StartRecord
+    from cotree.estimation.multistart import Rows, Search, StartRecord
     from cotree.estimation.problem import Problem
     from cotree.estimation.profiles import Profile
     from cotree.estimation.uncertainty import Uncertainty
-
-    Array = npt.NDArray[np.float64]
 
 # Width of sentences, the smallest correlation that is listed, and the largest number of them.
 _WIDTH, _CORRELATED, _MOST_CORRELATED = 96, 0.5, 8
@@ -68,7 +66,7 @@ class FitResult(Reported):
         starts: Sequence[StartRecord],
         search: Search | None = None,
         *,
-        more_rows: Callable[[Array], tuple[Array, Array]] | None = None,
+        more_rows: Rows | None = None,
     ) -> None:
         self.problem, self.starts = problem, tuple(starts)
         self.search, self.more_rows = search, more_rows
@@ -212,15 +210,14 @@ class FitResult(Reported):
         """Parameters at a bound, with "lower" or "upper"."""
         from cotree.estimation.findings import at_bounds
 
-        sides = zip(self.names, at_bounds(self.problem, self.theta), strict=True)
-        return {name: side for name, side in sides if side}
+        return at_bounds(self.problem, self.theta)
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
         """Combinations of parameters that the data do not determine, a sentence for each group."""
         from cotree.estimation.findings import of_directions
 
-        return of_directions(self.problem, self.theta, self.uncertainty, self._prior)
+        return of_directions(self.uncertainty, self._prior)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -232,9 +229,9 @@ class FitResult(Reported):
             return first
         return (
             *first,
-            *of_bounds(self.problem, self.theta),
+            *of_bounds(self.problem, self.at_bounds),
             *self.undetermined,
-            *of_widths(self.problem, self.theta, self.uncertainty),
+            *of_widths(self.uncertainty),
             *of_agreement(self.problem, self.predictions, self.degrees_of_freedom, self.search),
         )
 
@@ -281,14 +278,9 @@ class FitResult(Reported):
         objective = -self.log_likelihood
         if self.more_rows is not None:
             objective += 0.5 * float(np.sum(self.more_rows(self.theta)[0] ** 2))
+        places = [self.names.index(name) for name in chosen]
         found = profiles_of(
-            self.problem,
-            self.theta,
-            objective,
-            [self.names.index(name) for name in chosen],
-            self.uncertainty,
-            level=level,
-            more_rows=self.more_rows,
+            self.uncertainty, objective, places, level=level, more_rows=self.more_rows
         )
         return {row.name: row for row in found}
 
@@ -332,7 +324,7 @@ class FitResult(Reported):
         from cotree.estimation.bands import band_of
 
         return band_of(
-            self.problem, self.theta, self.uncertainty, output, t,
+            self.uncertainty, output, t,
             condition=experiment, level=level, noise=noise, draws=draws, seed=seed,
         )  # fmt: skip
 
@@ -369,7 +361,7 @@ class FitResult(Reported):
         from cotree.estimation.candidates import choose
 
         return choose(
-            self.problem, self.theta, self.uncertainty, candidates, n,
+            self.uncertainty, candidates, n,
             criterion=criterion, repeat=repeat,
         )  # fmt: skip
 

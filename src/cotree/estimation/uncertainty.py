@@ -299,6 +299,8 @@ class Uncertainty:
 
     Attributes
     ----------
+    problem, theta : Problem, ndarray of shape (n,)
+        The problem and the estimates.
     fisher : ndarray, shape (n, n)
         Fisher information, including that of priors.
     covariance, correlation : ndarray, shape (n, n)
@@ -315,6 +317,8 @@ class Uncertainty:
         Determined and undetermined directions.
     """
 
+    problem: Problem
+    theta: Array
     fisher: Array
     covariance: Array
     correlation: Array
@@ -394,8 +398,9 @@ def uncertainty_of(
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(errors, errors)
     np.fill_diagonal(correlation, np.where(is_open, np.nan, 1.0))
-    fisher = rows.T @ rows
-    return Uncertainty(fisher, covariance, correlation, errors, root, freedom, spread, parts)
+    return Uncertainty(
+        problem, theta, rows.T @ rows, covariance, correlation, errors, root, freedom, spread, parts
+    )
 
 
 def _root(rows: Array, parts: Split) -> Array:
@@ -431,7 +436,6 @@ def robust_factor(residuals: Array, loss: str, f_scale: float, n_estimated: int)
     z = (residuals / f_scale) ** 2
     size = np.sqrt(np.maximum(z, 1e-300))
     weight, slope = {
-        "linear": (np.ones_like(z), np.ones_like(z)),
         "soft_l1": ((1 + z) ** -0.5, (1 + z) ** -1.5),
         "huber": (np.minimum(1.0, 1.0 / size), np.where(z <= 1.0, 1.0, 0.0)),
         "cauchy": (1 / (1 + z), (1 - z) / (1 + z) ** 2),

@@ -15,7 +15,7 @@ from cotree.plot.figures import figure_for_people
 from cotree.plot.result import curve_colors, draw_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -31,16 +31,8 @@ _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 class Course:
     """A quantity over time, its band, and what was measured of it."""
 
-    #: Experiment, quantity and unit.
-    title: str
-    name: str
-    unit: str
-    #: Times, [s], what was computed, and the band.
-    t: Array
-    value: Array
-    lower: Array
-    upper: Array
-    level: float  # level of confidence of the band
+    title: str  # the experiment
+    band: Any  # see :class:`cotree.estimation.bands.Band`
     #: What was measured, and its standard deviations.
     t_measured: Array | None = None
     measured: Array | None = None
@@ -59,27 +51,6 @@ class Residuals:
     computed: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """A profile likelihood."""
-
-    #: The parameter.
-    name: str
-    unit: str
-    #: Its values, and the rise of twice the objective.
-    values: Array
-    rise: Array
-    #: The same on a finer grid.
-    fine: Array
-    fine_rise: Array
-    #: Estimate, standard error (infinite for none), and the rise at the ends of the interval.
-    estimate: float
-    error: float
-    limit: float
-    interval: tuple[float, float]  # its ends
-    is_log: bool  # whether the parameter is estimated on a logarithmic scale
-
-
 def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure:
     """Draw quantities over time with their bands and what was measured."""
     if ax is not None:
@@ -93,27 +64,28 @@ def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure
 
 def draw_course(ax: Axes, course: Course) -> None:
     """Draw one quantity over time."""
-    is_known = np.isfinite(course.lower) & np.isfinite(course.upper)
+    band = course.band
+    is_known = np.isfinite(band.lower) & np.isfinite(band.upper)
     if course.measured is not None and course.t_measured is not None:
         if course.sigma is not None and len(course.measured) <= 60:
             bars: Any = {"fmt": "o", "ms": 3, "color": _DATA, "elinewidth": 0.8, "zorder": 1}
             ax.errorbar(course.t_measured, course.measured, course.sigma, label="measured", **bars)
         else:
             ax.plot(course.t_measured, course.measured, ".", ms=3, color=_DATA, label="measured")
-    label = f"{100 * course.level:g} % band"
+    label = f"{100 * band.level:g} % band"
     # A curve of one member of the legend for each.
     if is_known.any():
         ax.fill_between(
-            course.t, course.lower, course.upper, where=is_known.tolist(), color=_CURVE,
+            band.t, band.lower, band.upper, where=is_known.tolist(), color=_CURVE,
             alpha=0.25, lw=0.0, label=label, zorder=2,
         )  # fmt: skip
-    ax.plot(course.t, course.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
+    ax.plot(band.t, band.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
     # A wide band is not to hide the data.
-    shown = [course.value] + ([] if course.measured is None else [course.measured])
+    shown = [band.value] + ([] if course.measured is None else [course.measured])
     low, high = (f([float(f(np.asarray(x))) for x in shown]) for f in (min, max))
     room = 0.6 * ((high - low) or abs(high) or 1.0)
     ax.set_ylim(max(ax.get_ylim()[0], low - room), min(ax.get_ylim()[1], high + room))
-    _label(ax, "time [s]", f"{course.name} {_bracketed(course.unit)}".strip(), course.title)
+    _label(ax, "time [s]", f"{band.name} {_bracketed(band.unit)}".strip(), course.title)
     ax.legend(fontsize=8, frameon=False)
 
 
@@ -191,14 +163,30 @@ def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None
     return cast("Figure", ax.figure)
 
 
-def draw_profiles(curves: Sequence[Curve]) -> Figure:
-    """Draw profile likelihoods, with the parabola that standard errors stand for."""
+def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
+    """Draw profile likelihoods, with the parabola that standard errors stand for.
+
+    Parameters
+    ----------
+    curves : sequence of cotree.estimation.profiles.Profile
+        The profiles.
+    errors : mapping of str to float
+        Standard errors by name, in units; infinite for none.
+    """
     figure, panels = _panels(len(curves))
     for k, (ax, curve) in enumerate(zip(panels, curves, strict=True)):
         ax.plot(curve.values, curve.rise, "o", ms=3.5, color=_CURVE)
-        ax.plot(curve.fine, curve.fine_rise, color=_CURVE, lw=1.6, label="profile")
-        if math.isfinite(curve.error) and curve.error > 0.0:
-            _draw_parabola(ax, curve)
+        ax.plot(*curve.curve(), color=_CURVE, lw=1.6, label="profile")
+        is_log, error = curve.scale != "lin", errors[curve.name]
+        if math.isfinite(error) and error > 0.0:
+            # What the rise would be if the model were linear on the scale of the parameter.
+            reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
+            x = curve.estimate + reach * error
+            if is_log:
+                x = curve.estimate * np.exp(reach * error / curve.estimate)
+            inside = (x >= curve.values.min()) & (x <= curve.values.max())
+            style: dict[str, Any] = {"color": "0.6", "lw": 1.2, "ls": "--"}
+            ax.plot(x[inside], reach[inside] ** 2, label="quadratic", **style)
         ax.axhline(curve.limit, color=_LIMIT, lw=1.0, ls="--", label="limit")
         low, high = float(curve.values.min()), float(curve.values.max())
         for end in curve.interval:
@@ -206,7 +194,7 @@ def draw_profiles(curves: Sequence[Curve]) -> Figure:
                 ax.axvline(end, color=_LIMIT, lw=0.8, ls=":", label="interval")
         ax.axvline(curve.estimate, color="0.5", lw=0.8, label="estimate")
         ax.set_ylim(-0.05 * curve.limit, 1.6 * curve.limit)
-        if curve.is_log and low > 0.0 and high > 5.0 * low:
+        if is_log and low > 0.0 and high > 5.0 * low:
             ax.set_xscale("log")
         label = f"{curve.name} {_bracketed(curve.unit)}".strip()
         _label(ax, label, "increase of 2 × objective", "")
@@ -265,17 +253,6 @@ def draw_overview(
     else:
         draw_correlation(names, correlation, last[2])
     return figure
-
-
-def _draw_parabola(ax: Axes, curve: Curve) -> None:
-    """Draw what the rise would be if the model were linear on the scale of the parameter."""
-    reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
-    if curve.is_log:
-        x = curve.estimate * np.exp(reach * curve.error / curve.estimate)
-    else:
-        x = curve.estimate + reach * curve.error
-    inside = (x >= curve.values.min()) & (x <= curve.values.max())
-    ax.plot(x[inside], reach[inside] ** 2, color="0.6", lw=1.2, ls="--", label="quadratic")
 
 
 def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
