@@ -40,9 +40,9 @@ class Features:
     implicit: bool = True  # whether a method takes a Jacobian
     helper: bool = True  # whether another program finds states where iterations fail
     sundials: bool = True  # whether a method of SUNDIALS may take the steps
-    #: Of an FMU: whether the start satisfies constraints or conditions; whether there are time
-    #: events or upper bounds of steps.
-    conditions: bool = True
+    #: Of an FMU: whether its start satisfies constraints or conditions, or has modes that follow;
+    #: whether there are time events or upper bounds of steps.
+    start: bool = True
     breakpoints: bool = True
     #: Whether an FMU offers Model Exchange, and Co-Simulation.
     exchange: bool = True

@@ -64,12 +64,14 @@ static void lay_out(fmu *m, cotree_arena *arena)
     m->dense = cotree_arena_reals(arena, N_ALGEBRAIC * N_ALGEBRAIC);
     m->pivots = cotree_arena_ints(arena, N_ALGEBRAIC);
 #endif
-#if COTREE_HAS_CONDITIONS
-    m->moved = reals_of(arena, &tables->constraints);
-    m->residual = cotree_arena_reals(arena, model->n_constraints +
-                                                tables->start_tables->assembly->n_conditions);
-    m->is_set = cotree_arena_ints(arena, N_STATES);
-    cotree_assembly_init(&m->assembly, &m->run, tables->start_tables->assembly, arena);
+#if COTREE_HAS_START
+    if (tables->start_tables->assembly != NULL) {
+        m->moved = reals_of(arena, &tables->constraints);
+        m->residual = cotree_arena_reals(arena, tables->constraints.n_rows);
+    }
+    m->set = cotree_arena_ints(arena, N_STATES);
+    m->set_values = cotree_arena_reals(arena, N_STATES);
+    cotree_start_init(&m->start, &m->run, tables->start_tables, arena);
 #endif
 #if COTREE_HAS_EVENTS
     lay_out_events(m, arena);

@@ -7,8 +7,8 @@
 
 #include "cotree_fmu.h"
 #include "cotree_run.h"
-#if COTREE_HAS_CONDITIONS
-#include "cotree_assembly.h"
+#if COTREE_HAS_START
+#include "cotree_start.h"
 #endif
 #if COTREE_HAS_EVENTS
 #include "cotree_events.h"
@@ -113,10 +113,11 @@ struct fmu {
     double *solved, *dense;
     int *pivots;
 #endif
-#if COTREE_HAS_CONDITIONS
+#if COTREE_HAS_START
     double *moved, *residual;
-    int *is_set;
-    cotree_assembly assembly;
+    int *set; /* states whose initial values are set */
+    double *set_values;
+    cotree_start start;
 #endif
 #if COTREE_HAS_EVENTS
     cotree_events events;

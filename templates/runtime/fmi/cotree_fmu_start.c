@@ -38,79 +38,71 @@ int fmu_enter_initialization(void *instance, const char *function)
     return FMU_OK;
 }
 
-/* Write the prescribed initial values, and guesses of the others. */
-static int write_initial_values(fmu *m)
+/* Return whether a state that is not set starts at its value in the tables. */
+static int is_found(const fmu *m, int state)
 {
     const fmu_tables *const tables = m->tables;
+    return state >= N_RATES || tables->is_at_rest ||
+           (tables->is_found && !tables->start_tables->given[state]);
+}
+
+/* Write the prescribed initial values, and guesses of the others. */
+static int write_initial_values(fmu *m, double *z)
+{
     int i;
-    if (tables->is_at_rest) {
-        for (i = 0; i < m->model->n_parameters; ++i) {
-            if (m->p[i] == m->model->parameter_values[i]) continue;
-            return fmu_refuse(m,
-                              "the simulation starts at an operating point that was found for the "
-                              "default parameters: '%s' can be set after the initialization only",
-                              m->model->parameters[i].name);
-        }
+    for (i = 0; m->tables->is_at_rest && i < m->model->n_parameters; ++i) {
+        if (m->p[i] == m->model->parameter_values[i]) continue;
+        return fmu_refuse(m,
+                          "the simulation starts at an operating point that was found for the "
+                          "default parameters: '%s' can be set after the initialization only",
+                          m->model->parameters[i].name);
     }
-    if (m->model->initial(m->p, m->k, m->z) != 0)
+    if (m->model->initial(m->p, m->k, z) != 0)
         return fmu_refuse(m, "the initial states have no values");
     for (i = 0; i < N_STATES; ++i) {
-        const int is_found =
-            tables->is_at_rest || (tables->is_found && !tables->start_tables->given[i]);
-        if (i >= N_RATES || is_found) m->z[i] = tables->start[i];
-        if (m->is_own[i] != 0.0) m->z[i] = m->own_values[i];
+        if (is_found(m, i)) z[i] = m->tables->start[i];
+        if (m->is_own[i] != 0.0) z[i] = m->own_values[i];
     }
     return 0;
 }
 
-#if COTREE_HAS_CONDITIONS
-/* Mark prescribed states: with given or set initial values, and those of is_known unless NULL.
- * Conditions hold unless all coordinates, or all speeds, are set. */
-static void mark_prescribed(fmu *m, const int *is_known)
+#if COTREE_HAS_START
+/* List the states whose initial values are set: by the importer, or contents of storages, which are
+ * not found again for other parameters. */
+static void list_set(fmu *m, const double *initial)
 {
-    cotree_assembly *const a = &m->assembly;
-    int i;
-    for (i = 0; i < N_STATES; ++i) m->is_set[i] = m->is_own[i] != 0.0;
-    cotree_assembly_hold(a, m->is_set);
+    const cotree_start_tables *const tables = m->tables->start_tables;
+    int i, j, n = 0;
     for (i = 0; i < N_STATES; ++i) {
-        a->is_kept[i] = m->is_own[i] != 0.0 || m->tables->start_tables->given[i] ||
-                        (is_known != NULL && is_known[i]);
+        int is_set = m->is_own[i] != 0.0;
+        for (j = 0; j < tables->n_contents; ++j)
+            is_set = is_set || (tables->contents[j] == i && is_found(m, i));
+        if (!is_set) continue;
+        m->set[n] = i;
+        m->set_values[n++] = initial[i];
     }
+    m->start.n_set = n;
+    m->start.set = m->set;
+    m->start.values = m->set_values;
 }
 
-/* Project the states that are not prescribed onto the constraints. */
-static int assemble(fmu *m)
+/* Find states that satisfy all equations, near initial values. */
+static int find_start(fmu *m, const double *initial)
 {
-    cotree_assembly *const a = &m->assembly;
-    const double t = m->numbers[FMU_NOW];
-    int i, status;
-    m->numbers[FMU_IS_CHOSEN] = 0.0;
+    cotree_start *const start = &m->start;
+    int status;
     fmu_set_up_run(m);
-    if (cotree_run_inputs(&m->run, t) != 0) return fmu_refuse(m, "the inputs have no values");
-    mark_prescribed(m, NULL);
-    status = cotree_assembly_normalise(a, m->z);
-    for (i = 0; i < N_STATES; ++i) m->work[i] = m->z[i];
-    if (status == 0) status = cotree_assembly_measure(a, t, m->z);
-    if (status == 0) status = cotree_assembly_move(a, t, m->z);
-    if (status == COTREE_ASSEMBLY_VIOLATED && a->culprit >= 0) {
-        return fmu_refuse(m,
-                          "the initial values violate the constraints, and what is given leaves no "
-                          "way to mend that: '%s' is not met, so change initial values or "
-                          "parameters",
-                          a->tables->rows[a->culprit].name);
-    }
-    if (status != 0) {
-        return fmu_refuse(m, "the constraints have no values at the initial states");
-    }
-    m->numbers[FMU_IS_CHOSEN] = (double)cotree_assembly_is_chosen(a, t, m->work, m->z);
-    return 0;
+    list_set(m, initial);
+    start->initial = initial;
+    status = cotree_start_find(start, m->numbers[FMU_NOW], m->z);
+    m->numbers[FMU_IS_CHOSEN] = (double)start->is_chosen;
+    if (status == 0) return 0;
+    return fmu_refuse(m, "there is no start: %s ('%s')", cotree_start_message(status),
+                      cotree_start_culprit(start, status));
 }
 #endif
 
 #if COTREE_HAS_EVENTS
-/* The largest number of mode changes of jumps. */
-#define MAX_MODE_CHANGES 100
-
 /* Select the modes of dry friction and rigid stops; the start may contain an impact. */
 static int select_modes(fmu *m)
 {
@@ -133,33 +125,6 @@ static int select_modes(fmu *m)
     for (i = 0; i < N_RATES && e->n_stops > 0; ++i) m->z[i] = m->work[i];
     fmu_invalidate(m);
     return fmu_refresh(m, FMU_POINT);
-}
-
-/* Set the modes of jumps to the sides of their values. */
-static int initialize_jump_modes(fmu *m)
-{
-    const cotree_hybrid *const hybrid = m->model->hybrid;
-    const double t = m->numbers[FMU_NOW];
-    int round, i, is_changed = 1;
-    for (round = 0; is_changed && round < MAX_MODE_CHANGES; ++round) {
-        is_changed = 0;
-        m->valid = 0;
-        if (fmu_refresh(m, FMU_HAS_INDICATORS) != 0) return 1;
-        for (i = 0; i < hybrid->n_events; ++i) {
-            const cotree_event *const row = hybrid->events + i;
-            if (row->kind != COTREE_JUMP || !(m->g[i] * (double)row->direction > 0.0)) continue;
-            cotree_run_narrow(&m->run, t, m->z, m->work);
-            if (cotree_jumps_compute_new_values(&m->events.jumps, t, m->work) != 0) {
-                return fmu_refuse(m, "event '%s' has no values at the start", row->name);
-            }
-            if (!cotree_jumps_changes_value(&m->events.jumps, i)) continue;
-            m->z[row->targets[0]] = cotree_jumps_new_value(&m->events.jumps, i);
-            is_changed = 1;
-            break;
-        }
-    }
-    if (is_changed) return fmu_refuse(m, "jumps make each other happen at the start");
-    return select_modes(m);
 }
 #endif
 
@@ -188,13 +153,15 @@ int fmu_start(fmu *m)
     m->run.high = m->numbers[FMU_HIGH] = HUGE_VAL;
     fmu_invalidate(m);
     m->numbers[FMU_IS_STARTED] = 1.0; /* prevents recursion: refresh would call this function */
-    status = write_initial_values(m);
-#if COTREE_HAS_CONDITIONS
-    if (status == 0) status = assemble(m);
+#if COTREE_HAS_START
+    status = write_initial_values(m, m->work);
+    if (status == 0) status = find_start(m, m->work);
+#else
+    status = write_initial_values(m, m->z);
 #endif
     if (status == 0) status = fmu_refresh(m, FMU_POINT);
 #if COTREE_HAS_EVENTS
-    if (status == 0) status = initialize_jump_modes(m);
+    if (status == 0) status = select_modes(m);
 #endif
 #if COTREE_HAS_SENSITIVITIES
     if (status == 0) status = start_sensitivities(m);
@@ -220,11 +187,11 @@ int fmu_exit_initialization(void *instance, const char *function)
     return fmu_status(m, status);
 }
 
-#if COTREE_HAS_CONDITIONS
+#if COTREE_HAS_START
 /* Complete a direction by the states of one level that are not prescribed. */
 static int complete_direction(fmu *m, double *seed, int level)
 {
-    const cotree_assembly_tables *const rows = m->assembly.tables;
+    const cotree_assembly_tables *const rows = m->start.tables->assembly;
     const fmu_pattern *const c = &m->tables->constraints;
     const int n_held = rows->n_values + rows->n_rows, n = n_held + rows->n_conditions;
     double *const rates = m->residual;
@@ -238,7 +205,8 @@ static int complete_direction(fmu *m, double *seed, int level)
             rates[row < n_held ? row : last] += m->moved[i] * seed[j];
         }
     }
-    if (cotree_assembly_follow(&m->assembly, m->numbers[FMU_NOW], m->z, level, rates, seed) != 0) {
+    if (cotree_assembly_follow(&m->start.assembly, m->numbers[FMU_NOW], m->z, level, rates, seed) !=
+        0) {
         return fmu_refuse(
             m, "the start has no such derivative: no motion makes up for what it changes "
                "of the constraints");
@@ -249,6 +217,9 @@ static int complete_direction(fmu *m, double *seed, int level)
 /* Complete a direction by the states that are not prescribed. */
 static int complete_directions(fmu *m, const int *is_known, double *seed)
 {
+    cotree_assembly *const a = &m->start.assembly;
+    int i, status;
+    if (m->tables->start_tables->assembly == NULL) return 0;
     if (m->numbers[FMU_IS_CHOSEN] != 0.0) {
         return fmu_refuse(m, "the start is the least of several moves and has no derivatives: give "
                              "initial values that satisfy the constraints");
@@ -257,9 +228,15 @@ static int complete_directions(fmu *m, const int *is_known, double *seed)
     if (m->tables->find_constraints(m->numbers[FMU_NOW], m->z, m->u, m->p, m->k, m->moved) != 0) {
         return fmu_refuse(m, "the constraints have no derivatives");
     }
-    mark_prescribed(m, is_known);
-    cotree_assembly_turn(&m->assembly, m->z, seed);
-    return complete_direction(m, seed, 0) != 0 ? 1 : complete_direction(m, seed, 1);
+    for (i = 0; i < N_STATES; ++i) {
+        m->start.is_set[i] = m->is_own[i] != 0.0;
+        a->is_kept[i] = m->start.is_set[i] || m->tables->start_tables->given[i] ||
+                        (is_known != NULL && is_known[i]);
+    }
+    cotree_assembly_hold(a, m->start.is_set);
+    cotree_assembly_turn(a, m->z, seed);
+    status = complete_direction(m, seed, 0);
+    return status != 0 ? 1 : complete_direction(m, seed, 1);
 }
 #endif
 
@@ -284,13 +261,12 @@ int fmu_move_start(fmu *m, const int *is_known, double *seed)
         if (of_p[j] == 0.0) continue;
         for (i = initial->starts[j]; i < initial->starts[j + 1]; ++i) {
             const int row = initial->rows[i];
-            const int is_found = tables->is_found && !tables->start_tables->given[row];
             const int is_fixed = m->is_own[row] != 0.0 || (is_known != NULL && is_known[row]);
-            if (row >= N_RATES || is_found || is_fixed) continue;
+            if (is_found(m, row) || is_fixed) continue;
             seed[row] += m->initial[i] * of_p[j];
         }
     }
-#if COTREE_HAS_CONDITIONS
+#if COTREE_HAS_START
     return complete_directions(m, is_known, seed);
 #else
     return 0;

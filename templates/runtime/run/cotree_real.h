@@ -41,8 +41,8 @@
 #ifndef COTREE_HAS_SUNDIALS
 #define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS */
 #endif
-#ifndef COTREE_HAS_CONDITIONS
-#define COTREE_HAS_CONDITIONS 1 /* of an FMU: its start satisfies constraints or conditions */
+#ifndef COTREE_HAS_START
+#define COTREE_HAS_START 1 /* of an FMU: constraints, conditions or modes at the start */
 #endif
 #ifndef COTREE_HAS_BREAKPOINTS
 #define COTREE_HAS_BREAKPOINTS 1 /* of an FMU: time events, or upper bounds of steps */

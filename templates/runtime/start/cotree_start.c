@@ -121,7 +121,8 @@ static void mark_kept(cotree_start *start)
     cotree_assembly_hold(&start->assembly, start->is_set);
 }
 
-/* Project states onto the constraints, which depend on the model's own inputs only. */
+/* Project states onto the constraints, which depend on inputs of the model or of an input function,
+ * not on tables in their place. */
 static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_assembly *const a = &start->assembly;
@@ -129,6 +130,10 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
     int status = 0;
     a->culprit = a->column = -1;
     if (MODEL->n_inputs > 0) status = MODEL->inputs_of_time(t, run->p, run->k, run->u);
+#if COTREE_HAS_INPUTS
+    if (status == 0 && run->input_function != NULL)
+        status = run->input_function(t, run->u, run->input_context);
+#endif
     if (status == 0) status = cotree_assembly_normalise(a, z);
     if (status == 0) status = cotree_assembly_measure(a, t, z);
     return status == 0 ? cotree_assembly_move(a, t, z) : status;

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.program import Program
+    from cotree.program import Layout, Program
 
 _STATE = ("t", "x", "u", "p", "k")
 _PARAMETER = ("p", "k")
@@ -272,7 +272,7 @@ def source_files(
         sensitivities=facts.has_sensitivities,
         moving_corners=facts.has_sensitivities and bool(kernels.starts),
         implicit=is_implicit,
-        conditions=tables.start_tables.has_assembly,
+        start=_has_start(program.layout, tables.start_tables),
         breakpoints=kernels.stops is not None,
         exchange=facts.is_exchangeable,
         steps=bool(integrator),
@@ -291,13 +291,19 @@ def _is_implicit(facts: Facts) -> bool:
     return bool(facts.integrator) and INTEGRATORS[facts.integrator].is_implicit
 
 
+def _has_start(layout: Layout, tables: StartTables) -> bool:
+    """Return whether initial values alone are not the start, but for algebraic unknowns."""
+    has_modes = any(row.is_jump or layout.n_algebraic for row in layout.events)
+    return tables.has_assembly or has_modes
+
+
 def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> TablesContext:
     layout, prefix = program.layout, c_identifier(program.layout.name)
     present = kernels.present
     nodes = [node for kernel in present for node in kernel.order]
     names = name_tables(nodes)
     contexts = [kernel_context(prefix, kernel, program, names, {}) for kernel in present]
-    is_implicit = _is_implicit(facts)
+    is_implicit, own_tables = _is_implicit(facts), start_tables(layout)
     own = list(_arrays(program, kernels, facts))
     patterns = {"partials": kernels.partials, "initial": kernels.initial}
     patterns |= {"constraints": kernels.constraints} if kernels.constraints.n_rows else {}
@@ -331,7 +337,8 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         n_stops=len(kernels.starts),
         has_stops=kernels.stops is not None,
         n_limits=kernels.n_limits,
-        start_tables=start_tables(layout),
+        # An operating point satisfies equations of its own.
+        start_tables=replace(own_tables, redundant=()) if facts.is_at_rest else own_tables,
         patterns=[
             PatternContext(own.name, name, own.n_rows, own.n_columns, len(own.rows))
             for name, own in patterns.items()
