@@ -15,7 +15,7 @@ from cotree.estimation.conditions import MOST_STEPS, Condition
 from cotree.estimation.estimated import LOGARITHMS, Estimated, estimated, read_ranges
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
-from cotree.estimation.observing import MeasuredRows, Observer, signal
+from cotree.estimation.observing import Observed, Observer, measured_rows
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.expressions import check_number
@@ -99,8 +99,7 @@ class _Assembly:
         noise: str | None,
         start: Mapping[str, float] | None,
     ) -> None:
-        self._experiments = _listed(experiments)
-        self._names = _names(self._experiments)
+        rows = _listed(experiments)
         self._ranges = read_ranges(parameters)
         self._apart = _apart(self._ranges, shared, per_experiment)
         self._begin = _starts(start, self._ranges)
@@ -108,26 +107,33 @@ class _Assembly:
             raise ParameterError(f"noise is {brief(repr(noise))}: give 'given' or 'estimated'")
         self._noise = noise
         self._observer = Observer(model)
-        wanted = list(self._ranges)
-        self._observed = [self._observer.observe(row, wanted) for row in self._experiments]
+        self._runs = [
+            self._observer.observe(row, name, list(self._ranges))
+            for row, name in zip(rows, _names(rows), strict=True)
+        ]
+        self._found: dict[str, Estimated] = {}
+        self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs, by their items
         self._check_used()
 
     def problem(self, given: Mapping[str, Any]) -> Problem:
         """Compile the models and assemble the problem."""
-        settings = settings_from(self._observer.scene.defaults, given)
-        self._begin_of: dict[str, float | None] = {n: self._nominal_value(n) for n in self._ranges}
-        new = set().union(*(row.new for row in self._observed))
-        values = {n: self._new_value(n) for n in new}
-        wanted = [n for n in self._ranges if n in self._observer.scene.parameters or n in new]
+        scene = self._observer.scene
+        settings = settings_from(scene.defaults, given)
+        new = set().union(*(run.new for run in self._runs))
+        wanted = [n for n in self._ranges if n in scene.parameters or n in new]
         wanted += [n for n in self._ranges if "." in n and n not in wanted]
-        wanted += self._aliased(wanted)
-        self._models = self._observer.compile(self._observed, wanted, values)
-        self._found: dict[str, Estimated] = {}
-        conditions = [self._condition(i) for i in range(len(self._experiments))]
-        rows = MeasuredRows(self._noise, self._estimate, self._found)
-        for i, row in enumerate(self._experiments):
-            rows.add(i, row, self._names[i], self._observed[i], self._models[i])
-        measured = rows.measured()
+        # Parameters and states that experiments tie to estimated parameters.
+        tied = [
+            name
+            for run in self._runs
+            for values in (run.experiment.parameters, run.experiment.initial)
+            for name, value in values.items()
+            if isinstance(value, str) and name not in wanted
+        ]
+        wanted += dict.fromkeys(tied)
+        self._observer.compile(self._runs, wanted, {n: self._new_value(n) for n in new})
+        conditions = [self._condition(run) for run in self._runs]
+        measured = measured_rows(self._runs, self._noise, self._estimate, self._found)
         # In the order in which the user gave them, with noise parameters last.
         places = {name: i for i, name in enumerate(self._ranges)}
         found = sorted(
@@ -138,18 +144,12 @@ class _Assembly:
         )
         return Problem(found, conditions, measured, settings)
 
-    def _aliased(self, wanted: Sequence[str]) -> list[str]:
-        """List parameters and states that experiments tie to estimated parameters."""
-        given = [v for e in self._experiments for v in (*e.parameters.items(), *e.initial.items())]
-        found = dict.fromkeys(k for k, v in given if isinstance(v, str) and k not in wanted)
-        return list(found)
-
     def _check_used(self) -> None:
         """Refuse estimated parameters that nothing uses, and unknown names in experiments."""
-        scene = self._observer.scene
-        used = set().union(*(row.new for row in self._observed))
-        used |= {v for row in self._observed for v in row.deviations.values()}
-        for row in self._experiments:
+        scene, rows = self._observer.scene, [run.experiment for run in self._runs]
+        used = set().union(*(run.new for run in self._runs))
+        used |= {v for run in self._runs for v in run.deviations.values()}
+        for row in rows:
             given = (*row.parameters.values(), *row.initial.values())
             texts = {value for value in given if isinstance(value, str)}
             for text in sorted(texts - self._ranges.keys()):
@@ -160,7 +160,7 @@ class _Assembly:
             used |= texts
         for name in self._ranges:
             if name not in used and all(
-                name in row.parameters or name in row.initial for row in self._experiments
+                name in row.parameters or name in row.initial for row in rows
             ):
                 raise ParameterError(
                     f"'{name}' is to be estimated, but every experiment gives its value: remove "
@@ -181,14 +181,12 @@ class _Assembly:
     def _nominal_value(self, name: str) -> float | None:
         """Return the scene's value of a parameter, or None if it is derived or not in the scene."""
         row = self._observer.scene.parameters.get(name)
-        if row is not None:
-            return None if row.is_derived else row.number
-        return None
+        return None if row is None or row.is_derived else row.number
 
     def _new_value(self, name: str) -> float:
         """Return a default for a new parameter; every run overrides it."""
-        for row in self._experiments:
-            value = row.parameters.get(name)
+        for run in self._runs:
+            value = run.experiment.parameters.get(name)
             if value is not None and not isinstance(value, str):
                 return value
         return self._begin.get(name, 1.0)
@@ -201,48 +199,45 @@ class _Assembly:
             self._found[full] = estimated(full, self._ranges[name], begin, nominal, unit)
         return full
 
-    def _condition(self, number: int) -> Condition:
+    def _condition(self, run: Observed) -> Condition:
         """Make the condition of an experiment."""
-        row, name = self._experiments[number], self._names[number]
-        model, observed = self._models[number], self._observed[number]
+        row, model = run.experiment, run.model
         first = dict(zip(model.states, model.initial_state.tolist(), strict=True))
         units = {row.name: row.unit for row in (*model.layout.parameters, *model.layout.states)}
         parameters: dict[str, float | str] = {}
         initial: dict[str, float | str] = {}
-        for wanted in self._ranges:
-            if wanted in model.parameters and wanted not in row.parameters:
-                nominal = None if wanted in observed.new else self._nominal_value(wanted)
-                parameters[wanted] = self._estimate(wanted, name, nominal, units[wanted])
-            elif wanted in model.states and wanted not in row.initial:
-                initial[wanted] = self._estimate(wanted, name, first[wanted], units[wanted])
-        for target, given, nominal_values in (
-            (parameters, row.parameters, {}),
-            (initial, row.initial, first),
-        ):
+        for name in self._ranges:
+            if name in model.parameters and name not in row.parameters:
+                nominal = None if name in run.new else self._nominal_value(name)
+                parameters[name] = self._estimate(name, run.name, nominal, units[name])
+            elif name in model.states and name not in row.initial:
+                initial[name] = self._estimate(name, run.name, first[name], units[name])
+        for target, given in ((parameters, row.parameters), (initial, row.initial)):
             for key, value in given.items():
-                nominal = nominal_values.get(key, self._nominal_value(key))
                 target[key] = value
                 if isinstance(value, str):
-                    target[key] = self._estimate(value, name, nominal, units.get(key, ""))
-        inputs = {key: self._input(row, key, value) for key, value in observed.inputs.items()}
-        return Condition(
-            name, model, parameters, initial, self._shared(inputs), row.t_start, observed.outputs
-        )
+                    nominal = first.get(key) if target is initial else None
+                    nominal = self._nominal_value(key) if nominal is None else nominal
+                    target[key] = self._estimate(value, run.name, nominal, units.get(key, ""))
+        inputs = {key: self._input(row, key, value) for key, value in run.inputs.items()}
+        if all(isinstance(value, (int, float)) for value in inputs.values()):
+            # Experiments with the same mapping run in one block.
+            inputs = self._equal.setdefault(tuple(sorted(inputs.items())), inputs)
+        return Condition(run.name, model, parameters, initial, inputs, row.t_start, run.outputs)
 
     def _input(self, row: Experiment, name: str, value: Any) -> Any:
+        """Return an input; a column of the data becomes a table without missing values."""
         column = row.table.columns.get(name)
         if column is None or value is not column:
             return value
         wanted = self._observer.scene.inputs[name].unit
-        unit = row.table.unit(column, wanted, row.unit_of(name))
-        return signal(name, row.where, row.table.t, in_si(column.values, unit))
-
-    def _shared(self, inputs: dict[str, Any]) -> dict[str, Any]:
-        """Return the same mapping for equal inputs, so that the experiments run in one block."""
-        if not all(isinstance(value, (int, float)) for value in inputs.values()):
-            return inputs
-        kept: dict[Any, dict[str, Any]] = self.__dict__.setdefault("_kept", {})
-        return kept.setdefault(tuple(sorted(inputs.items())), inputs)
+        values = in_si(column.values, row.table.unit(column, wanted, row.unit_of(name)))
+        present = np.isfinite(values)
+        if present.sum() < 2:
+            raise ParameterError(
+                f"column '{name}' of {row.where} is an input, which needs at least two values"
+            )
+        return row.table.t[present], values[present]
 
 
 def _listed(experiments: Any) -> list[Experiment]:

@@ -41,8 +41,11 @@ _LONGEST = 50  # characters of an output name derived from a column name
 
 @dataclass
 class Observed:
-    """The observables, noise and inputs of an experiment in terms of its model."""
+    """An experiment: its observables, noise and inputs in terms of its model."""
 
+    experiment: Experiment
+    name: str
+    model: Model = field(init=False)  # after it was compiled
     #: The state or output that each column measures.
     outputs: dict[str, str] = field(default_factory=dict)
     #: The output that gives the standard deviation of a column, if that is an expression.
@@ -81,9 +84,9 @@ class Observer:
             self._model = self.scene.compile()
         return tuple(self._model.states)
 
-    def observe(self, experiment: Experiment, wanted: Sequence[str]) -> Observed:
+    def observe(self, experiment: Experiment, own_name: str, wanted: Sequence[str]) -> Observed:
         """Determine what the columns of an experiment mean."""
-        found = Observed()
+        found = Observed(experiment, own_name)
         known = {*wanted, *experiment.parameters}
         table = experiment.table
         for name, column in table.columns.items():
@@ -91,7 +94,7 @@ class Observer:
             is_measured = experiment.observables is not None and name in experiment.observables
             if is_input and not is_measured and column.values.size > 1:
                 found.inputs[name] = column
-        given = {**experiment.inputs}
+        given = experiment.inputs
         found.expressions = expressions_among(given)
         found.inputs |= {k: v for k, v in given.items() if k not in found.expressions}
         for name in given:
@@ -101,15 +104,26 @@ class Observer:
                     f"{nearest(name, self.scene.inputs)}"
                 )
         found.new |= set(new_names(self.scene, found.expressions, known))
-        for measured, text in self._texts(experiment, found).items():
+        for measured, text in self._texts(found).items():
             where = f"column '{measured}' of {experiment.where}"
             found.outputs[measured] = self._output(measured, text, where, found, known)
         for measured in found.outputs:
-            self._noise(measured, experiment, found, wanted, known)
+            given_noise = experiment.noise_of(measured)
+            if not isinstance(given_noise, str):
+                continue
+            if given_noise in table.columns:
+                found.columns[measured] = given_noise
+            elif given_noise in {*wanted} - {*self.scene.parameters} and "." not in given_noise:
+                found.deviations[measured] = given_noise
+            else:
+                where = f"the noise of column '{measured}' of {experiment.where}"
+                name = self._output(f"noise_of_{measured}", given_noise, where, found, known)
+                found.noise[measured] = name
         return found
 
-    def _texts(self, experiment: Experiment, found: Observed) -> dict[str, str]:
+    def _texts(self, found: Observed) -> dict[str, str]:
         """Return the expression that each column measures."""
+        experiment = found.experiment
         if experiment.observables is not None:
             return experiment.observables
         table, known = experiment.table, {*self.states, *self.scene.outputs}
@@ -135,25 +149,6 @@ class Observer:
             )
         return {name: name for name in names}
 
-    def _noise(
-        self,
-        column: str,
-        experiment: Experiment,
-        found: Observed,
-        wanted: Sequence[str],
-        known: set[str],
-    ) -> None:
-        given = experiment.noise_of(column)
-        if not isinstance(given, str):
-            return
-        if given in experiment.table.columns:
-            found.columns[column] = given
-        elif given in wanted and given not in self.scene.parameters and "." not in given:
-            found.deviations[column] = given
-        else:
-            where = f"the noise of column '{column}' of {experiment.where}"
-            found.noise[column] = self._output(f"noise_of_{column}", given, where, found, known)
-
     def _output(self, column: str, text: str, where: str, found: Observed, known: set[str]) -> str:
         """Return the state or output that equals an expression; add an output if there is none."""
         expression = parse(text, where)
@@ -161,7 +156,7 @@ class Observer:
         if plain in self.scene.outputs:
             return plain
         # States are checked only if they are known without an extra compilation; otherwise
-        # `_use_states` replaces the output after compilation.
+        # `compile` replaces the output.
         if self._model is not None and plain in self._model.states:
             return plain
         scene = self.scene
@@ -185,24 +180,19 @@ class Observer:
 
     def compile(
         self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
-    ) -> list[Model]:
-        """Compile the models of experiments."""
-        made: dict[Any, Model] = {}
-        found = []
+    ) -> None:
+        """Compile the models of experiments; those with the same expressions share one."""
+        alike: dict[Any, list[Observed]] = {}
         for row in rows:
-            key = tuple(sorted(row.expressions.items()))
-            if key not in made:
-                alike = [r for r in rows if tuple(sorted(r.expressions.items())) == key]
-                made[key] = self._compiled(alike, wanted, values)
-            found.append(made[key])
-            self._use_states(row, made[key])
-        return found
-
-    def _use_states(self, row: Observed, model: Model) -> None:
-        """Refer columns that measure a state to it rather than to an output equal to it."""
-        for column, name in row.outputs.items():
-            text = self._new.get(name, name)
-            row.outputs[column] = text if text in model.states else name
+            alike.setdefault(tuple(sorted(row.expressions.items())), []).append(row)
+        for group in alike.values():
+            model = self._compiled(group, wanted, values)
+            for row in group:
+                row.model = model
+                # Columns that measure a state refer to it rather than to an output equal to it.
+                for column, name in row.outputs.items():
+                    text = self._new.get(name, name)
+                    row.outputs[column] = text if text in model.states else name
 
     def _compiled(
         self, rows: Sequence[Observed], wanted: Sequence[str], values: Mapping[str, float]
@@ -227,23 +217,10 @@ class Observer:
         with warnings.catch_warnings():
             # The fit itself reports parameters on which nothing depends.
             warnings.filterwarnings("ignore", message="no state or output depends on")
-            return self._made(scene, names)
-
-    def _made(self, scene: Any, names: Sequence[str]) -> Model:
-        if self._given is None:
-            assert isinstance(scene, Scene)
-            return scene.compile(names)
-        return compile_spec(self._given.spec.of(scene, names))
-
-
-def signal(column: str, where: str, t: Array, values: Array) -> tuple[Array, Array]:
-    """Convert a column of the data to an input table, without missing values."""
-    present = np.isfinite(values)
-    if present.sum() < 2:
-        raise ParameterError(
-            f"column '{column}' of {where} is an input, which needs at least two values"
-        )
-    return t[present], values[present]
+            if given is None:
+                assert isinstance(scene, Scene)
+                return scene.compile(names)
+            return compile_spec(given.spec.of(scene, names))
 
 
 #: Prefix of automatically named standard deviations: that of column ``v`` is ``noise[v]``.
@@ -254,127 +231,110 @@ NOISE = "noise"
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1e4
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Measured values of one column of one experiment, with times and noise."""
-
-    number: int
-    t: Array
-    output: str
-    values: Array
-    noise: list[str | float]
-    transform: str
-
-
-@dataclass(frozen=True)
-class _Run:
-    """An experiment with its name, the meaning of its columns, and its model."""
-
-    experiment: Experiment
-    name: str
-    observed: Observed
-    model: Model
-
-
-class MeasuredRows:
-    """Collects the measured values of all experiments."""
-
-    def __init__(
-        self, noise: str | None, estimate: Callable[..., str], found: dict[str, Estimated]
-    ) -> None:
-        self._noise, self._estimate, self._found = noise, estimate, found
-        self._parts: list[_Part] = []
-
-    def add(
-        self, number: int, experiment: Experiment, name: str, observed: Observed, model: Model
-    ) -> None:
-        """Add the values of an experiment."""
-        run = _Run(experiment, name, observed, model)
-        parts = [self._part(number, run, column) for column in observed.outputs]
-        present = [part for part in parts if part.values.size]
-        if not present:
-            listed = ", ".join(f"'{column}'" for column in observed.outputs)
-            raise ParameterError(f"{experiment.where}: {listed} holds missing values only")
-        self._parts += present
-
-    def measured(self) -> Measured:
-        """Return the rows of all experiments."""
-        parts = self._parts
-        return Measured(
-            np.concatenate([np.full(len(part.t), part.number, dtype=np.intp) for part in parts]),
-            np.concatenate([part.t for part in parts]),
-            [part.output for part in parts for _ in part.t],
-            np.concatenate([part.values for part in parts]),
-            [value for part in parts for value in part.noise],
-            [part.transform for part in parts for _ in part.t],
-        )
-
-    def _part(self, number: int, run: _Run, name: str) -> _Part:
-        """Return the values of a column that are not missing."""
-        row, output = run.experiment, run.observed.outputs[name]
-        table, column = row.table, row.table.columns[name]
-        known = _unit(run.model, output)
-        unit = table.unit(column, known, row.unit_of(name))
-        there = np.flatnonzero(np.isfinite(column.values))
-        values, transform = in_si(column.values, unit)[there], row.transform_of(name)
-        if transform != "lin":
-            for i in there[values <= 0.0].tolist():
+def measured_rows(
+    runs: Sequence[Observed],
+    noise: str | None,
+    estimate: Callable[..., str],
+    found: dict[str, Estimated],
+) -> Measured:
+    """Return the measured values of all experiments; estimated noise is added to ``found``."""
+    rows: list[tuple[int, float, str, float, str | float, str]] = []
+    for number, run in enumerate(runs):
+        n_before, where = len(rows), run.experiment.where
+        for column, output in run.outputs.items():
+            transform = run.experiment.transform_of(column)
+            table = run.experiment.table
+            there, values, unit = _present(run, column, output, transform)
+            if not there.size:
+                continue
+            given = run.experiment.noise_of(column)
+            if given is None and noise == "given":
                 raise ParameterError(
-                    f"{row.where}, {table.rows[i]}, column '{name}': {column.values[i]:g} has no "
-                    "logarithm"
-                )
-        noise: list[str | float] = []
-        if there.size:
-            given = row.noise_of(name)
-            if given is None and self._noise == "given":
-                raise ParameterError(
-                    f"noise is 'given', but column '{name}' of {row.where} has none: give "
+                    f"noise is 'given', but column '{column}' of {where} has none: give "
                     "Experiment(noise=...)"
                 )
-            if given is None or self._noise == "estimated":
-                noise = [self._estimated_noise(name, values, transform, known)] * len(there)
+            deviations: list[str | float]
+            if given is None or noise == "estimated":
+                known = _unit(run.model, output)
+                name = _estimated_noise(found, column, values, transform, known)
+                deviations = [name] * len(there)
+            elif column in run.deviations:
+                name = estimate(run.deviations[column], run.name, None)
+                deviations = [name] * len(there)
+            elif column in run.noise:
+                deviations = [run.noise[column]] * len(there)
             else:
-                noise = self._given_noise(run, name, unit, there)
-        return _Part(number, table.t[there], output, values, noise, transform)
+                # A standard deviation is a difference, so offsets of units do not apply; that of a
+                # logarithm has no unit.
+                factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
+                deviations = _given_noise(run, column, given, factor, there)
+            rows += [
+                (number, t, output, value, deviation, transform)
+                for t, value, deviation in zip(
+                    table.t[there].tolist(), values.tolist(), deviations, strict=True
+                )
+            ]
+        if len(rows) == n_before:
+            listed = ", ".join(f"'{column}'" for column in run.outputs)
+            raise ParameterError(f"{where}: {listed} holds missing values only")
+    condition, t, observable, value, sigma, transformation = zip(*rows, strict=True)
+    return Measured(
+        np.array(condition, dtype=np.intp), np.array(t), observable, np.array(value), sigma,
+        transformation,
+    )  # fmt: skip
 
-    def _given_noise(
-        self, run: _Run, name: str, unit: Unit | None, there: npt.NDArray[np.intp]
-    ) -> list[str | float]:
-        row, observed = run.experiment, run.observed
-        # A standard deviation is a difference, so offsets of units do not apply; that of a
-        # logarithm has no unit.
-        is_plain = unit is None or row.transform_of(name) != "lin"
-        factor = 1.0 if is_plain or unit is None else float(unit.factor)
-        if name in observed.deviations:
-            known = self._estimate(observed.deviations[name], run.name, None)
-            return [known] * len(there)
-        if name in observed.noise:
-            return [observed.noise[name]] * len(there)
-        if name not in observed.columns:
-            given, where = row.noise_of(name), f"the noise of column '{name}' of {row.where}"
-            return [_positive(float(given or 0.0) * factor, where)] * len(there)
-        column = row.table.columns[observed.columns[name]]
-        column_unit = row.table.unit(column, "", row.unit_of(column.name))
-        # A column of standard deviations without a unit has the unit of the measured column.
-        scale = factor if column_unit is None else float(column_unit.factor)
-        rows, what = row.table.rows, f"column '{column.name}'"
-        return [
-            _positive(float(column.values[i]) * scale, f"{row.where}, {rows[i]}, {what}")
-            for i in there.tolist()
-        ]
 
-    def _estimated_noise(self, column: str, values: Array, transform: str, unit: str) -> str:
-        """Return the estimated standard deviation of a column, shared by all experiments."""
-        name = f"{NOISE}[{column}]"
-        if transform != "lin":
-            values, unit = np.log(values), ""
-        size = float(np.ptp(values)) or float(np.abs(values).max()) or 1.0
-        lower, upper = _LEAST_NOISE * size, _MOST_NOISE * size
-        if name in self._found:
-            known = self._found[name]
-            lower, upper = min(lower, known.lower), max(upper, known.upper)
-        self._found[name] = Estimated(name, lower, upper, "log", None, unit)
-        return name
+def _present(
+    run: Observed, name: str, output: str, transform: str
+) -> tuple[npt.NDArray[np.intp], Array, Unit | None]:
+    """Return the places of values of a column that are not missing, these in SI, and its unit."""
+    row = run.experiment
+    table, column = row.table, row.table.columns[name]
+    unit = table.unit(column, _unit(run.model, output), row.unit_of(name))
+    there = np.flatnonzero(np.isfinite(column.values))
+    values = in_si(column.values, unit)[there]
+    if transform != "lin":
+        for i in there[values <= 0.0].tolist():
+            raise ParameterError(
+                f"{row.where}, {table.rows[i]}, column '{name}': {column.values[i]:g} has no "
+                "logarithm"
+            )
+    return there, values, unit
+
+
+def _given_noise(
+    run: Observed, name: str, given: float | str, factor: float, there: npt.NDArray[np.intp]
+) -> list[str | float]:
+    """Return the standard deviations of a column, which are a number or another column."""
+    row, table = run.experiment, run.experiment.table
+    if not isinstance(given, str):
+        where = f"the noise of column '{name}' of {row.where}"
+        return [_positive(given * factor, where)] * len(there)
+    column = table.columns[given]
+    unit = table.unit(column, "", row.unit_of(given))
+    # A column of standard deviations without a unit has the unit of the measured column.
+    scale = factor if unit is None else float(unit.factor)
+    return [
+        _positive(
+            float(column.values[i]) * scale, f"{row.where}, {table.rows[i]}, column '{given}'"
+        )
+        for i in there.tolist()
+    ]
+
+
+def _estimated_noise(
+    found: dict[str, Estimated], column: str, values: Array, transform: str, unit: str
+) -> str:
+    """Return the estimated standard deviation of a column, shared by all experiments."""
+    name = f"{NOISE}[{column}]"
+    if transform != "lin":
+        values, unit = np.log(values), ""
+    size = float(np.ptp(values)) or float(np.abs(values).max()) or 1.0
+    lower, upper = _LEAST_NOISE * size, _MOST_NOISE * size
+    if name in found:
+        lower, upper = min(lower, found[name].lower), max(upper, found[name].upper)
+    found[name] = Estimated(name, lower, upper, "log", None, unit)
+    return name
 
 
 def _unit(model: Model, name: str) -> str:
