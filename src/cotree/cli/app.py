@@ -17,9 +17,6 @@ from cotree.cli.arguments import (
     check_animated,
     check_folder,
     check_picture,
-    read_inputs,
-    read_numbers,
-    read_tree,
 )
 from cotree.cli.fitting import fit_scene, optimise_scene
 from cotree.cli.guide import new_scene, show_components
@@ -27,18 +24,14 @@ from cotree.cli.options import (
     INTERRUPTED,
     Csv,
     EndTime,
-    InitialOption,
-    InputOption,
     Plot,
     SceneName,
     Sensitivity,
-    Setting,
-    TreeOption,
     complain,
     read_robots_with,
     read_scene,
     warnings_in_one_line,
-    with_settings,
+    with_options,
 )
 from cotree.cli.studies import bench_scene, check_scene, derived_values, lint_scene, warn_of
 from cotree.cli.sweep import sweep_scene
@@ -56,13 +49,14 @@ if TYPE_CHECKING:
 _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 
 
+@with_options()
 def export_scene(
     scene: SceneName,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="File to write, x.fmu.")
     ],
     sensitivity: Sensitivity = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     version: Annotated[int, typer.Option(help="Version of FMI: 3 or 2.")] = 3,
     kind: Annotated[
         list[str],
@@ -101,7 +95,7 @@ def export_scene(
     check_folder(output)
     kinds = [_KINDS.get(name, name) for name in kind] or list(_KINDS.values())
     platforms = [name for name in platform if name != "none"] if platform else None
-    model = read_scene(scene).compile(sensitivity, read_tree(tree))
+    model = read_scene(scene).compile(sensitivity, tree)
     unit = model.export_fmu(
         output, version, kinds, integrator, inputs=outside or None, platforms=platforms
     )
@@ -176,16 +170,13 @@ def _options(
 
 
 @app.command("run")
-@with_settings()
+@with_options()
 def run_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
     t_end: EndTime = None,
     settings: Any = None,
-    setting: Setting = [],  # noqa: B006
-    initial: InitialOption = [],  # noqa: B006
-    inputs: InputOption = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     csv: Csv = None,
     plot: Plot = None,
     show: Annotated[
@@ -216,13 +207,11 @@ def run_scene(
     check_picture(plot)
     if show and plot is None and animate is None:
         raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
-    values = read_numbers("--set", setting)
-    settings |= {"parameters": values, "initial": read_numbers("--initial", initial)}
-    described = read_inputs(read_scene(scene), inputs, values)
+    described = read_scene(scene, settings)
     is_moving = check_animated(animate, described)
     warn_of(described)
     build_ahead(settings.get("method") or described.defaults.method)
-    model = described.compile(sensitivity, read_tree(tree))
+    model = described.compile(sensitivity, tree)
     if plot is not None or (animate is not None and not is_moving):
         from cotree.cli.picture import check_names, draw_curves, draw_run
 
@@ -237,7 +226,7 @@ def run_scene(
     # A failure has been told already, as a warning on standard error.
     parts = result.report().parts[0 if result.success else 1 :]
     title = f"{described.headline}; {len(model.states)} states, {kernels}"
-    typer.echo(Report(title, *parts, derived_values(model, values)).text())
+    typer.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
     if csv is not None:
         result.to_csv(csv)
         typer.echo(f"wrote {csv}")
@@ -264,11 +253,12 @@ app.command("fit")(fit_scene)
 
 
 @app.command("generate")
+@with_options()
 def generate_project(
     scene: SceneName,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write.")],
     sensitivity: Sensitivity = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     integrator: Annotated[
         str,
         typer.Option(
@@ -289,7 +279,7 @@ def generate_project(
     ] = False,
 ) -> None:
     """Write a C project that integrates a scene without Python."""
-    model = read_scene(scene).compile(sensitivity, read_tree(tree))
+    model = read_scene(scene).compile(sensitivity, tree)
     project = model.write(
         output, integrator, step, real=real, prefix=prefix, cpp=cpp, single_file=single_file
     )
@@ -302,23 +292,24 @@ app.command("export")(export_scene)
 
 
 @app.command("equations")
+@with_options()
 def show_equations(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     latex: Annotated[bool, typer.Option("--latex", help="As LaTeX.")] = False,
     steps: Annotated[
         bool, typer.Option("--steps", help="The whole way from the graph to the equations.")
     ] = False,
 ) -> None:
     """Print the governing and sensitivity equations of a scene."""
-    described, choice = read_scene(scene), read_tree(tree)
+    described = read_scene(scene)
     if steps and latex:
         raise typer.BadParameter("give --latex or --steps, not both")
     if steps:
-        typer.echo(_steps(described, sensitivity, choice), nl=False)
+        typer.echo(_steps(described, sensitivity, tree), nl=False)
         return
-    equations = described.equations(sensitivity, choice)
+    equations = described.equations(sensitivity, tree)
     typer.echo(equations.latex() if latex else str(equations))
 
 
@@ -333,17 +324,18 @@ def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> st
 
 
 @app.command("graph")
+@with_options()
 def show_graph(
     scene: SceneName,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="Draw to this file: .svg, .png, .pdf."),
     ] = None,
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
 ) -> None:
     """Print the linear graphs of a scene with tree and matrices, or draw them."""
     check_picture(output)
-    report = read_scene(scene).graph(read_tree(tree))
+    report = read_scene(scene).graph(tree)
     if output is None:
         typer.echo(report.summary().rstrip())
         return

@@ -14,7 +14,7 @@ from cotree.errors import Error, ParameterError, SceneError, TopologyError, brie
 from cotree.files import read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from cotree.api import Model, Scene
     from cotree.scene.graphs import TreeChoice
@@ -61,19 +61,6 @@ def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
             raise ParameterError(f"{option} gives '{brief(name)}' twice: give it once")
         pairs[name] = value
     return pairs
-
-
-def read_inputs(scene: Scene, texts: Sequence[str], values: Mapping[str, float]) -> Scene:
-    """Put expressions in place of inputs; ``values`` has those of names that are new."""
-    inputs = read_pairs("--input", texts)
-    if not inputs:
-        return scene
-    # Imported here, since most commands need none of it.
-    from cotree.scene.variants import new_names
-
-    return scene.with_inputs(
-        inputs, {name: values[name] for name in new_names(scene, inputs, values)}
-    )
 
 
 def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:

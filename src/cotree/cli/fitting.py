@@ -10,7 +10,6 @@ import typer
 from cotree.cli.arguments import (
     check_folder,
     check_picture,
-    read_inputs,
     read_numbers,
     read_pairs,
 )
@@ -18,14 +17,11 @@ from cotree.cli.options import (
     INTERRUPTED,
     Csv,
     EndTime,
-    InitialOption,
-    InputOption,
     Plot,
     SceneName,
-    Setting,
     complain,
     read_scene,
-    with_settings,
+    with_options,
 )
 from cotree.errors import ParameterError, SolveError, brief
 from cotree.estimation.conditions import MOST_STEPS
@@ -37,7 +33,11 @@ if TYPE_CHECKING:
 _RANGE = "--estimate k=10:100:log"
 
 
-@with_settings(max_steps=MOST_STEPS)
+@with_options(
+    max_steps=MOST_STEPS,
+    inputs="In place of an input: a number, or an expression, whose new names are in --set or "
+    "--estimate; a column with its name is it, too; may be repeated.",
+)
 def fit_scene(
     scene: SceneName,
     more: Annotated[
@@ -96,17 +96,6 @@ def fit_scene(
         list[str],
         typer.Option(metavar="NAME", help="It has an estimate for each file; may be repeated."),
     ] = [],  # noqa: B006
-    setting: Setting = [],  # noqa: B006
-    initial: InitialOption = [],  # noqa: B006
-    inputs: Annotated[
-        list[str],
-        typer.Option(
-            "--input",
-            metavar="NAME=VALUE",
-            help="In place of an input: a number, or an expression, whose new names are in --set "
-            "or --estimate; a column with its name is it, too; may be repeated.",
-        ),
-    ] = [],  # noqa: B006
     loss: Annotated[
         str,
         typer.Option(help="linear, or soft_l1, huber, cauchy, arctan: outliers count less."),
@@ -135,9 +124,9 @@ def fit_scene(
     ranges = _ranges([*estimate, *(more or [])])
     described = read_scene(scene)
     known = {
-        "inputs": {name: _signal(text) for name, text in read_pairs("--input", inputs).items()},
-        "initial": read_numbers("--initial", initial),
-        "parameters": read_numbers("--set", setting),
+        "inputs": {name: _signal(text) for name, text in settings.pop("inputs").items()},
+        "initial": settings.pop("initial"),
+        "parameters": settings.pop("parameters"),
         "observables": read_pairs("--observe", observe) or None,
         "noise": _noise(noise),
         "units": read_pairs("--unit", unit) or None,
@@ -223,7 +212,7 @@ def _signal(text: str) -> float | str:
         return text
 
 
-@with_settings()
+@with_options()
 def optimise_scene(
     scene: SceneName,
     minimise: Annotated[
@@ -254,9 +243,6 @@ def optimise_scene(
     optimiser: Annotated[str, typer.Option(help="slsqp or trust-constr.")] = "slsqp",
     t_end: EndTime = None,
     settings: Any = None,
-    setting: Setting = [],  # noqa: B006
-    initial: InitialOption = [],  # noqa: B006
-    inputs: InputOption = [],  # noqa: B006
     csv: Csv = None,
     plot: Plot = None,
 ) -> None:
@@ -265,8 +251,9 @@ def optimise_scene(
 
     check_folder(csv)
     check_picture(plot)
-    values, method = read_numbers("--set", setting), settings.pop("method", None)
-    described = read_inputs(read_scene(scene), inputs, values)
+    described = read_scene(scene, settings)
+    values, initial = settings.pop("parameters"), settings.pop("initial")
+    method = settings.pop("method", None)
     found = optimise(
         described,
         minimise,
@@ -274,7 +261,7 @@ def optimise_scene(
         subject_to,
         t_span=None if t_end is None else (0.0, t_end),
         parameters={name: value for name, value in values.items() if name in described.parameters},
-        initial=read_numbers("--initial", initial),
+        initial=initial,
         guess=read_numbers("--guess", guess),
         starts=starts,
         seed=seed,
@@ -287,7 +274,7 @@ def optimise_scene(
         # The runs of the search hold the times that goals ask for; these have the solver's steps.
         settings |= {
             "parameters": {**values, **found.settings["parameters"]},
-            "initial": {**read_numbers("--initial", initial), **found.settings["initial"]},
+            "initial": {**initial, **found.settings["initial"]},
             "method": method,
         }
         model = described.compile()

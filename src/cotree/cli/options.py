@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from cotree.scene.settings import ROWS, Settings
+from cotree.cli.arguments import read_numbers, read_pairs, read_tree
+from cotree.scene.settings import ROWS, Row, Settings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from cotree.api import Scene
 
@@ -35,11 +36,7 @@ Sensitivity = Annotated[
         help="Parameter, or state whose initial value is meant; may be repeated.",
     ),
 ]
-Setting = Annotated[
-    list[str],
-    typer.Option("--set", metavar="NAME=NUMBER", help="Value of a parameter; may be repeated."),
-]
-TreeOption = Annotated[
+_Tree = Annotated[
     list[str],
     typer.Option(
         "--tree",
@@ -50,60 +47,44 @@ TreeOption = Annotated[
 EndTime = Annotated[
     float | None, typer.Option("--t-end", metavar="S", help="End time in s; the scene's if absent.")
 ]
-InputOption = Annotated[
-    list[str],
-    typer.Option(
-        "--input",
-        metavar="NAME=VALUE",
-        help="In place of an input: a number, or an expression of t, parameters, states and "
-        "outputs; --set gives values of new names in it; may be repeated.",
-    ),
-]
-InitialOption = Annotated[
-    list[str],
-    typer.Option(
-        "--initial", metavar="STATE=NUMBER", help="Initial value of a state; may be repeated."
-    ),
-]
 Plot = Annotated[Path | None, typer.Option(help="Draw to this file: .svg, .png or .pdf.")]
 Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to this file.")]
 
 
-def with_settings(*leave: str, **defaults: float) -> Callable[[_Command], _Command]:
-    """Return a command an option for each setting of runs that has a help text.
+def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
+    """Return a command with the options of its arguments ``settings`` and ``tree``.
 
-    The command gets those that are given as its argument ``settings``, whose place in the signature
-    the options take.
+    In place of ``settings`` it has an option for each setting of runs that has a help text. The
+    command gets a dict of those that are given, and of parameters, initial values and inputs. In
+    place of ``tree`` it has ``--tree``, and gets the choice of a tree.
 
     Parameters
     ----------
     *leave : str
         Settings that have no option.
-    **defaults
-        What the command takes if a setting is not given, for the help.
+    **helps
+        For the help: what the command takes if a setting is not given, or another help.
     """
     rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
-
-    options = [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.POSITIONAL_OR_KEYWORD,
-            default=None,
-            annotation=_option(name, row.option, row.metavar, defaults),
-        )
-        for name, row in rows.items()
-    ]
+    shared = {"settings": [_parameter(name, row, helps.get(name)) for name, row in rows.items()]}
+    shared["tree"] = [_keyword("tree", _Tree, [])]
 
     def decorate(command: _Command) -> _Command:
-        @functools.wraps(command)
-        def run(**options: Any) -> None:
-            given = {name: options.pop(name) for name in rows}
-            settings = {name: value for name, value in given.items() if value is not None}
-            command(**options, settings=settings)
-
         hints, listed = get_type_hints(command, include_extras=True), []
         for name, own in inspect.signature(command).parameters.items():
-            listed += options if name == "settings" else [own.replace(annotation=hints[name])]
+            listed += shared.get(name) or [own.replace(annotation=hints[name])]
+
+        @functools.wraps(command)
+        def run(**options: Any) -> None:
+            if "settings" in hints:
+                given = {name: options.pop(name) for name in rows}
+                options["settings"] = {
+                    name: _read(name, value) for name, value in given.items() if value is not None
+                }
+            if "tree" in hints:
+                options["tree"] = read_tree(options["tree"])
+            command(**options)
+
         run.__signature__ = inspect.Signature(listed)  # type: ignore[attr-defined]
         run.__annotations__ = {option.name: option.annotation for option in listed}
         return run  # type: ignore[return-value]
@@ -111,12 +92,38 @@ def with_settings(*leave: str, **defaults: float) -> Callable[[_Command], _Comma
     return decorate
 
 
-def _option(name: str, text: str, metavar: str | None, defaults: Mapping[str, float]) -> Any:
+def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def _parameter(name: str, row: Row, help_: float | str | None) -> inspect.Parameter:
+    """Return the option of a setting."""
+    text, value = row.option, getattr(Settings, name, None)
+    if isinstance(help_, str):
+        text = help_
+    elif help_ is not None:
+        value = help_
+        text = text if "{" in text else f"{text.rstrip('.')}: {{:g}} if absent."
+    names = [row.flag] if row.flag else []
+    option = typer.Option(*names, metavar=row.metavar, help=text.format(value))
+    if name in _READERS:
+        return _keyword(name, Annotated[list[str], option], [])
     kind = str if name == "method" else float
-    if name in defaults and "{" not in text:
-        text = f"{text.rstrip('.')}: {{:g}} if absent."
-    text = text.format(defaults.get(name, getattr(Settings, name)))
-    return Annotated[kind | None, typer.Option(metavar=metavar, help=text)]
+    return _keyword(name, Annotated[kind | None, option], None)
+
+
+_READERS: dict[str, Callable[[str, Sequence[str]], dict[str, Any]]] = {
+    "parameters": read_numbers,
+    "initial": read_numbers,
+    "inputs": read_pairs,
+}
+
+
+def _read(name: str, value: Any) -> Any:
+    """Read a setting: of mappings each time that its option is given."""
+    read = _READERS.get(name)
+    return read(ROWS[name].flag or f"--{name}", value) if read else value
 
 
 #: ``base`` and ``mimic`` of the command line that is being obeyed.
@@ -128,8 +135,19 @@ def read_robots_with(base: str, mimic: bool) -> None:
     _ROBOT.set((base, mimic))
 
 
-def read_scene(source: str) -> Scene:
+def read_scene(
+    source: str, settings: dict[str, Any] | None = None, swept: Iterable[str] = ()
+) -> Scene:
     """Read a shipped scene or a file; notes on what was not read go to standard error.
+
+    Parameters
+    ----------
+    source : str
+        Its name, or the path.
+    settings : dict, optional
+        Settings of a command; expressions of its inputs move into the scene.
+    swept : iterable of str
+        Names that members set: what is new in these expressions may be among them.
 
     Raises
     ------
@@ -148,7 +166,15 @@ def read_scene(source: str) -> Scene:
     # Notes go to standard error, so that output to a pipe stays as it is.
     for note in scene.origin.notes if scene.origin is not None else ():
         typer.echo(f"cotree: note: {' '.join(note.split())}", err=True)
-    return scene
+    if settings is None or not (inputs := settings.pop("inputs")):
+        return scene
+    # Imported here, since most commands need none of it.
+    from cotree.scene.variants import new_names
+
+    # A parameter that only members set needs some value in the scene, which no member takes.
+    values = dict.fromkeys(swept, 1.0) | settings["parameters"]
+    new = {name: values[name] for name in new_names(scene, inputs, values)}
+    return scene.with_inputs(inputs, new)
 
 
 #: Exit code of a command that Ctrl-C ended, as shells have it.

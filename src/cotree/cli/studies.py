@@ -14,21 +14,15 @@ from cotree.cli.arguments import (
     check_folder,
     check_picture,
     given,
-    read_inputs,
-    read_numbers,
     read_tolerances,
-    read_tree,
 )
 from cotree.cli.options import (
     EndTime,
-    InputOption,
     Plot,
     SceneName,
     Sensitivity,
-    Setting,
-    TreeOption,
     read_scene,
-    with_settings,
+    with_options,
 )
 from cotree.report import Values
 
@@ -93,29 +87,26 @@ def derived_values(model: Model, parameters: Mapping[str, float] | None) -> Valu
     return Values((), rows, "derived parameters", digits=10)
 
 
-@with_settings("atol", rtol=1e-12)
+@with_options("atol", "initial", rtol=1e-12)
 def check_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006
     t_end: EndTime = None,
     settings: Any = None,
-    setting: Setting = [],  # noqa: B006
-    inputs: InputOption = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
     from cotree.lint import lint
     from cotree.studies.check import check_sensitivities
 
-    # Arguments are read before the scene is compiled, so that a slip costs no time.
-    values, branches = read_numbers("--set", setting), read_tree(tree)
-    described = read_inputs(read_scene(scene), inputs, values)
+    described = read_scene(scene, settings)
+    values = settings.pop("parameters")
     # Parameters that are folded into the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
     # Finite differences need no sensitivities: runs of the plain model are faster, and independent
     # of the derivatives that they check.
-    model, plain = described.compile(names, branches), described.compile(tree=branches)
+    model, plain = described.compile(names, tree), described.compile(tree=tree)
     # The equations have been formed just now.
     for line in finding_lines(lint(described, is_formed=False)):
         typer.echo(line)
@@ -133,7 +124,7 @@ def check_scene(
         raise typer.Exit(1)
 
 
-@with_settings("method", "rtol", "atol", time_limit=5.0)
+@with_options("method", "rtol", "atol", "initial", "inputs", time_limit=5.0)
 def bench_scene(
     scene: SceneName,
     sensitivity: Sensitivity = [],  # noqa: B006 - typer copies it
@@ -159,8 +150,7 @@ def bench_scene(
     quick: Annotated[
         bool, typer.Option("--quick", help="Tolerances 1e-3, 1e-6 and 1e-9, and fewer runs.")
     ] = False,
-    setting: Setting = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
     plot: Plot = None,
 ) -> None:
@@ -183,8 +173,8 @@ def bench_scene(
             method or None,
             tolerances or study.TOLERANCES,
             t_end=t_end,
-            values=read_numbers("--set", setting),
-            tree=read_tree(tree),
+            values=settings.pop("parameters"),
+            tree=tree,
             progress=progress,
             **settings,
         )

@@ -11,34 +11,27 @@ import typer
 from cotree.cli.arguments import (
     check_options,
     check_picture,
-    read_inputs,
     read_members_of,
-    read_numbers,
-    read_tree,
 )
 from cotree.cli.options import (
     INTERRUPTED,
     EndTime,
-    InitialOption,
-    InputOption,
     SceneName,
     Sensitivity,
-    Setting,
-    TreeOption,
     complain,
     read_scene,
-    with_settings,
+    with_options,
 )
 from cotree.errors import ParameterError, nearest
 from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from cotree.api import Model, Scene
+    from cotree.api import Model
 
 
-@with_settings()
+@with_options()
 def sweep_scene(
     scene: SceneName,
     grid: Annotated[
@@ -83,10 +76,7 @@ def sweep_scene(
     t_end: EndTime = None,
     points: Annotated[int, typer.Option(min=2, help="Number of evenly spaced times.")] = 101,
     settings: Any = None,
-    setting: Setting = [],  # noqa: B006
-    initial: InitialOption = [],  # noqa: B006
-    inputs: InputOption = [],  # noqa: B006
-    tree: TreeOption = [],  # noqa: B006
+    tree: Any = None,
     threads: Annotated[
         int | None, typer.Option(min=1, help="Threads; as many as processors if absent.")
     ] = None,
@@ -140,10 +130,10 @@ def sweep_scene(
         raise typer.BadParameter("--show says what --plot draws: give --plot FILE, too")
     if of not in SUMMARIES:
         raise typer.BadParameter(f"--of is '{of}': give {', '.join(SUMMARIES)}")
-    values = read_numbers("--set", setting)
-    described = _with_inputs(read_scene(scene), inputs, values, grid, sample)
+    swept = (text.partition("=")[0].strip() for text in (*grid, *sample))
+    described = read_scene(scene, settings, swept)
     build_ahead(settings.get("method") or described.defaults.method)
-    model = described.compile(sensitivity, read_tree(tree))
+    model = described.compile(sensitivity, tree)
     rows = read_members_of(model, grid, sample, members, seed, sampling)
     _check_shown(model, show, output)
     end = described.defaults.t_end if t_end is None else t_end
@@ -156,8 +146,6 @@ def sweep_scene(
                 rows,
                 t_eval=points,
                 outputs=output or None,
-                parameters=values,
-                initial=read_numbers("--initial", initial),
                 threads=threads,
                 lanes=lanes,
                 store=store,
@@ -180,19 +168,6 @@ def sweep_scene(
     # Some failures are results; if nothing came out, the sweep itself has failed.
     if not (status == 0).any():
         raise typer.Exit(1)
-
-
-def _with_inputs(
-    scene: Scene,
-    inputs: Sequence[str],
-    values: Mapping[str, float],
-    grid: Sequence[str],
-    sample: Sequence[str],
-) -> Scene:
-    """Put expressions in place of inputs; members may set what is new in them."""
-    # A parameter that only members set needs some value in the scene, which no member takes.
-    swept = {text.partition("=")[0].strip(): 1.0 for text in (*grid, *sample)}
-    return read_inputs(scene, inputs, {**swept, **values})
 
 
 def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> None:

@@ -358,8 +358,8 @@ class PassReport:
     def summary(self) -> str:
         """List the kernels that the pass changed."""
         head = f"pass {self.name}: operations of each kernel alone, before -> after"
-        counts = ((name, n, self.after[name]) for name, n in self.before.items())
-        rows = [f"  {name:20} {n} -> {m}" for name, n, m in counts if n != m]
+        after = self.after
+        rows = [f"  {k:20} {n} -> {after[k]}" for k, n in self.before.items() if n != after[k]]
         return "\n".join([head, *(rows or ["  none changed"])])
 
 

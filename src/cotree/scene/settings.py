@@ -64,6 +64,7 @@ class Row(NamedTuple):
     #: empty.
     option: str = ""
     metavar: str | None = None  # the value in that help
+    flag: str = ""  # name of the option; that of the setting if empty
     in_scenes: bool = True  # whether scene files may set it
 
 
@@ -226,6 +227,9 @@ class Settings:
         None,
         "Values in place of the scene's, by name or of shape (n_parameters,).",
         _unchecked,
+        option="Value of a parameter; may be repeated.",
+        metavar="NAME=NUMBER",
+        flag="--set",
         in_scenes=False,
     )
     initial: Mapping[str, float] = _setting(
@@ -234,6 +238,8 @@ class Settings:
         'their sensitivities are given, too, as ``"d(STATE)/d(PARAMETER)"``: a run can continue '
         "from the end of another one.",
         check_mapping,
+        option="Initial value of a state; may be repeated.",
+        metavar="STATE=NUMBER",
         in_scenes=False,
     )
     inputs: Mapping[str, Any] = _setting(
@@ -244,6 +250,10 @@ class Settings:
         "such as gains, get their values by ``parameters``; for sensitivities to them compile "
         "``scene.with_inputs(...)``.",
         check_mapping,
+        option="In place of an input: a number, or an expression of t, parameters, states and "
+        "outputs; --set gives values of new names in it; may be repeated.",
+        metavar="NAME=VALUE",
+        flag="--input",
         in_scenes=False,
     )
     sensitivities: bool = _setting(
