@@ -210,7 +210,7 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
 
 
 def vanishing_combinations(rows: Array, whole: Array) -> Array:
-    """Return orthonormal combinations of rows, (n, n_rows), that vanish beside the whole gradient."""
+    """Return orthonormal combinations of rows, (n, n_rows), that vanish beside the gradient."""
     if not rows.size:
         return np.eye(len(rows))
     left, values, _ = np.linalg.svd(rows)
