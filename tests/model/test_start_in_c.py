@@ -1,4 +1,4 @@
-"""The start in C is that of Python, and leaves to Python what it does not know."""
+"""Algebraic unknowns at the start are in C what they are in Python."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cotree
 from cotree import Scene
 from cotree.model import start as python_start
 from cotree.model.model import Moment
-from cotree.model.start_in_c import find_in_c
+from cotree.model.start_in_c import StartInC
 
 pytestmark = pytest.mark.compiler
 
@@ -109,9 +109,9 @@ def test_both_find_the_same(name, monkeypatch):
     make, wanted = SCENES[name]
     model = make().compile(wanted)
     at = Moment(model.kernels, 0.0, 1.01 * model.default_parameters)
-    found = find_in_c(at, {})
+    found = model.kernels.start_in_c.find(at, {})
     assert found is not None
-    monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
+    monkeypatch.setattr(StartInC, "find", lambda *_: None)
     known = python_start.find_start(at, {})
     # Both stop where steps are rounding; that of a least move may be 1e-11 of the states' size.
     assert np.allclose(found.y, known.y, rtol=1e-11, atol=1e-11)
@@ -133,17 +133,8 @@ def test_values_that_python_gives(initial, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(python_start, "settle_jumps", None)  # C finds the start alone
         found = python_start.find_start(at, initial)
-    monkeypatch.setattr(python_start, "find_in_c", lambda *_: None)
+    monkeypatch.setattr(StartInC, "find", lambda *_: None)
     known = python_start.find_start(at, initial)
     # Both solve the same equations to rounding.
     assert np.allclose(found.y, known.y, rtol=1e-12, atol=1e-18)
     assert np.allclose(found.s, known.s, rtol=1e-12, atol=1e-18)
-
-
-def test_what_has_to_be_mended_is_left_to_python():
-    scene = Scene("rod", gravity=[0, -9.81, 0])
-    scene.edge("b", "rigid_body", "ground", "C", mass=1.0, initial={"x": 0.5, "y": -1.3})
-    scene.edge("d", "distance", "ground", "C", length=1.4)
-    with pytest.warns(RuntimeWarning, match="changed"):
-        model = scene.compile()
-    assert find_in_c(Moment(model.kernels, 0.0, model.default_parameters), {}) is None

@@ -11,8 +11,8 @@ from fast_and_slow import seeds
 
 import cotree
 from cotree import Scene
-from cotree.model.model import Moment
-from cotree.model.start import constrained_start
+from cotree.model.model import Moment, states_only
+from cotree.model.start import find_start
 
 Z = [0, 0, 1]
 
@@ -99,12 +99,12 @@ def model_of(name: str):
 
 def differences(model, name: str, given: dict[str, float]) -> np.ndarray:
     """Differentiate the states of the start by a parameter."""
-    h, value = 1e-5, model.kernels.parameter_array()[model.parameters.index(name)]
+    kernels = states_only(model.kernels)
+    h, value = 1e-5, kernels.parameter_array()[model.parameters.index(name)]
     ends = [
-        constrained_start(
-            Moment(model.kernels, 0.0, model.kernels.parameter_array({name: value + k * h})),
+        find_start(
+            Moment(kernels, 0.0, kernels.parameter_array({name: value + k * h})),
             given,
-            is_probe=True,
         ).y
         for k in (2, 1, -1, -2)
     ]

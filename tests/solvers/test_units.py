@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.model.finder import length_of_turns
 from cotree.solvers import HeldConstraints
 
 UNITS = {"metre": 1.0, "kilogram": 1.0, "second": 1.0}
@@ -91,10 +90,3 @@ def test_steps_are_those_of_a_linkage_of_any_size(tree):
 def test_a_small_linkage_is_written_for_rodas5(tmp_path):
     model = linkage(metre=1e-3).compile(tree=BODIES, optimize="-O0")
     model.write(tmp_path, "rodas5")
-
-
-def test_lengths_of_turns():
-    # A wheel of radius 2 and an arm of 2: the first row is one of lengths, the second of angles.
-    rows = np.array([[1.0, -2.0], [0.5, -1.0], [0.0, 1.0], [1.0, -1e-16]])
-    turns = np.array([False, True])
-    assert length_of_turns(rows, ["a", "b", "c", "d"], turns) == 2.0

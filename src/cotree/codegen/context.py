@@ -347,6 +347,7 @@ class ModelContext(KernelFile):
             moving_corners=False,
             implicit=False,
             helper=False,
+            mending=False,
             sundials=False,
         )
 

@@ -39,6 +39,7 @@ class Features:
     moving_corners: bool = True
     implicit: bool = True  # whether a method takes a Jacobian
     helper: bool = True  # whether another program finds states where iterations fail
+    mending: bool = True  # whether given values that contradict constraints move, with a report
     sundials: bool = True  # whether a method of SUNDIALS may take the steps
     #: Of an FMU: whether its start satisfies constraints or conditions, or has modes that follow;
     #: whether there are time events or upper bounds of steps.

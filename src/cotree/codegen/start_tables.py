@@ -110,7 +110,11 @@ def start_files() -> dict[str, str]:
 def start_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of the start that cffi reads."""
     headers = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_start.h")
-    return declarations(files, headers) + "int cotree_start_once(cotree_start_call *);\n"
+    functions = (
+        "int cotree_start_once(cotree_start_call *);\n"
+        "int cotree_start_gradients(cotree_start_call *, double *, double *);\n"
+    )
+    return declarations(files, headers) + functions
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:

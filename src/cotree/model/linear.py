@@ -16,7 +16,7 @@ import numpy as np
 from cotree.tolerances import LIMITS, RANK, TINY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from cotree.model.arrays import Array
 
@@ -46,9 +46,6 @@ _ROUNDS, _CLEARLY = 4, 1e3
 
 #: Rounding of singular values, in units in the last place of the largest; more in larger matrices.
 _WEAK = 10
-
-#: What differs from columns before it by less than this share would have to move far.
-_APART = 1e-2
 
 #: Entries below this share of the largest are not involved in a singular direction.
 _INVOLVED = 0.1
@@ -207,38 +204,6 @@ def least_step(rows: Array, target: Array, whole: Array) -> Array:
     along = (left[:, kept].T @ target).T / sizes[kept]
     # The pseudo-inverse without singular values that are nothing but rounding.
     return np.asarray(right[kept].T @ along.T, dtype=np.float64)
-
-
-def vanishing_combinations(rows: Array, whole: Array) -> Array:
-    """Return orthonormal combinations of rows, (n, n_rows), that vanish beside the gradient."""
-    if not rows.size:
-        return np.eye(len(rows))
-    left, values, _ = np.linalg.svd(rows)
-    # Left singular vectors beyond the rank span what vanishes.
-    rank = int(np.sum(values > RANK * np.linalg.norm(whole, 2)))
-    return np.asarray(left[:, rank:].T, dtype=np.float64)
-
-
-def spanning(moves: Sequence[tuple[str, Array]], size: float) -> list[str]:
-    """Choose moves by name, in order, that span what all of them do together.
-
-    A move that hardly differs from those before it is left out if it can be; what is rounding
-    beside ``size`` spans nothing.
-    """
-    if not moves or not len(moves[0][1]):
-        return []
-    chosen: list[str] = []
-    basis = np.zeros((len(moves[0][1]), 0))
-    largest = max(float(np.linalg.norm(own)) for _, own in moves)
-    for least in (_APART * largest, RANK * size):
-        for name, own in moves:
-            if name in chosen:
-                continue
-            left, values, _ = np.linalg.svd(own - basis @ (basis.T @ own), full_matrices=False)
-            if np.any(values > least):
-                basis = np.hstack([basis, left[:, values > least]])
-                chosen.append(name)
-    return chosen
 
 
 def independent_columns(rows: Array) -> list[int]:

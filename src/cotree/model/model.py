@@ -265,6 +265,10 @@ class CompiledModel:
         """Refuse parameters that the model's guards refuse."""
         self._prepare(p)
 
+    def evaluate(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
+        """Evaluate a kernel as C does, with packed sensitivities; the result is its buffer."""
+        return self._kernels(name, t, x, s, u)
+
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         return self._kernel(name)(t, x, s, u).copy()
 

@@ -223,8 +223,6 @@ class NewtonLimits:
     #: The last step is one below this share of the scales, or, with a test, one after which another
     #: would be.
     settled: float = ROUNDING
-    slow: float = 0.0  # so is one below this share that is no shorter than half the step before it
-    met: float = -1.0  # no step is taken where all residuals are below this
 
 
 def iterate(
@@ -256,8 +254,6 @@ def iterate(
         # Squares may overflow, which the slower test then sorts out.
         if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
             break  # no step leads away
-        if limits.met >= 0.0 and np.max(np.abs(point.g), initial=0.0) <= limits.met:
-            return point._replace(is_found=True)
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
@@ -271,13 +267,11 @@ def iterate(
         if before is not None:
             # Both steps are measured in the same units, those of the newer one.
             ratio = size / max(longest(before / units), TINY)
-        # Newton's method squares its errors: a small step that no longer halves is rounding.
-        is_slow = size < limits.slow and 0.5 < ratio < math.inf
         if limits.test is not None:  # the step after this one would shrink by as much
             size *= min(ratio, 1.0)
         # What a kept matrix leaves of a step adds up along chains.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
-        if (is_slow or size <= allowed) and linear.is_met(point.g):
+        if size <= allowed and linear.is_met(point.g):
             # The last step is still taken, and it is its residuals that decide.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):

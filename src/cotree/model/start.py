@@ -4,14 +4,14 @@ In: a model, parameters, inputs, and initial values of a run. Out: a ``Start``. 
 each leaves alone what those before it found:
 
 1. Values as they are given: the scene's or those of its operating point, then those of the run.
-2. The constraints of mechanisms (:mod:`cotree.model.consistent`).
+2. The constraints of mechanisms (``templates/runtime/start``).
 3. Algebraic unknowns, and what storages hold from what follows from it; then the modes of jumps
    inside expressions, and the unknowns again (:mod:`cotree.model.unknowns`).
 4. A check of what was given twice: redundant values of network variables change nothing where
    they agree with what they follow from, and all that do not are refused together.
 
-Where C can, it takes all of them (:mod:`cotree.model.start_in_c`); what it refuses is tried here,
-and refused with the reason.
+C takes them (:mod:`cotree.model.start_in_c`). Where it finds no algebraic unknowns, the third step
+is tried here, and refused with the reason.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import ParameterError, SingularSystemError, listed, nearest
-from cotree.model.consistent import Start, consistent_start
+from cotree.model.consistent import Start
 from cotree.model.model import CompiledModel, Moment
-from cotree.model.start_in_c import find_in_c
 from cotree.model.unknowns import (
     Pair,
     check_followers,
@@ -164,29 +163,28 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     """
     model = at.model
     initial, slopes = _apart(initial)
-    if model.layout.has_start_equations:
-        given = None
-        if slopes or model.begins_at_rest:
-            y, s = given_values(at, initial, slopes)
-            given = np.concatenate([y, s.T.ravel()])
-        found = find_in_c(at, initial, given)
-        if found is not None:
-            check_followers(model, initial, found.y)
-            return found
-    start = constrained_start(at, initial, slopes)
     if not model.layout.has_start_equations:
-        return start
-    held = held_followers(model, initial)
-    y, s = start.y, start.s
-    if start.is_chosen and model.sensitivities:
-        if slopes:
-            raise ParameterError(
-                f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
-                "constraints, and what moves them changes their sensitivities: give consistent "
-                "values of all states"
-            )
-        # The sensitivities of a chosen start do not know how that choice depends on parameters.
-        s = _by_differences(at, initial, start)
+        return Start(*_given_values(at, initial, slopes))
+    _check_initial(model, initial)
+    starts, given, found = model.start_in_c, None, None
+    if slopes or model.begins_at_rest:
+        y, s = _given_values(at, initial, slopes)
+        given = np.concatenate([y, s.T.ravel()])
+    if starts is not None:
+        found = starts.find(at, initial, given)
+    is_found = found is not None
+    if found is None:
+        found = _constrained(at, initial, slopes, given)
+    if found.is_chosen and model.sensitivities and slopes:
+        raise ParameterError(
+            f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
+            "constraints, and what moves them changes their sensitivities: give consistent "
+            "values of all states"
+        )
+    if is_found:
+        check_followers(model, initial, found.y)
+        return found
+    y, s, held = found.y, found.s, held_followers(model, initial)
     if model.layout.n_algebraic:
         y = settle_friction(at, y, initial)
     y, s = _solve(at, y, s, held)
@@ -194,7 +192,20 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     # Checks come last, since they compare with values that the steps before have found.
     check_followers(model, initial, y)
     check_redundant(at, Start(y, s), set(initial))
-    return replace(start, y=y, s=s)
+    return replace(found, y=y, s=s)
+
+
+def _constrained(
+    at: Moment,
+    initial: Mapping[str, float],
+    slopes: Mapping[str, float],
+    given: Array | None,
+) -> Start:
+    """Satisfy the constraints alone."""
+    starts = at.model.start_in_c
+    if starts is None or not at.model.layout.has_conditions:
+        return Start(*_given_values(at, initial, slopes))
+    return starts.constrained(at, initial, given)
 
 
 def _solve(at: Moment, y: Array, s: Array, held: Sequence[Pair]) -> tuple[Array, Array]:
@@ -276,57 +287,40 @@ def _put_slopes(model: CompiledModel, slopes: Mapping[str, float], s: Array) -> 
         s[place] = number
 
 
-def given_values(
-    at: Moment, initial: Mapping[str, float], slopes: Mapping[str, float] | None = None
+def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
+    """Refuse initial values of what is no state, or that are no numbers."""
+    for name, value in initial.items():
+        if name not in model.states:
+            raise ParameterError(_no_state(model, name))
+        check_number(value, f"initial value of '{name}'")
+
+
+def _given_values(
+    at: Moment, initial: Mapping[str, float], slopes: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Return the initial states and sensitivities as given; see :func:`constrained_start`."""
+    """Return the initial states and sensitivities as given.
+
+    Parameters
+    ----------
+    at, initial
+        As for :func:`find_start`, sensitivities apart.
+    slopes : mapping of str to float
+        Initial values of sensitivities by name; of others a run's own value depends on no
+        parameter.
+    """
     model = at.model
     names, wanted = model.states, model.sensitivities
+    _check_initial(model, initial)
     y, s = model.initial_values(at.t, at.p, at.u)
     for name, value in initial.items():
-        if name not in names:
-            raise ParameterError(_no_state(model, name))
         i = names.index(name)
-        y[i] = check_number(value, f"initial value of '{name}'")
+        y[i] = float(value)
         # A run's own value depends on no parameter, only on itself.
         s[i] = [float(other == name) for other in wanted]
     # Runs of the states alone are given none.
     if slopes and wanted:
         _put_slopes(model, slopes, s)
     return y, s
-
-
-def constrained_start(
-    at: Moment,
-    initial: Mapping[str, float],
-    slopes: Mapping[str, float] | None = None,
-    *,
-    is_probe: bool = False,
-) -> Start:
-    """Take the values that are given, and move what is not onto the constraints.
-
-    Parameters
-    ----------
-    at, initial
-        As for :func:`find_start`, sensitivities apart.
-    slopes : mapping of str to float, optional
-        Initial values of sensitivities by name; of others a run's own value depends on no
-        parameter.
-    is_probe : bool
-        Whether only the states are wanted, next to a start that was found.
-    """
-    model = at.model
-    names, wanted = model.states, model.sensitivities
-    y, s = given_values(at, initial, slopes)
-    if not model.layout.has_conditions:
-        return Start(y, s)
-    anew = [names.index(name) for name in initial]
-    kept = {i for i, is_given in enumerate(model.layout.given) if is_given}.union(anew)
-    # A state whose initial value has a sensitivity counts as given.
-    kept |= {names.index(name) for name in wanted if name in names}
-    # Constraints depend on time and the scene's own inputs alone.
-    own = replace(at, u=None)
-    return consistent_start(own, y, s, kept, is_probe=is_probe, anew=anew)
 
 
 def _no_state(model: CompiledModel, name: str) -> str:
@@ -337,33 +331,3 @@ def _no_state(model: CompiledModel, name: str) -> str:
                 f"{listed([model.states[i] for _, i in row.terms])}"
             )
     return f"the model has no state '{name}'{nearest(name, model.states)}"
-
-
-def _by_differences(at: Moment, initial: Mapping[str, float], start: Start) -> Array:
-    """Differentiate a start that was chosen as the least move, shape (n_states, n_parameters).
-
-    The choice depends on the parameters through the constraints' gradients, whose derivatives no
-    kernel has: five points give it to ten digits.
-    """
-    model, p, s = at.model, at.p, start.s.copy()
-    for j, name in enumerate(model.sensitivities):
-        if name in model.states:
-            size = max(1.0, abs(start.y[model.states.index(name)]))
-        else:
-            size = max(abs(p[model.parameters.index(name)]), 1e-3)
-        # h^4 of this step is about as small as what rounding leaves of the differences.
-        step, total = 1e-3 * size, np.zeros(len(model.states))
-        # (f(-2h) - 8 f(-h) + 8 f(h) - f(2h)) / 12h, whose error is of order h^4.
-        for place, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
-            moved, given = p.copy(), dict(initial)
-            if name in model.states:
-                own = start.y[model.states.index(name)]
-                given[name] = float(own + place * step)
-            else:
-                moved[model.parameters.index(name)] += place * step
-            aside = Moment(model, at.t, moved)
-            total += weight * constrained_start(aside, given, is_probe=True).y
-        s[:, j] = total / (12.0 * step)
-    return np.where(
-        model.structure.sensitivity_pattern, s, 0.0
-    )  # of what does not depend, rounding is left

@@ -1,26 +1,28 @@
 """Starts that C finds, by ``templates/runtime/start/cotree_start.c``.
 
-In: a model at the start, and initial values of a run. Out: a ``Start``; or None where C does not
-find one, or not all that there may be to say about it.
+In: a model at the start, and initial values of a run. Out: a ``Start``; or None where C finds no
+algebraic unknowns. Where given values contradict constraints, C moves the last of them, or refuses
+the start, and :mod:`cotree.model.consistent` says so.
 """
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
-from cotree.model.consistent import Start
+from cotree.model.called_model import CalledModel, new_quantities
+from cotree.model.consistent import Report, Start
 from cotree.model.kernels import build_engine, shared_code
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
+
+    import numpy.typing as npt
 
     from cotree.build import LoadedLibrary
-    from cotree.equations import Quantity
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel, Moment
     from cotree.program import Layout
@@ -35,13 +37,17 @@ def load_start() -> LoadedLibrary | None:
     return build_engine(shared_code(start_files, start_declarations))
 
 
+#: Results of C: given values contradict the constraints, or cannot follow a parameter.
+_CONTRADICTIONS = (100, 102)
+
+
 class StartInC:
     """Starts of one model.
 
     Parameters
     ----------
     model : CompiledModel
-        The model, whose kernels are C.
+        The model.
     library : LoadedLibrary
         Of :func:`load_start`.
 
@@ -70,53 +76,168 @@ class StartInC:
     def find(
         self, at: Moment, initial: Mapping[str, float], given: Array | None = None
     ) -> Start | None:
-        """Find the start of a run; None where Python has to, see :func:`find_start`.
+        """Find the start of a run; None where there is none, or Python has to look for it.
 
         Parameters
         ----------
         at : Moment
             The model at the start.
         initial : mapping of str to float
-            Initial values of states in place of the scene's.
+            Initial values of states in place of the scene's, finite numbers.
         given : ndarray, shape (n_states * (1 + n_sensitivities),), optional
             All initial values and their sensitivities, if they are not the scene's alone.
+
+        Raises
+        ------
+        ParameterError
+            If given values contradict the constraints.
         """
-        model, ffi = at.model, self._ffi
+        if at.model.layout.n_algebraic > _MOST_UNKNOWNS:
+            return None
+        return StartCall(self, at, initial, given).find()
+
+    def constrained(
+        self, at: Moment, initial: Mapping[str, float], given: Array | None = None
+    ) -> Start:
+        """Satisfy the constraints alone; see :meth:`find`.
+
+        Raises
+        ------
+        ParameterError
+            If given values contradict the constraints.
+        SingularSystemError
+            If a linear system is singular at the start.
+        """
+        call = StartCall(self, at, initial, given)
+        call.c.is_partial = 1
+        found = call.find()
+        return call.fail() if found is None else found
+
+    def gradients(self, at: Moment, y: Array) -> tuple[Array, float]:
+        """Return the gradients of the constraints by the speeds, the longest of each edge as one.
+
+        Parameters
+        ----------
+        at : Moment
+            The model at a point.
+        y : ndarray, shape (n_states,)
+            Its states.
+
+        Returns
+        -------
+        ndarray, shape (n_rows, n_speeds), and float
+            These, and the singular value below which a direction is nearly lost.
+        """
+        call, layout = StartCall(self, at, {}, None), at.model.layout
+        rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
+        call.z[: len(y)] = y
+        if self._lib.cotree_start_gradients(call.c, call.doubles(rows), call.doubles(weakest)):
+            call.fail()
+        return rows, float(weakest[0])
+
+
+class StartCall:
+    """One call of ``cotree_start_once``, with all that it points to.
+
+    Parameters
+    ----------
+    starts : StartInC
+        The starts of the model.
+    at, initial, given
+        As for :meth:`StartInC.find`.
+    """
+
+    def __init__(
+        self,
+        starts: StartInC,
+        at: Moment,
+        initial: Mapping[str, float],
+        given: Array | None,
+    ) -> None:
+        model, ffi = at.model, starts._ffi
+        self._starts, self._ffi, self._at, self._initial = starts, ffi, at, initial
+        n, m = len(model.states), len(model.sensitivities)
+        self.z = np.empty(n * (1 + m))
+        self._called: CalledModel | None = None
+        self._kept: list[Any] = []
+        self.c = c = ffi.new("cotree_start_call *")
+        c.tables, c.z = starts.tables, self.doubles(self.z)
         native = model.native(at.p)
-        assert native is not None
-        states, n, m = model.states, len(model.states), len(model.sensitivities)
-        places = np.array([states.index(name) for name in initial], dtype=np.intc)
-        values, z = np.array([float(v) for v in initial.values()]), np.empty(n * (1 + m))
-        if not np.isfinite(values).all():
-            return None
-        c = ffi.new("cotree_start_call *")
-        c.model, c.tables = ffi.cast("cotree_model *", native.address), self.tables
-        c.p, c.k, c.z = map(self._doubles, (native.p, native.k, z))
+        if native is None:
+            self._call_python()
+        else:
+            c.model = ffi.cast("cotree_model *", native.address)
+            c.p, c.k = map(self.doubles, (native.p, native.k))
         c.t, c.has_sensitivities, c.n_set = at.t, m > 0, len(initial)
-        c.set, c.values = ffi.from_buffer("int[]", places), self._doubles(values)
+        places = np.array([model.states.index(name) for name in initial], dtype=np.intc)
+        self.places = places
+        c.set = self.pointer("int[]", places)
+        c.values = self.doubles(np.array([float(value) for value in initial.values()]))
         if given is not None:
-            c.initial = self._doubles(given)
-        rows, held = self._inputs(at)
-        c.n_replaced, c.replaced = len(held), rows
-        if self._lib.cotree_start_once(c) != 0:
-            return None
-        # Differences cannot move values that Python gives.
-        if given is not None and c.is_chosen and m > 0:
-            return None
-        return Start(z[:n].copy(), z[n:].reshape(m, n).T.copy(), bool(c.is_chosen))
+            c.initial = self.doubles(given)
+        self._set_inputs()
 
-    def _doubles(self, array: Array) -> Any:
-        return self._ffi.from_buffer("double[]", array)
+    def find(self) -> Start | None:
+        """Return the start; None where there is none."""
+        at, c = self._at, self.c
+        n, m = len(at.model.states), len(at.model.sensitivities)
+        status, report = self._run(), None
+        if status in _CONTRADICTIONS:
+            report = Report(at, self.places, self)
+            status = self._run()
+            if status in _CONTRADICTIONS:
+                report.refuse(self.z[:n], is_of_derivatives=status == _CONTRADICTIONS[1])
+        if status != 0:
+            return None
+        y, s = self.z[:n].copy(), self.z[n:].reshape(m, n).T.copy()
+        if report is None:
+            return Start(y, s, bool(c.is_chosen))
+        told = report.told(is_warning=not self._initial)
+        report.warn()
+        return Start(y, s, bool(c.is_chosen), told, report.is_mended)
 
-    def _inputs(self, at: Moment) -> tuple[Any, list[Any]]:
-        """Return the inputs in place of the scene's as tables of one point, and what they read."""
-        given = [] if at.u is None else at.u.tolist()
-        rows, held = self._ffi.new("cotree_table_input[]", max(1, len(given))), []
+    def fail(self) -> NoReturn:
+        """Raise the reason for which a kernel failed."""
+        if self._called is None:
+            self._call_python()
+            self._run()
+        assert self._called is not None
+        raise self._called.errors[0]
+
+    def _run(self) -> int:
+        status = int(self._starts._lib.cotree_start_once(self.c))
+        if self._called is not None and status < 0:
+            raise self._called.errors[-1]
+        return status
+
+    def _call_python(self) -> None:
+        """Call kernels in Python, whose exceptions are kept."""
+        self._called = CalledModel(self._ffi, self._at.model)
+        self.c.model = self._called.address
+        self.c.p = self.doubles(np.array(self._at.p, dtype=float))
+
+    def new(self, *what: Any) -> Any:
+        """Return what ``ffi.new`` makes, and keep it for as long as the call."""
+        self._kept.append(self._ffi.new(*what))
+        return self._kept[-1]
+
+    def doubles(self, array: Array) -> Any:
+        """Return a pointer to an array of doubles."""
+        return self.pointer("double[]", array)
+
+    def pointer(self, kind: str, array: npt.NDArray[Any]) -> Any:
+        """Return a pointer to an array of any kind."""
+        self._kept.append(self._ffi.from_buffer(kind, array))
+        return self._kept[-1]
+
+    def _set_inputs(self) -> None:
+        """Give the inputs in place of the scene's as tables of one point."""
+        given = [] if self._at.u is None else self._at.u.tolist()
+        rows = self.new("cotree_table_input[]", max(1, len(given)))
         for i, value in enumerate(given):
-            own = self._ffi.new("double[]", [0.0, value])
+            own = self.new("double[]", [0.0, value])
             rows[i].input, rows[i].length, rows[i].t, rows[i].u = i, 1, own, own + 1
-            held.append(own)
-        return rows, held
+        self.c.n_replaced, self.c.replaced = len(given), rows
 
 
 def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
@@ -139,12 +260,6 @@ def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
     def ints(values: tuple[int, ...]) -> Any:
         return new("int[]", list(values) or [0])
 
-    def quantities(rows: Sequence[Quantity]) -> Any:
-        found = new("cotree_quantity[]", max(1, len(rows)))
-        for row, own in zip(rows, found, strict=False):
-            own.name, own.unit = (new("char[]", text.encode()) for text in (row.name, row.unit))
-        return found
-
     tables, c = start_tables(layout), new("cotree_start_tables *")
     if tables.has_assembly:
         c.assembly = rows = new("cotree_assembly_tables *")
@@ -153,25 +268,15 @@ def filled_tables(ffi: Any, layout: Layout, kept: list[Any]) -> Any:
         rows.n_quaternions, rows.n_conditions = len(tables.quaternions), len(tables.is_rate)
         for name in ("value_rows", "quaternions", "is_rate", "groups"):
             setattr(rows, name, ints(getattr(tables, name)))
-        rows.rows = quantities(tables.rows)
+        rows.rows = new_quantities(new, tables.rows)
     for name in ("given", "seeds", "contents", "redundant_starts", "redundant_states"):
         setattr(c, name, ints(getattr(tables, name)))
     c.n_contents, c.n_redundant = len(tables.contents) // 2, len(tables.redundant)
-    c.redundant = quantities(tables.redundant)
+    c.redundant = new_quantities(new, tables.redundant)
     return c
 
 
 def start_in_c(model: CompiledModel) -> StartInC | None:
-    """Return what finds starts of a model in C; None where Python has to, always."""
-    layout = model.layout
-    if layout.n_algebraic > _MOST_UNKNOWNS or model.backend != "C":
-        return None
+    """Return what finds starts of a model; None without a compiler."""
     library = load_start()
     return None if library is None else StartInC(model, library)
-
-
-def find_in_c(at: Moment, initial: Mapping[str, float], given: Array | None = None) -> Start | None:
-    """Find a start in C, see :meth:`StartInC.find`; None where C does not, or of unknown names."""
-    found, states = at.model.start_in_c, at.model.states
-    is_known = all(name in states for name in initial) and math.isfinite(at.t)
-    return found.find(at, initial, given) if found is not None and is_known else None

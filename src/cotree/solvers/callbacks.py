@@ -25,7 +25,7 @@ from cotree.linear.plan import narrow_band
 from cotree.model.algebraic import Algebraic
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from cotree.solvers.engine import Engine
     from cotree.solvers.methods import Method
@@ -75,13 +75,8 @@ class Callbacks:
             point = np.frombuffer(ffi.buffer(x, 8 * n_states))
             return int(not rescue.find_unknowns(t, point))
 
-        def find_states(t: float, x: Any, kept: Any, n_kept: int, context: Any) -> int:
-            point = np.frombuffer(ffi.buffer(x, 8 * n_states))
-            return int(not rescue.find_states(t, point, [kept[i] for i in range(n_kept)]))
-
         helper = ffi.new("cotree_helper *")
         helper.find_unknowns = self._callback("cotree_find_unknowns", find_unknowns)
-        helper.find_states = self._callback("cotree_find_states", find_states)
         self._kept.append(helper)
         return helper
 
@@ -107,16 +102,8 @@ class Rescue:
         self.problem = problem
         self.complaint = ""
 
-    @property
-    def is_needed(self) -> bool:
-        """Return whether there may be anything to look for."""
-        problem = self.problem
-        # C asks for states after events that set them, and for algebraic unknowns anywhere.
-        is_set = problem.events is not None and problem.settle is not None
-        return is_set or problem.n_algebraic > 0
-
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
-        """Solve for the algebraic unknowns of all states, in place, from any guess."""
+        """Solve for the algebraic unknowns, in place; keep the reason where none are found."""
         problem = self.problem
         assert problem.state_rhs is not None  # of a compiled model
         assert problem.jacobian is not None
@@ -124,29 +111,14 @@ class Rescue:
             problem.state_rhs, problem.jacobian, problem.names, problem.n_algebraic
         )
 
-        def find(point: FloatArray) -> FloatArray:
-            unknowns.solve(t, point)
-            return point
-
-        return self._find(find, y)
-
-    def find_states(self, t: float, y: FloatArray, kept: Sequence[int]) -> bool:
-        """Move states onto the constraints, in place; return whether it succeeded.
-
-        The states at ``kept`` stay as they are.
-        """
-        settle = self.problem.settle
-        return settle is not None and self._find(lambda point: settle(t, point, kept), y)
-
-    def _find(self, find: Callable[[FloatArray], FloatArray], y: FloatArray) -> bool:
-        """Replace y by the point found from it; return False, and keep the reason, if none is."""
         try:
             # The search works on a copy: where it fails, C keeps the point that it had.
-            y[:] = find(y.copy())
+            found = y.copy()
+            unknowns.solve(t, found)
         except Error as error:
             self.complaint = str(error).rstrip(".")
             return False
-        self.complaint = ""
+        y[:], self.complaint = found, ""
         return True
 
 

@@ -351,7 +351,7 @@ class Job:
             c.input_function = self._callbacks.ask_for_inputs(native.functions)
         if problem.reach is not None:
             c.reach = self._callbacks.reach(problem.reach, problem.size)
-        if self.rescue.is_needed:
+        if problem.n_algebraic:
             c.helper = self._callbacks.helper(problem.n_states)
 
     def _set_times(self, problem: Problem) -> None:
@@ -482,6 +482,8 @@ class Job:
         fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         events = blamed(name, rows[c.event].name, fired) if rows else ["kink of a law"]
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
+        if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
+            return f"{said}, '{problem.constraints[int(c.event_detail)]}' first of all"
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
 
     def _make_records(self, rows: int) -> None:

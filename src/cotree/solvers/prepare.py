@@ -14,7 +14,6 @@ import numpy as np
 
 from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError, SolveError, nearest
-from cotree.model.consistent import Start, consistent_start
 from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, Moment, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from scipy.sparse import csc_matrix
 
+    from cotree.model.consistent import Start
     from cotree.sharing import Kept
     from cotree.solvers.result import FloatArray
 
@@ -74,15 +74,6 @@ class Functions:
     def undefined(self, t: float, y: FloatArray) -> str:
         """Describe why the states' rates have no value at a point; empty where they have one."""
         return self._model.why_undefined(t, y, self._p, self._u(t))
-
-    def settle(self, t: float, y: FloatArray, kept: Sequence[int]) -> FloatArray:
-        """Move states set by an event onto the constraints."""
-        # Only states are wanted: C goes on from them with the sensitivities.
-        none, at = (
-            np.zeros((self._n, len(self._model.sensitivities))),
-            Moment(self._model, t, self._p),
-        )
-        return consistent_start(at, y, none, kept, is_initial=False, is_probe=True).y
 
     def _kernel(self, name: str) -> Bound:
         found = self._bound.get(name)
@@ -413,7 +404,6 @@ class Preparation:
             "rhs": of.augmented_rates if model.sensitivities else of.rates,
             "jacobian": of.jacobian,
             "held": held,
-            "settle": of.settle if held else None,
             "singular": held.singular if held and held.has_rows else None,
             "state_rhs": of.rates,
             "undefined": of.undefined,

@@ -117,9 +117,6 @@ class Problem:
         The native form of the problem, where C can take it.
     not_native : str
         The reason why C cannot take it, as a sentence without a capital and a full stop.
-    settle : callable or None
-        ``settle(t, y, kept)`` moves states onto the constraints, but for those at the places
-        ``kept``, as an event set them; it raises ModelError where it cannot.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point; None
         where no edges are constrained.
@@ -157,7 +154,6 @@ class Problem:
     steps_taken: int = 0
     held: HeldConstraints | None = None
     constraints: tuple[str, ...] = ()
-    settle: Callable[[float, FloatArray, Sequence[int]], FloatArray] | None = None
     singular: Callable[[float, FloatArray], tuple[str, ...]] | None = None
     n_algebraic: int = 0
     state_rhs: Callable[[float, FloatArray], FloatArray] | None = None

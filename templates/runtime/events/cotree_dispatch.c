@@ -107,6 +107,9 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
         e->failure = 0;
     }
     status = cotree_jumps_apply(&e->jumps, i, t, w, is_time_fixed);
+#if COTREE_HAS_CONSTRAINTS
+    if (status == COTREE_JUMPS_CONTRADICT) e->detail = (cotree_real)e->jumps.assembly.culprit;
+#endif
     if (status == COTREE_JUMPS_CONTRADICT) return cotree_fail(e, i, t, COTREE_EVENTS_CONTRADICT);
     if (status == COTREE_JUMPS_UNDERDETERMINED)
         return cotree_fail(e, i, t, COTREE_EVENTS_UNDERDETERMINED);

@@ -30,10 +30,10 @@ extern "C" {
 typedef enum cotree_events_status {
     COTREE_EVENTS_NONE = 0,
     COTREE_EVENTS_FOUND = 1,
-    COTREE_EVENTS_FAILED = 20,          /* a kernel or an algebraic equation cannot be evaluated */
-    COTREE_EVENTS_NOT_FINITE = 21,      /* an event function is not finite */
-    COTREE_EVENTS_SET_NOT_FINITE = 22,  /* a new value is not finite */
-    COTREE_EVENTS_CONTRADICT = 23,      /* new values contradict the constraints */
+    COTREE_EVENTS_FAILED = 20,         /* a kernel or an algebraic equation cannot be evaluated */
+    COTREE_EVENTS_NOT_FINITE = 21,     /* an event function is not finite */
+    COTREE_EVENTS_SET_NOT_FINITE = 22, /* a new value is not finite */
+    COTREE_EVENTS_CONTRADICT = 23, /* new values contradict the constraint detail; -1: unknown */
     COTREE_EVENTS_UNDERDETERMINED = 24, /* new values leave states without sensitivities */
     COTREE_EVENTS_REST_AT_ZERO = 25,    /* zero rate, but nonzero acceleration through zero */
     COTREE_EVENTS_GRAZING = 26,         /* the function only touches zero: no sensitivities */

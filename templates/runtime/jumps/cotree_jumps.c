@@ -59,7 +59,6 @@ void cotree_jumps_init(cotree_jumps *j, cotree_run *run, cotree_arena *arena)
         j->force_slopes = cotree_arena_reals(arena, m * n_values);
     }
 #if COTREE_HAS_CONSTRAINTS
-    j->given = cotree_arena_reals(arena, n);
     j->constraints = constraints;
     if (model->n_constraints > 0) cotree_assembly_init(&j->assembly, run, &j->constraints, arena);
 #endif
@@ -128,19 +127,7 @@ static int settle_states(cotree_jumps *j, const cotree_event *row, cotree_real t
     for (i = 0; i < row->n_prescribed; ++i) j->assembly.is_kept[row->targets[i]] = 1;
     if (status == 0) status = cotree_assembly_normalise(&j->assembly, x);
     if (status != 0 || MODEL->gradient == NULL) return status;
-    for (i = 0; i < N_STATES; ++i) j->given[i] = x[i];
-    status = cotree_assembly_move(&j->assembly, t, x);
-#if COTREE_HAS_HELPER
-    if (status <= 0 || run->helper == NULL) return status;
-    if (run->helper->find_states(t, j->given, row->targets, row->n_prescribed,
-                                 run->helper->context) != 0) {
-        return status;
-    }
-    for (i = 0; i < N_STATES; ++i) x[i] = j->given[i];
-    return 0;
-#else
-    return status;
-#endif
+    return cotree_assembly_move(&j->assembly, t, x);
 }
 #endif
 

@@ -40,7 +40,6 @@ typedef struct cotree_jumps {
     /* Of impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
 #if COTREE_HAS_CONSTRAINTS
-    cotree_real *given;
     cotree_assembly_tables constraints;
     cotree_assembly assembly;
 #endif

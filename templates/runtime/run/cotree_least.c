@@ -132,3 +132,17 @@ cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x)
     size = COTREE_SQRT(product(x, x, n, 1));
     return COTREE_F(1.0) / COTREE_SQRT(size);
 }
+
+#if COTREE_HAS_MENDING
+void cotree_least_reject(const cotree_least *a, cotree_real *b, int stride)
+{
+    int k, pass, r;
+    for (pass = 0; pass < PASSES; ++pass) {
+        for (k = 0; k < a->rank; ++k) {
+            cotree_real along = COTREE_F(0.0);
+            for (r = 0; r < a->n_rows; ++r) along += b[r * stride] * a->lower[r * a->stride + k];
+            for (r = 0; r < a->n_rows; ++r) b[r * stride] -= along * a->lower[r * a->stride + k];
+        }
+    }
+}
+#endif

@@ -38,6 +38,9 @@
 #ifndef COTREE_HAS_HELPER
 #define COTREE_HAS_HELPER 1 /* solvers of the caller, used if iterations fail */
 #endif
+#ifndef COTREE_HAS_MENDING
+#define COTREE_HAS_MENDING 1 /* given values move where constraints ask for it */
+#endif
 #ifndef COTREE_HAS_SUNDIALS
 #define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS */
 #endif

@@ -51,15 +51,11 @@ typedef int (*cotree_input_function)(cotree_real t, cotree_real *u, void *contex
 
 #endif
 #if COTREE_HAS_HELPER
-/* Solvers of the caller, used if the iterations here fail. Each gets all states x and returns 0
- * if it changed them to a solution: find_unknowns the algebraic unknowns, find_states those not
- * kept, so that the constraints hold. */
+/* A solver of the caller, used if the iterations here fail. It gets all states x and returns 0 if
+ * it changed the algebraic unknowns to a solution. */
 typedef int (*cotree_find_unknowns)(cotree_real t, cotree_real *x, void *context);
-typedef int (*cotree_find_states)(cotree_real t, cotree_real *x, const int *kept, int n_kept,
-                                  void *context);
 typedef struct cotree_helper {
     cotree_find_unknowns find_unknowns;
-    cotree_find_states find_states;
     void *context;
 } cotree_helper;
 #endif

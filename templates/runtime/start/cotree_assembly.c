@@ -1,6 +1,6 @@
 /* cotree_assembly.c: projection onto the constraints by minimum-norm Gauss-Newton steps.
  * Part of the runtime of cotree, the same for every model. */
-#include "cotree_assembly.h"
+#include "cotree_assembly_internal.h"
 
 /* Residuals below RESIDUAL_TOLERANCE times the size of the states satisfy the constraints; those
  * below RESIDUAL_ROUNDING are rounding. A step rotates nothing by more than MAX_ROTATION, [rad], so
@@ -16,30 +16,9 @@
 #define MAX_RESTARTS 4
 #define RESTART_DISTANCE COTREE_F(0.1)
 
-/* The derivative of a residual is cancelled if its remainder is below the first share of the
- * largest one, or below the second share of the terms of its sum. */
-#define REMAINDER_SHARE COTREE_SELECT(1e-8, 3.5e-04f)
+/* The derivative of a residual is cancelled, too, if its remainder is below this share of the terms
+ * of its sum. */
 #define SUM_ROUNDING COTREE_SELECT(1e-13, 1.2e-05f)
-
-/* Characteristic length: the median lever arm over POSITIONS positions, with joints rotated by
- * about JOINT_ROTATION, [rad]. Shares of squares below MIN_SQUARE_SHARE, and lengths below
- * MIN_LENGTH, [m], are rounding. */
-#define POSITIONS 3
-#define JOINT_ROTATION COTREE_F(0.5)
-#define MIN_SQUARE_SHARE COTREE_SELECT(1e-12, 1e-05f)
-#define MIN_LENGTH COTREE_SELECT(1e-9, 1e-06f)
-
-/* Constraints are nearly dependent if the smallest singular value of their gradients is below this
- * share of that in other positions, or below LEAST_GAP. */
-#define NEARLY COTREE_F(0.1)
-#define LEAST_GAP COTREE_SELECT(1e-6, 1e-03f)
-#define ROUNDED_ROW COTREE_SELECT(1e-12, 1e-05f)
-
-#define MODEL (a->run->model)
-#define N_STATES (a->run->model->n_states)
-#define N_SENSITIVITIES (a->run->n_blocks - 1)
-#define N_COORDINATES (a->tables->n_coordinates)
-#define N_SPEEDS (a->tables->n_speeds)
 
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
                           cotree_arena *arena)
@@ -52,6 +31,10 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
     a->holds[0] = a->holds[1] = 1;
     a->length = COTREE_F(1.0);
     a->culprit = a->column = -1;
+#if COTREE_HAS_MENDING
+    a->report = NULL;
+    a->has_way = 0;
+#endif
     a->is_kept = cotree_arena_ints(arena, n);
     a->places = cotree_arena_ints(arena, n_all);
     a->is_free = cotree_arena_ints(arena, tables->n_speeds);
@@ -71,7 +54,7 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
     cotree_least_init(&a->least, n_all, tables->n_speeds, arena);
 }
 
-static int is_quaternion(const cotree_assembly *a, int state)
+int cotree_assembly_is_quaternion(const cotree_assembly *a, int state)
 {
     int i;
     for (i = 0; i < a->tables->n_quaternions; ++i) {
@@ -92,39 +75,39 @@ void cotree_assembly_hold(cotree_assembly *a, const int *is_set)
     }
 }
 
-static int is_angular(const cotree_assembly *a, int speed)
+int cotree_assembly_is_angular(const cotree_assembly *a, int speed)
 {
     const char *const unit = MODEL->states[N_COORDINATES + speed].unit;
     return unit[0] == 'r' && unit[1] == 'a' && unit[2] == 'd';
 }
 
 /* Return the size of a unit of a motion direction, in its own unit. */
-static cotree_real unit_of_speed(const cotree_assembly *a, int i)
+cotree_real cotree_assembly_unit_of_speed(const cotree_assembly *a, int i)
 {
-    return is_angular(a, i) ? COTREE_F(1.0) : a->length;
+    return cotree_assembly_is_angular(a, i) ? COTREE_F(1.0) : a->length;
 }
 
-static int is_shift(const cotree_assembly *a, int coordinate)
+int cotree_assembly_is_shift(const cotree_assembly *a, int coordinate)
 {
     const char *const unit = MODEL->states[coordinate].unit;
     return unit[0] == 'm' && unit[1] == '\0';
 }
 
-static int is_length(const cotree_assembly *a, int row)
+int cotree_assembly_is_length(const cotree_assembly *a, int row)
 {
     return a->tables->rows != NULL && a->tables->rows[row].unit[0] == 'm';
 }
 
-static cotree_real unit_of_row(const cotree_assembly *a, int row)
+cotree_real cotree_assembly_unit_of_row(const cotree_assembly *a, int row)
 {
-    return is_length(a, row) ? a->length : COTREE_F(1.0);
+    return cotree_assembly_is_length(a, row) ? a->length : COTREE_F(1.0);
 }
 
 /* Return a coordinate or a speed in dimensionless form. */
-static cotree_real scaled(const cotree_assembly *a, const cotree_real *x, int i)
+cotree_real cotree_assembly_scaled(const cotree_assembly *a, const cotree_real *x, int i)
 {
-    if (i >= N_COORDINATES) return x[i] / unit_of_speed(a, i - N_COORDINATES);
-    return is_shift(a, i) ? x[i] / a->length : x[i];
+    if (i >= N_COORDINATES) return x[i] / cotree_assembly_unit_of_speed(a, i - N_COORDINATES);
+    return cotree_assembly_is_shift(a, i) ? x[i] / a->length : x[i];
 }
 
 /* Return the size of the terms in the residuals of a level, at least 1. */
@@ -133,12 +116,13 @@ static cotree_real size_of(const cotree_assembly *a, const cotree_real *x, int l
     const int n = N_COORDINATES + (level == 1 ? N_SPEEDS : 0);
     cotree_real largest = COTREE_F(0.0);
     int i;
-    for (i = 0; i < n; ++i) largest = COTREE_FMAX(largest, COTREE_FABS(scaled(a, x, i)));
+    for (i = 0; i < n; ++i)
+        largest = COTREE_FMAX(largest, COTREE_FABS(cotree_assembly_scaled(a, x, i)));
     return COTREE_F(1.0) + largest;
 }
 
 /* List the rows of a level: its constraints, then its conditions. */
-static void list_rows(cotree_assembly *a, int level, int has_conditions)
+void cotree_assembly_list_rows(cotree_assembly *a, int level, int has_conditions)
 {
     const cotree_assembly_tables *const tables = a->tables;
     const int first = level == 0 ? 0 : tables->n_values;
@@ -148,6 +132,9 @@ static void list_rows(cotree_assembly *a, int level, int has_conditions)
     a->n_own = n;
     for (i = 0; i < tables->n_conditions && has_conditions && a->holds[level]; ++i) {
         if ((tables->is_rate[i] != 0) != level) continue;
+#if COTREE_HAS_MENDING
+        if (a->report != NULL && a->is_dropped[i]) continue;
+#endif
         a->places[a->n_own++] = tables->n_values + tables->n_rows + i;
     }
 }
@@ -157,7 +144,7 @@ static int mark_free_directions(cotree_assembly *a, int level)
 {
     int i, k, n_free = 0, speed = 0, state = 0;
     while (speed < N_SPEEDS) {
-        const int is_turning = level == 0 && is_quaternion(a, state);
+        const int is_turning = level == 0 && cotree_assembly_is_quaternion(a, state);
         int is_free = 1;
         if (level == 1) state = N_COORDINATES + speed;
         for (k = 0; k < (is_turning ? 4 : 1); ++k) is_free = is_free && !a->is_kept[state + k];
@@ -171,16 +158,16 @@ static int mark_free_directions(cotree_assembly *a, int level)
 }
 
 /* Return the entry of a row from the results of both kernels. */
-static cotree_real pick(const cotree_assembly *a, int row, const cotree_real *constraints,
-                        const cotree_real *conditions)
+cotree_real cotree_assembly_pick(const cotree_assembly *a, int row, const cotree_real *constraints,
+                                 const cotree_real *conditions)
 {
     const int n = a->tables->n_values + a->tables->n_rows;
     return row < n ? constraints[row] : conditions[row - n];
 }
 
 /* Compute the dimensionless residuals of the listed rows, and the largest one. */
-static int compute_residuals(cotree_assembly *a, cotree_real t, const cotree_real *x,
-                             cotree_real *size)
+int cotree_assembly_compute_residuals(cotree_assembly *a, cotree_real t, const cotree_real *x,
+                                      cotree_real *size)
 {
     const cotree_run *const run = a->run;
     int r, status = 0;
@@ -191,7 +178,8 @@ static int compute_residuals(cotree_assembly *a, cotree_real t, const cotree_rea
     *size = COTREE_F(0.0);
     for (r = 0; r < a->n_own; ++r) {
         const int row = a->places[r];
-        a->values[r] = pick(a, row, a->residual, a->conditions) / unit_of_row(a, row);
+        a->values[r] = cotree_assembly_pick(a, row, a->residual, a->conditions) /
+                       cotree_assembly_unit_of_row(a, row);
         if (!(COTREE_FABS(a->values[r]) <= *size))
             *size = COTREE_FABS(a->values[r]); /* a nan, too */
     }
@@ -199,7 +187,7 @@ static int compute_residuals(cotree_assembly *a, cotree_real t, const cotree_rea
 }
 
 /* Compute the gradients of all rows. */
-static int compute_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
+int cotree_assembly_compute_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x)
 {
     const cotree_run *const run = a->run;
     int status = 0;
@@ -211,7 +199,7 @@ static int compute_gradients(cotree_assembly *a, cotree_real t, const cotree_rea
 }
 
 /* Return the gradient of a row; for constraints of coordinates that of their rates. */
-static const cotree_real *gradient_of(const cotree_assembly *a, int row)
+const cotree_real *cotree_assembly_gradient_of(const cotree_assembly *a, int row)
 {
     const cotree_assembly_tables *const tables = a->tables;
     if (row < tables->n_values) return a->gradient + tables->value_rows[row] * N_SPEEDS;
@@ -222,25 +210,24 @@ static const cotree_real *gradient_of(const cotree_assembly *a, int row)
 
 /* Factorise the dimensionless gradients of the listed rows by the free directions; *largest is
  * their largest entry. Return the rank. */
-static int factorise(cotree_assembly *a, cotree_real *largest)
+int cotree_assembly_factorise(cotree_assembly *a, cotree_real *largest)
 {
-    cotree_real longest = COTREE_F(0.0);
     int i, r;
-    *largest = COTREE_F(0.0);
+    a->longest = *largest = COTREE_F(0.0);
     for (r = 0; r < a->n_own; ++r) {
-        const cotree_real *const gradient = gradient_of(a, a->places[r]);
-        const cotree_real unit = unit_of_row(a, a->places[r]);
+        const cotree_real *const gradient = cotree_assembly_gradient_of(a, a->places[r]);
+        const cotree_real unit = cotree_assembly_unit_of_row(a, a->places[r]);
         cotree_real *const row = a->least.rows + r * N_SPEEDS;
         cotree_real square = COTREE_F(0.0);
         for (i = 0; i < N_SPEEDS; ++i) {
-            const cotree_real entry = gradient[i] * unit_of_speed(a, i) / unit;
+            const cotree_real entry = gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit;
             square += entry * entry;
             row[i] = a->is_free[i] ? entry : COTREE_F(0.0);
             if (!(COTREE_FABS(row[i]) <= *largest)) *largest = COTREE_FABS(row[i]); /* a nan, too */
         }
-        longest = COTREE_FMAX(longest, COTREE_SQRT(square));
+        a->longest = COTREE_FMAX(a->longest, COTREE_SQRT(square));
     }
-    return cotree_least_factorise(&a->least, a->n_own, longest);
+    return cotree_least_factorise(&a->least, a->n_own, a->longest);
 }
 
 int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x)
@@ -263,7 +250,7 @@ static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotr
 {
     int state = 0, i = 0;
     while (state < N_COORDINATES) {
-        if (is_quaternion(a, state)) {
+        if (cotree_assembly_is_quaternion(a, state)) {
             const cotree_real *const q = x + state, *const s = step + i;
             cotree_real *const d = change + state;
             const cotree_real d0 = -q[1] * s[0] - q[2] * s[1] - q[3] * s[2];
@@ -277,7 +264,7 @@ static void add_shift(const cotree_assembly *a, const cotree_real *x, const cotr
             state += 4;
             i += 3;
         } else {
-            change[state++] += step[i] * unit_of_speed(a, i);
+            change[state++] += step[i] * cotree_assembly_unit_of_speed(a, i);
             ++i;
         }
     }
@@ -288,7 +275,8 @@ static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_r
 {
     int i;
     if (level == 1) {
-        for (i = 0; i < N_SPEEDS; ++i) x[N_COORDINATES + i] += step[i] * unit_of_speed(a, i);
+        for (i = 0; i < N_SPEEDS; ++i)
+            x[N_COORDINATES + i] += step[i] * cotree_assembly_unit_of_speed(a, i);
         return 0;
     }
     for (i = 0; i < N_COORDINATES; ++i) a->change[i] = COTREE_F(0.0);
@@ -297,7 +285,7 @@ static int move(cotree_assembly *a, int level, const cotree_real *step, cotree_r
     return cotree_assembly_normalise(a, x);
 }
 
-static cotree_real largest_of(const cotree_real *x, int n)
+cotree_real cotree_assembly_largest_of(const cotree_real *x, int n)
 {
     cotree_real largest = COTREE_F(0.0);
     int i;
@@ -307,7 +295,7 @@ static cotree_real largest_of(const cotree_real *x, int n)
     return largest;
 }
 
-static void copy(int n, const cotree_real *from, cotree_real *to)
+void cotree_assembly_copy(int n, const cotree_real *from, cotree_real *to)
 {
     int i;
     for (i = 0; i < n; ++i) to[i] = from[i];
@@ -325,38 +313,44 @@ static int take_step(const cotree_iteration *iteration, int is_new, cotree_real 
     *length = COTREE_F(0.0);
     if (a->left <= RESIDUAL_ROUNDING * size) return 0;
     if (!(a->left <= COTREE_MAX)) return COTREE_NO_STEP;
-    status = compute_gradients(a, t, iteration->x);
+    status = cotree_assembly_compute_gradients(a, t, iteration->x);
     if (status != 0) return status;
-    (void)factorise(a, &largest);
+    (void)cotree_assembly_factorise(a, &largest);
+#if COTREE_HAS_MENDING
+    if (a->has_way) cotree_assembly_factorise_given(a, &largest);
+#endif
     /* With vanishing gradients a step would amplify rounding. */
     if (!(largest >= COTREE_RANK && largest <= COTREE_MAX)) return COTREE_NO_STEP;
     cotree_least_solve(&a->least, a->values, a->step);
-    *length = largest_of(a->step, N_SPEEDS);
+#if COTREE_HAS_MENDING
+    if (a->has_way) cotree_assembly_solve_given(a);
+#endif
+    *length = cotree_assembly_largest_of(a->step, N_SPEEDS);
     if (a->level == 0 && *length > MAX_ROTATION) {
         for (i = 0; i < N_SPEEDS; ++i) a->step[i] *= MAX_ROTATION / *length;
     }
     *length /= size;
     status = move(a, a->level, a->step, iteration->x);
-    if (status == 0) status = compute_residuals(a, t, iteration->x, &a->left);
+    if (status == 0) status = cotree_assembly_compute_residuals(a, t, iteration->x, &a->left);
     if (status != 0 || !(a->left < a->smallest)) return status;
-    copy(N_STATES, iteration->x, a->best);
+    cotree_assembly_copy(N_STATES, iteration->x, a->best);
     a->smallest = a->left;
     return 0;
 }
 
 /* Iterate until a step is rounding, or to the point of the smallest residual in x. */
-static int iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
-                   cotree_real *residual)
+int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
+                            cotree_real *residual)
 {
     static const cotree_newton_limits limits = {MAX_STEPS, STEP_ROUNDING, COTREE_SMALL_CORRECTION,
                                                 COTREE_F(0.0), COTREE_F(0.0)};
     cotree_iteration iteration = {take_step, NULL, a, t, x, &limits, COTREE_F(0.0)};
-    int status = compute_residuals(a, t, x, &a->left);
+    int status = cotree_assembly_compute_residuals(a, t, x, &a->left);
     a->level = level;
     a->smallest = a->left;
-    copy(N_STATES, x, a->best);
+    cotree_assembly_copy(N_STATES, x, a->best);
     if (status == 0) status = cotree_iterate(&iteration);
-    if (status != 0) copy(N_STATES, a->best, x);
+    if (status != 0) cotree_assembly_copy(N_STATES, a->best, x);
     *residual = status == 0 ? a->left : a->smallest;
     return status == COTREE_NO_STEP ? 0 : status;
 }
@@ -375,25 +369,31 @@ static int project_level(cotree_assembly *a, cotree_real t, cotree_real *x, int 
     const cotree_real met = RESIDUAL_TOLERANCE * size_of(a, x, level);
     cotree_real residual, other = COTREE_F(0.0);
     int i, n, status;
-    list_rows(a, level, 1);
-    copy(N_STATES, x, a->aside);
-    status = iterate(a, t, x, level, &residual);
+    cotree_assembly_list_rows(a, level, 1);
+    cotree_assembly_copy(N_STATES, x, a->aside);
+#if COTREE_HAS_MENDING
+    if (a->report != NULL) cotree_assembly_start_report(a, level, x);
+#endif
+    status = cotree_assembly_iterate(a, t, x, level, &residual);
     /* Constraints of speeds are linear: other starting points do not help. */
     for (n = 0; n < MAX_RESTARTS && status == 0 && level == 0 && n_free > 0; ++n) {
         if (residual <= met) return 0;
-        copy(N_STATES, a->aside, a->trial);
+        cotree_assembly_copy(N_STATES, a->aside, a->trial);
         for (i = 0; i < N_SPEEDS; ++i)
             a->step[i] = a->is_free[i] ? RESTART_DISTANCE * cotree_pseudo_random(n * N_SPEEDS + i)
                                        : COTREE_F(0.0);
         status = move(a, 0, a->step, a->trial);
-        if (status == 0) status = iterate(a, t, a->trial, 0, &other);
+        if (status == 0) status = cotree_assembly_iterate(a, t, a->trial, 0, &other);
         if (status == 0 && other < (COTREE_F(1.0) - COTREE_SMALL_CORRECTION) * residual) {
-            copy(N_STATES, a->trial, x);
+            cotree_assembly_copy(N_STATES, a->trial, x);
             residual = other;
         }
     }
     if (status != 0 || residual <= met) return status;
-    status = compute_residuals(a, t, x, &residual);
+#if COTREE_HAS_MENDING
+    if (a->report != NULL) return cotree_assembly_mend(a, t, x, level, met);
+#endif
+    status = cotree_assembly_compute_residuals(a, t, x, &residual);
     a->culprit = -1;
     for (i = 0; i < a->n_own; ++i) {
         if (!(COTREE_FABS(a->values[i]) < residual)) a->culprit = a->places[i];
@@ -422,10 +422,16 @@ int cotree_assembly_is_chosen(cotree_assembly *a, cotree_real t, const cotree_re
         const int n_free = mark_free_directions(a, level);
         cotree_real moved = COTREE_F(0.0), largest;
         for (i = first; i < first + n; ++i)
-            moved = COTREE_FMAX(moved, COTREE_FABS(scaled(a, to, i) - scaled(a, from, i)));
+            moved = COTREE_FMAX(moved, COTREE_FABS(cotree_assembly_scaled(a, to, i) -
+                                                   cotree_assembly_scaled(a, from, i)));
         if (moved <= RESIDUAL_TOLERANCE * size_of(a, to, level)) continue;
-        list_rows(a, level, 1);
-        if (compute_gradients(a, t, to) == 0 && n_free > factorise(a, &largest)) return 1;
+#if COTREE_HAS_MENDING
+        if (a->report != NULL && a->is_mended[level]) return 1;
+#endif
+        cotree_assembly_list_rows(a, level, 1);
+        if (cotree_assembly_compute_gradients(a, t, to) == 0 &&
+            n_free > cotree_assembly_factorise(a, &largest))
+            return 1;
     }
     return 0;
 }
@@ -437,13 +443,13 @@ static int cancel_changes(cotree_assembly *a, cotree_real allowed)
     cotree_real most = COTREE_F(0.0);
     int i, r;
     cotree_least_solve(&a->least, a->values, a->step);
-    allowed += REMAINDER_SHARE * largest_of(a->values, a->n_own);
+    allowed += REMAINDER_SHARE * cotree_assembly_largest_of(a->values, a->n_own);
     for (r = 0; r < a->n_own; ++r) {
-        const cotree_real *const gradient = gradient_of(a, a->places[r]);
-        const cotree_real unit = unit_of_row(a, a->places[r]);
+        const cotree_real *const gradient = cotree_assembly_gradient_of(a, a->places[r]);
+        const cotree_real unit = cotree_assembly_unit_of_row(a, a->places[r]);
         cotree_real left = a->values[r];
         for (i = 0; i < N_SPEEDS; ++i)
-            left += gradient[i] * unit_of_speed(a, i) / unit * a->step[i];
+            left += gradient[i] * cotree_assembly_unit_of_speed(a, i) / unit * a->step[i];
         if (!(COTREE_FABS(left) <= most)) {
             most = COTREE_FABS(left);
             a->culprit = a->places[r];
@@ -461,7 +467,8 @@ static void add_step(const cotree_assembly *a, const cotree_real *x, int level,
         add_shift(a, x, a->step, direction);
         return;
     }
-    for (i = 0; i < N_SPEEDS; ++i) direction[N_COORDINATES + i] += a->step[i] * unit_of_speed(a, i);
+    for (i = 0; i < N_SPEEDS; ++i)
+        direction[N_COORDINATES + i] += a->step[i] * cotree_assembly_unit_of_speed(a, i);
 }
 
 /* Return the rounding of the sum in a row that should vanish along a direction of the states. */
@@ -475,14 +482,14 @@ int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real 
                            const cotree_real *rates, cotree_real *direction)
 {
     cotree_real largest;
-    int r, status = compute_gradients(a, t, x);
+    int r, status = cotree_assembly_compute_gradients(a, t, x);
     if (status != 0) return status;
     mark_free_directions(a, level);
-    list_rows(a, level, 1);
+    cotree_assembly_list_rows(a, level, 1);
     if (a->n_own == 0) return 0;
-    factorise(a, &largest);
+    cotree_assembly_factorise(a, &largest);
     for (r = 0; r < a->n_own; ++r) {
-        a->values[r] = rates[a->places[r]] / unit_of_row(a, a->places[r]);
+        a->values[r] = rates[a->places[r]] / cotree_assembly_unit_of_row(a, a->places[r]);
     }
     if (cancel_changes(a, rounding_of(a, direction, largest))) return COTREE_ASSEMBLY_STUCK;
     add_step(a, x, level, direction);
@@ -501,26 +508,28 @@ void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree
     }
 }
 
+/* Return the dimensionless change of a row along a sensitivity. */
+cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int column)
+{
+    const cotree_real *const slopes = a->slopes + column * MODEL->n_constraints;
+    const cotree_real *const start_slopes = a->start_slopes + column * a->tables->n_start;
+    return cotree_assembly_pick(a, row, slopes, start_slopes) / cotree_assembly_unit_of_row(a, row);
+}
+
 /* Complete the sensitivities of one level, those by parameters or those by states. */
 static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int level,
                                   const int *seeds, int is_state, cotree_real *s)
 {
-    const cotree_assembly_tables *const tables = a->tables;
     cotree_real largest;
     int n, r;
-    list_rows(a, level, !is_state);
+    cotree_assembly_list_rows(a, level, !is_state);
     if (a->n_own == 0) return 0;
-    factorise(a, &largest);
+    cotree_assembly_factorise(a, &largest);
     for (n = 0; n < N_SENSITIVITIES; ++n) {
-        const cotree_real *const slopes = a->slopes + n * MODEL->n_constraints;
-        const cotree_real *const start_slopes = a->start_slopes + n * tables->n_start;
         cotree_real *const own = s + n * N_STATES;
         cotree_real rounding = COTREE_F(0.0);
         if (seeds != NULL && (seeds[n] < 0) != is_state) continue;
-        for (r = 0; r < a->n_own; ++r) {
-            const int row = a->places[r];
-            a->values[r] = pick(a, row, slopes, start_slopes) / unit_of_row(a, row);
-        }
+        for (r = 0; r < a->n_own; ++r) a->values[r] = cotree_assembly_change_of(a, a->places[r], n);
         if (seeds != NULL) {
             /* The scale of a derivative is a length or an angle of one over the parameter. */
             const cotree_real p = seeds[n] < 0 ? COTREE_F(1.0) : COTREE_FABS(a->run->p[seeds[n]]);
@@ -529,7 +538,13 @@ static int complete_sensitivities(cotree_assembly *a, const cotree_real *x, int 
         }
         if (cancel_changes(a, rounding) && seeds != NULL) {
             a->column = n;
+#if COTREE_HAS_MENDING
+            if (a->report == NULL ||
+                cotree_assembly_follow_with_given(a, level, n, seeds[n], rounding))
+                return COTREE_ASSEMBLY_STUCK;
+#else
             return COTREE_ASSEMBLY_STUCK;
+#endif
         }
         add_step(a, x, level, own);
     }
@@ -543,7 +558,7 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
     int n, level, status = 0;
     for (n = 0; n < N_SENSITIVITIES; ++n) cotree_assembly_turn(a, x, s + n * N_STATES);
     if (a->tables->n_rows + a->tables->n_conditions == 0) return 0;
-    status = compute_gradients(a, t, x);
+    status = cotree_assembly_compute_gradients(a, t, x);
     for (level = 0; level < 2 && status == 0; ++level) {
         mark_free_directions(a, level);
         if (MODEL->n_constraints > 0)
@@ -553,138 +568,5 @@ int cotree_assembly_move_sensitivities(cotree_assembly *a, cotree_real t, const 
         if (status == 0) status = complete_sensitivities(a, x, level, seeds, 0, s);
         if (status == 0 && seeds != NULL) status = complete_sensitivities(a, x, level, seeds, 1, s);
     }
-    return status;
-}
-
-/* Add the squares of the gradients by rotations and by translations to those of their groups.
- * Increase *lever to the longest lever arm of a translation. */
-static void add_squares(const cotree_assembly *a, cotree_real *turned, cotree_real *shifted,
-                        cotree_real *lever)
-{
-    const cotree_assembly_tables *const tables = a->tables;
-    const int n = tables->n_rows + tables->n_conditions;
-    int i, r;
-    for (r = 0; r < n; ++r) {
-        const cotree_real *const row = gradient_of(a, tables->n_values + r);
-        const int is_lever = is_length(a, tables->n_values + r);
-        for (i = 0; i < N_SPEEDS; ++i) {
-            const int is_turn = is_angular(a, i);
-            (is_turn ? turned : shifted)[tables->groups[r]] += row[i] * row[i];
-            if (is_turn && is_lever) *lever = COTREE_FMAX(*lever, COTREE_FABS(row[i]));
-        }
-    }
-}
-
-/* Return the median ratio of rotational to translational parts, or 0 if there is none. */
-static cotree_real median_of(int n, const cotree_real *turned, const cotree_real *shifted,
-                             cotree_real *sorted)
-{
-    const cotree_real least_turned = MIN_SQUARE_SHARE * MIN_SQUARE_SHARE * largest_of(turned, n);
-    const cotree_real least_shifted = MIN_SQUARE_SHARE * MIN_SQUARE_SHARE * largest_of(shifted, n);
-    int i, k, n_found = 0;
-    for (i = 0; i < n; ++i) {
-        cotree_real length;
-        if (!(turned[i] > least_turned && shifted[i] > least_shifted)) continue;
-        length = COTREE_SQRT(turned[i] / shifted[i]);
-        for (k = n_found++; k > 0 && sorted[k - 1] > length; --k) sorted[k] = sorted[k - 1];
-        sorted[k] = length;
-    }
-    return n_found > 0 ? sorted[n_found / 2] : COTREE_F(0.0);
-}
-
-/* Write a numbered position to trial, with all joints rotated. */
-static int turn_joints(cotree_assembly *a, const cotree_real *x, int position)
-{
-    int i;
-    copy(N_STATES, x, a->trial);
-    for (i = 0; i < N_COORDINATES; ++i) {
-        if (!is_shift(a, i))
-            a->trial[i] += JOINT_ROTATION * cotree_pseudo_random(position * N_COORDINATES + i);
-    }
-    return cotree_assembly_normalise(a, a->trial);
-}
-
-/* The smallest singular value of the gradients of all constraints, the longest of each group as
- * one. */
-static int find_smallest(cotree_assembly *a, cotree_real t, const cotree_real *x,
-                         cotree_real *smallest)
-{
-    const cotree_assembly_tables *const tables = a->tables;
-    cotree_real *const longest = a->parts;
-    cotree_real largest = COTREE_F(1.0);
-    int i, r, status = compute_gradients(a, t, x);
-    if (status != 0) return status;
-    for (i = 0; i < tables->n_groups; ++i) longest[i] = COTREE_F(0.0);
-    for (i = 0; i < tables->n_rows * N_SPEEDS; ++i)
-        largest = COTREE_FMAX(largest, COTREE_FABS(a->gradient[i]));
-    for (r = 0; r < tables->n_rows; ++r) {
-        const cotree_real *const gradient = a->gradient + r * N_SPEEDS;
-        cotree_real *const row = a->least.rows + r * N_SPEEDS;
-        cotree_real square = COTREE_F(0.0), plain = COTREE_F(0.0);
-        for (i = 0; i < N_SPEEDS; ++i) {
-            row[i] = gradient[i] * unit_of_speed(a, i);
-            square += row[i] * row[i];
-            plain += gradient[i] * gradient[i];
-        }
-        if (!(COTREE_SQRT(plain) > ROUNDED_ROW * largest)) {
-            for (i = 0; i < N_SPEEDS; ++i) row[i] = square = COTREE_F(0.0);
-        }
-        longest[tables->groups[r]] = COTREE_FMAX(longest[tables->groups[r]], COTREE_SQRT(square));
-    }
-    for (r = 0; r < tables->n_rows; ++r) {
-        const cotree_real unit = longest[tables->groups[r]];
-        for (i = 0; i < N_SPEEDS && unit > COTREE_F(0.0); ++i)
-            a->least.rows[r * N_SPEEDS + i] /= unit;
-    }
-    cotree_least_factorise(&a->least, tables->n_rows, COTREE_F(0.0));
-    *smallest = cotree_least_smallest(&a->least, a->values);
-    return 0;
-}
-
-int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x)
-{
-    cotree_real here = COTREE_F(0.0), other = COTREE_F(0.0), gap = LEAST_GAP;
-    int k, status;
-    if (a->tables->n_rows == 0) return 0;
-    status = cotree_assembly_measure(a, t, x);
-    if (status == 0) status = find_smallest(a, t, x, &here);
-    if (here > NEARLY) return 0; /* rows are no longer than 1, and so are all singular values */
-    for (k = 0; k < POSITIONS && status == 0; ++k) {
-        status = turn_joints(a, x, k);
-        if (status == 0) status = find_smallest(a, t, a->trial, &other);
-        if (status == 0) gap = COTREE_FMAX(gap, NEARLY * other);
-    }
-    return status != 0 || here <= gap;
-}
-
-int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x)
-{
-    const int n = POSITIONS * a->tables->n_groups;
-    cotree_real *const turned = a->parts, *const shifted = turned + n, *const sorted = shifted + n;
-    cotree_real far = COTREE_F(0.0), lever = COTREE_F(0.0), found;
-    int i, k, status;
-    a->length = COTREE_F(1.0);
-    if (n == 0) return 0;
-    for (i = 0; i < 2 * n; ++i) turned[i] = COTREE_F(0.0);
-    list_rows(a, 0, 1);
-    status = compute_residuals(a, t, x, &found);
-    for (i = 0; i < a->n_own; ++i) {
-        if (is_length(a, a->places[i])) far = COTREE_FMAX(far, COTREE_FABS(a->values[i]));
-    }
-    for (i = 0; i < N_COORDINATES; ++i) {
-        if (is_shift(a, i)) far = COTREE_FMAX(far, COTREE_FABS(x[i]));
-    }
-    for (k = 0; k < POSITIONS && status == 0; ++k) {
-        status = turn_joints(a, x, k);
-        if (status == 0) status = compute_gradients(a, t, a->trial);
-        if (status != 0) break;
-        add_squares(a, turned + k * a->tables->n_groups, shifted + k * a->tables->n_groups, &lever);
-    }
-    found = median_of(n, turned, shifted, sorted);
-    if (!(found > MIN_SQUARE_SHARE * far)) {
-        found = COTREE_FMAX(lever, far);
-        if (!(found > MIN_LENGTH)) found = COTREE_F(1.0);
-    }
-    a->length = found;
     return status;
 }

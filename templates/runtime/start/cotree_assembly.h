@@ -43,12 +43,32 @@ typedef struct cotree_assembly {
         smallest; /* its largest residual at the present point, and the smallest of those */
     cotree_real *residual, *conditions, *gradient, *start_gradient, *slopes, *start_slopes;
     cotree_real *values, *step, *change, *best, *trial, *aside, *parts;
+    cotree_real longest; /* row of the gradients factorised last */
     cotree_least least;
+#if COTREE_HAS_MENDING
+    /* Of given values that move where nothing else can. */
+    cotree_start_report *report; /* NULL: they do not */
+    int is_mended[2];            /* whether those of a level have moved */
+    int is_probe;                /* 1: next to a start that was found, which is reported */
+    int has_way, n_chosen;
+    int *is_giving;  /* n_speeds: directions whose given values move */
+    int *is_dropped; /* n_conditions: those that do not hold */
+    int *value_of;   /* n_speeds: the value that fixes a direction, or -1 */
+    int *candidates, *is_chosen;
+    cotree_real *moves, *spanned, *target, *extra, *found;
+    cotree_least given;
+#endif
 } cotree_assembly;
 
 /* Initialise. The run decides whether there are sensitivities. */
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
                           cotree_arena *arena);
+
+#if COTREE_HAS_MENDING
+/* Let given values move where nothing else can, those of the highest rank first. */
+void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
+                               cotree_arena *arena);
+#endif
 
 /* Compute length, the median lever arm (translation per rotation) of the constraint gradients. */
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x);
@@ -63,6 +83,13 @@ cotree_real cotree_pseudo_random(int n);
 
 /* Return whether constraints are dependent at x, or so nearly that rates are evaluated on them. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
+
+#if COTREE_HAS_MENDING
+/* Compute the gradients of the constraints of speeds, rows of n_speeds, the longest of each group
+ * as one, and the singular value below which they are nearly dependent. */
+int cotree_assembly_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x,
+                              cotree_real *rows, cotree_real *weakest);
+#endif
 
 /* Normalise quaternions. Return COTREE_ASSEMBLY_VIOLATED if one is zero. */
 int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x);

@@ -139,24 +139,33 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 ? cotree_assembly_move(a, t, z) : status;
 }
 
-/* Compute the states on the constraints for another value of a parameter or state of sensitivity.
- */
-static int assemble_aside(cotree_start *start, cotree_real t, int seed, cotree_real value,
-                          cotree_real *x)
+/* Compute the states on the constraints where the parameter, or the state, of a sensitivity is
+ * larger than its value by a step. */
+static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree_real value,
+                          cotree_real step, cotree_real *x)
 {
     cotree_run *const run = start->run;
     const cotree_real *const p = run->p, *const k = run->k;
+    const int seed = start->tables->seeds[column];
     int i, status = 0;
     if (seed >= 0) {
         for (i = 0; i < MODEL->n_parameters; ++i) start->moved_p[i] = p[i];
-        start->moved_p[seed] = value;
+        start->moved_p[seed] = value + step;
         status = MODEL->prepare(start->moved_p, start->moved_k);
         run->p = start->moved_p;
         run->k = start->moved_k;
     }
     if (status == 0) status = write_states(start, x);
-    if (seed < 0) x[-1 - seed] = value;
+    for (i = 0; i < N_STATES && start->initial != NULL; ++i)
+        x[i] += step * start->initial[(1 + column) * N_STATES + i];
+    if (seed < 0) x[-1 - seed] = value + step;
+#if COTREE_HAS_MENDING
+    start->assembly.is_probe = 1;
+#endif
     if (status == 0) status = assemble(start, t, x);
+#if COTREE_HAS_MENDING
+    start->assembly.is_probe = 0;
+#endif
     run->p = p;
     run->k = k;
     return status;
@@ -180,7 +189,7 @@ static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
         cotree_real *const s = z + (1 + j) * N_STATES;
         for (i = 0; i < N_STATES; ++i) total[i] = s[i] = COTREE_F(0.0);
         for (k = 0; k < 4 && status == 0; ++k) {
-            status = assemble_aside(start, t, seed, value + (cotree_real)places[k] * step, x);
+            status = assemble_aside(start, t, j, value, (cotree_real)places[k] * step, x);
             for (i = 0; i < N_STATES; ++i) total[i] += weights[k] * x[i];
         }
         for (i = starts[j]; i < starts[j + 1]; ++i)
@@ -277,6 +286,9 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     status = write_states(start, z);
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
+#if COTREE_HAS_MENDING
+    if (start->is_partial) return status;
+#endif
     if (status == 0) status = cotree_run_inputs(run, t);
 #if COTREE_HAS_ALGEBRAIC
     if (status == 0 && MODEL->n_algebraic > 0) status = cotree_start_solve_unknowns(start, t, z);
@@ -300,6 +312,11 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     run->n_replaced = call->n_replaced;
     run->replaced = call->replaced;
 #endif
+#if COTREE_HAS_MENDING
+    start->is_partial = call->is_partial;
+    if (call->report != NULL && call->tables->assembly != NULL)
+        cotree_assembly_report_to(&start->assembly, call->report, arena);
+#endif
     start->guess = call->guess;
     start->initial = call->initial;
     start->n_set = call->n_set;
@@ -316,33 +333,64 @@ static int is_plain(const cotree_start *start)
     return start->tables->assembly == NULL && MODEL->n_algebraic == 0;
 }
 
+/* Initialise a run and a start for a call, in memory that is allocated. Return it; NULL: there is
+ * none. */
+static void *allocate(const cotree_start_call *call, cotree_run *run, cotree_start *start)
+{
+    cotree_arena arena = {NULL, 0};
+    set_up(call, run, start, &arena);
+    arena.base = (char *)calloc(1, arena.used);
+    if (arena.base == NULL) return NULL;
+    arena.used = 0;
+    set_up(call, run, start, &arena);
+    return arena.base;
+}
+
 int cotree_start_once(cotree_start_call *call)
 {
     cotree_run run;
     cotree_start start;
-    cotree_arena arena = {NULL, 0};
+    cotree_arena none = {NULL, 0};
+    void *memory;
     int status;
     memset(&run, 0, sizeof run);
     memset(&start, 0, sizeof start);
-    set_up(call, &run, &start, &arena);
+    set_up(call, &run, &start, &none);
     if (is_plain(&start)) {
         status = write_states(&start, call->z);
         if (status == 0 && call->has_sensitivities)
             status = write_sensitivities(&start, call->z + call->model->n_states);
         return status == 0 ? check_finite(&start, call->z) : status;
     }
-    arena.base = (char *)calloc(1, arena.used);
-    if (arena.base == NULL) return COTREE_START_NO_MEMORY;
-    arena.used = 0;
-    set_up(call, &run, &start, &arena);
+    memory = allocate(call, &run, &start);
+    if (memory == NULL) return COTREE_START_NO_MEMORY;
     status = cotree_start_find(&start, call->t, call->z);
     call->culprit = cotree_start_culprit(&start, status);
     call->is_chosen = start.is_chosen;
     call->is_dependent = status == 0 && call->tables->assembly != NULL &&
                          cotree_assembly_is_dependent(&start.assembly, call->t, call->z);
-    free(arena.base);
+    free(memory);
     return status;
 }
+
+#if COTREE_HAS_MENDING
+int cotree_start_gradients(cotree_start_call *call, cotree_real *rows, cotree_real *weakest)
+{
+    cotree_run run;
+    cotree_start start;
+    void *memory;
+    int status;
+    memset(&run, 0, sizeof run);
+    memset(&start, 0, sizeof start);
+    memory = allocate(call, &run, &start);
+    if (memory == NULL) return COTREE_START_NO_MEMORY;
+    status = cotree_run_inputs(&run, call->t);
+    if (status == 0)
+        status = cotree_assembly_gradients(&start.assembly, call->t, call->z, rows, weakest);
+    free(memory);
+    return status;
+}
+#endif
 
 const char *cotree_start_message(int status)
 {

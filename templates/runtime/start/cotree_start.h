@@ -50,6 +50,10 @@ typedef struct cotree_start_call {
     const char *culprit; /* of a failure; "" if unknown */
     int is_chosen;
     int is_dependent; /* whether constraints are dependent at the start, or nearly so */
+#if COTREE_HAS_MENDING
+    cotree_start_report *report; /* NULL: given values do not move */
+    int is_partial;              /* 1: only constraints are satisfied */
+#endif
 } cotree_start_call;
 /* cotree: end of the part that cffi reads */
 
@@ -68,6 +72,9 @@ typedef struct cotree_start {
     const cotree_real *values; /* n_set */
     int culprit, column;       /* of a failure; -1: unknown */
     int is_chosen;             /* whether the least of several moves was taken */
+#if COTREE_HAS_MENDING
+    int is_partial; /* 1: only constraints are satisfied */
+#endif
     cotree_assembly assembly;
     /* The rest belongs to the start. */
     int *is_set, *is_found, *pivots;
@@ -86,6 +93,12 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z);
 
 /* Compute the same for a call, in memory that is allocated and freed. Return 0 or a status. */
 COTREE_EXPORT int cotree_start_once(cotree_start_call *call);
+
+#if COTREE_HAS_MENDING
+/* Compute the gradients of the constraints at the states of a call, see cotree_assembly.h. */
+COTREE_EXPORT int cotree_start_gradients(cotree_start_call *call, cotree_real *rows,
+                                         cotree_real *weakest);
+#endif
 
 /* Return why there is no start, as a clause. */
 const char *cotree_start_message(int status);

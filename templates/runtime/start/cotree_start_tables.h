@@ -43,6 +43,23 @@ typedef struct cotree_start_tables {
     const int *redundant_starts; /* n_redundant + 1 */
     const int *redundant_states; /* from which each follows */
 } cotree_start_tables;
+
+#if COTREE_HAS_MENDING
+/* Given values that move where nothing else satisfies the constraints. Values are states, then
+ * conditions; arrays are zero before a start. */
+typedef struct cotree_start_report {
+    const int *ranks; /* values: those of higher ranks move first; 0: last */
+    /* Results. */
+    int is_moved;                /* 1: values moved noticeably, or move with a parameter */
+    int level, column;           /* of a failure: 0 coordinates, 1 speeds; the sensitivity */
+    cotree_real length;          /* the characteristic length, [m] */
+    cotree_real *before, *after; /* n_states: as given, and on the constraints */
+    /* Dimensionless changes: of given states, then of all rows. */
+    cotree_real *changes;
+    cotree_real *left; /* all rows: dimensionless residuals of a failure */
+    int *follows;      /* values of each sensitivity: 1 if they move with its parameter */
+} cotree_start_report;
+#endif
 /* cotree: end of the part that cffi reads */
 
 #ifdef __cplusplus

@@ -1,0 +1,382 @@
+/* cotree_assembly_mend.c: given values that move where nothing else satisfies the constraints.
+ * Part of the runtime of cotree, the same for every model.
+ *
+ * Values of the highest ranks move first, until what is left of the residuals can be anything; they
+ * move as little as they can, however far the free directions move. A value is a state, or N_STATES
+ * and a condition, which then does not hold. */
+#include "cotree_assembly_internal.h"
+
+#if COTREE_HAS_MENDING
+/* Given values that would have to move by more than FARTHEST contradict each other: radians,
+ * characteristic lengths, or shares of the largest speed. Changes above NOTICED are reported. */
+#define FARTHEST COTREE_F(0.1)
+#define NOTICED COTREE_F(1e-4)
+
+/* A value that differs from those chosen by less than this share would have to move far. */
+#define APART COTREE_F(1e-2)
+
+#define N_CONDITIONS (a->tables->n_conditions)
+#define FIRST_CONDITION (a->tables->n_values + a->tables->n_rows)
+
+void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report, cotree_arena *arena)
+{
+    const int n_all = a->tables->n_rows + N_CONDITIONS, n_most = N_SPEEDS + N_CONDITIONS;
+    a->report = report;
+    a->is_giving = cotree_arena_ints(arena, N_SPEEDS);
+    a->is_dropped = cotree_arena_ints(arena, N_CONDITIONS);
+    a->value_of = cotree_arena_ints(arena, N_SPEEDS);
+    a->candidates = cotree_arena_ints(arena, n_most);
+    a->is_chosen = cotree_arena_ints(arena, n_most);
+    a->moves = cotree_arena_reals(arena, n_most * n_all);
+    a->spanned = cotree_arena_reals(arena, n_all * n_all);
+    a->target = cotree_arena_reals(arena, n_all);
+    a->extra = cotree_arena_reals(arena, N_SPEEDS);
+    a->found = cotree_arena_reals(arena, MODEL->n_states);
+    cotree_least_init(&a->given, n_all, N_SPEEDS, arena);
+}
+
+void cotree_assembly_start_report(cotree_assembly *a, int level, const cotree_real *x)
+{
+    const int first = level == 0 ? 0 : N_COORDINATES;
+    const int n = level == 0 ? N_COORDINATES : N_SPEEDS;
+    a->is_mended[level] = 0;
+    if (a->is_probe) return;
+    a->report->length = a->length;
+    cotree_assembly_copy(n, x + first, a->report->before + first);
+}
+
+/* Return the dimensionless derivative of a row by a motion direction. */
+static cotree_real entry_of(const cotree_assembly *a, int row, int speed)
+{
+    return cotree_assembly_gradient_of(a, row)[speed] * cotree_assembly_unit_of_speed(a, speed) /
+           cotree_assembly_unit_of_row(a, row);
+}
+
+/* List the given value that fixes each motion direction: of a quaternion, that of the lowest rank.
+ */
+static void list_values(cotree_assembly *a, int level)
+{
+    const int *const ranks = a->report->ranks;
+    int i, k, speed = 0, state = 0;
+    while (speed < N_SPEEDS) {
+        const int is_turning = level == 0 && cotree_assembly_is_quaternion(a, state);
+        int value = -1;
+        if (level == 1) state = N_COORDINATES + speed;
+        for (k = 0; k < (is_turning ? 4 : 1); ++k) {
+            if (a->is_kept[state + k] && (value < 0 || ranks[state + k] < ranks[value]))
+                value = state + k;
+        }
+        for (i = 0; i < (is_turning ? 3 : 1); ++i) a->value_of[speed++] = value;
+        state += is_turning ? 4 : 1;
+    }
+}
+
+/* Add a value to the n candidates, which are in the order of falling ranks; ahead comes last. */
+static int add_candidate(cotree_assembly *a, int n, int value, int ahead)
+{
+    const int *const ranks = a->report->ranks;
+    int i;
+    for (i = 0; i < n; ++i) {
+        if (a->candidates[i] == value) return n;
+    }
+    for (i = n; i > 0 && value != ahead; --i) {
+        const int other = a->candidates[i - 1];
+        if (other != ahead && ranks[other] >= ranks[value]) break;
+        a->candidates[i] = other;
+    }
+    a->candidates[i] = value;
+    return n + 1;
+}
+
+/* List the candidates of a level; return their number. */
+static int list_candidates(cotree_assembly *a, int level, int ahead)
+{
+    int i, n = 0;
+    list_values(a, level);
+    for (i = 0; i < N_SPEEDS; ++i) {
+        if (a->value_of[i] >= 0) n = add_candidate(a, n, a->value_of[i], ahead);
+    }
+    for (i = 0; i < a->n_own; ++i) {
+        const int condition = a->places[i] - FIRST_CONDITION;
+        if (condition >= 0) n = add_candidate(a, n, N_STATES + condition, ahead);
+    }
+    return n;
+}
+
+/* Return what the free directions leave of the move of a residual: one of a motion direction, or,
+ * behind these, of a condition. */
+static cotree_real *move_of(const cotree_assembly *a, int i)
+{
+    return a->moves + i * (a->tables->n_rows + N_CONDITIONS);
+}
+
+/* Return whether a move belongs to a value. */
+static int is_of(const cotree_assembly *a, int i, int value)
+{
+    return i < N_SPEEDS ? a->value_of[i] == value : i - N_SPEEDS == value - N_STATES;
+}
+
+/* Compute all moves. Return the largest of a value, as a root of sums of squares. */
+static cotree_real compute_moves(cotree_assembly *a, int n_candidates)
+{
+    cotree_real largest = COTREE_F(0.0);
+    int i, k, r;
+    for (i = 0; i < N_SPEEDS + N_CONDITIONS; ++i) {
+        cotree_real *const move = move_of(a, i);
+        for (r = 0; r < a->n_own; ++r) {
+            move[r] = i < N_SPEEDS ? entry_of(a, a->places[r], i)
+                                   : (cotree_real)(a->places[r] - FIRST_CONDITION == i - N_SPEEDS);
+        }
+        cotree_least_reject(&a->least, move, 1);
+    }
+    for (k = 0; k < n_candidates; ++k) {
+        cotree_real sum = COTREE_F(0.0);
+        for (i = 0; i < N_SPEEDS + N_CONDITIONS; ++i) {
+            if (!is_of(a, i, a->candidates[k])) continue;
+            for (r = 0; r < a->n_own; ++r) sum += move_of(a, i)[r] * move_of(a, i)[r];
+        }
+        largest = COTREE_FMAX(largest, COTREE_SQRT(sum));
+    }
+    return largest;
+}
+
+/* Add the moves of a value that differ from the n_spanned directions by more than least to these.
+ * Return whether there are any. */
+static int span(cotree_assembly *a, int value, cotree_real least, int *n_spanned)
+{
+    int i, k, r, longest, n_added = 0;
+    do {
+        cotree_real size = least;
+        cotree_real *const next = a->spanned + *n_spanned * a->n_own;
+        longest = -1;
+        for (i = 0; i < N_SPEEDS + N_CONDITIONS && *n_spanned < a->n_own; ++i) {
+            cotree_real *const move = move_of(a, i);
+            cotree_real sum = COTREE_F(0.0);
+            if (!is_of(a, i, value)) continue;
+            for (k = 0; k < 2 * *n_spanned; ++k) { /* twice, as in cotree_least.c */
+                const cotree_real *const q = a->spanned + k % *n_spanned * a->n_own;
+                cotree_real along = COTREE_F(0.0);
+                for (r = 0; r < a->n_own; ++r) along += q[r] * move[r];
+                for (r = 0; r < a->n_own; ++r) move[r] -= along * q[r];
+            }
+            for (r = 0; r < a->n_own; ++r) sum += move[r] * move[r];
+            if (COTREE_SQRT(sum) > size) {
+                size = COTREE_SQRT(sum);
+                longest = i;
+            }
+        }
+        if (longest < 0) break;
+        for (r = 0; r < a->n_own; ++r) next[r] = move_of(a, longest)[r] / size;
+        ++*n_spanned;
+        ++n_added;
+    } while (n_added < N_SPEEDS);
+    return n_added > 0;
+}
+
+static void give(cotree_assembly *a, int value)
+{
+    int i;
+    if (value >= N_STATES) a->is_dropped[value - N_STATES] = 1;
+    for (i = 0; i < N_SPEEDS; ++i) a->is_giving[i] = a->is_giving[i] || a->value_of[i] == value;
+}
+
+static void keep_all(cotree_assembly *a)
+{
+    int i;
+    for (i = 0; i < N_SPEEDS; ++i) a->is_giving[i] = 0;
+    for (i = 0; i < N_CONDITIONS; ++i) a->is_dropped[i] = 0;
+}
+
+/* Choose the values that give way, given the factorised gradients of the listed rows. Return
+ * whether there are any. */
+static int choose(cotree_assembly *a, int level, int ahead)
+{
+    const int n = list_candidates(a, level, ahead);
+    cotree_real least = COTREE_RANK * a->longest, largest;
+    int i, pass, n_spanned = 0, n_chosen = 0;
+    if (a->least.rank == a->n_own) return 0;
+    largest = compute_moves(a, n);
+    for (i = 0; i < n; ++i) a->is_chosen[i] = 0;
+    for (pass = 0; pass < 2; ++pass) {
+        const cotree_real size = pass == 0 ? COTREE_FMAX(least, APART * largest) : least;
+        for (i = 0; i < n; ++i) {
+            if (a->is_chosen[i] || !span(a, a->candidates[i], size, &n_spanned)) continue;
+            a->is_chosen[i] = 1;
+            give(a, a->candidates[i]);
+            ++n_chosen;
+        }
+    }
+    return n_chosen > 0;
+}
+
+void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest)
+{
+    int i, r;
+    for (i = 0; i < N_SPEEDS; ++i) {
+        cotree_real *const column = a->given.rows + i;
+        for (r = 0; r < a->n_own; ++r) {
+            column[r * N_SPEEDS] = a->is_giving[i] ? entry_of(a, a->places[r], i) : COTREE_F(0.0);
+            if (!(COTREE_FABS(column[r * N_SPEEDS]) <= *largest))
+                *largest = COTREE_FABS(column[r * N_SPEEDS]); /* a nan, too */
+        }
+        if (a->is_giving[i]) cotree_least_reject(&a->least, column, N_SPEEDS);
+    }
+    cotree_least_factorise(&a->given, a->n_own, a->longest);
+}
+
+/* First given values make up for what no free direction can; then these follow. */
+void cotree_assembly_solve_given(cotree_assembly *a)
+{
+    int i, r;
+    cotree_assembly_copy(a->n_own, a->values, a->target);
+    cotree_least_reject(&a->least, a->target, 1);
+    cotree_least_solve(&a->given, a->target, a->extra);
+    for (r = 0; r < a->n_own; ++r) {
+        a->target[r] = a->values[r];
+        for (i = 0; i < N_SPEEDS; ++i) {
+            if (a->is_giving[i]) a->target[r] += entry_of(a, a->places[r], i) * a->extra[i];
+        }
+    }
+    cotree_least_solve(&a->least, a->target, a->step);
+    for (i = 0; i < N_SPEEDS; ++i) a->step[i] += a->extra[i];
+}
+
+/* Store the residuals of a level at x, to which nothing moves. */
+static int refuse(cotree_assembly *a, cotree_real t, cotree_real *x, int level)
+{
+    cotree_real largest;
+    int r, status;
+    cotree_assembly_copy(N_STATES, a->found, x);
+    a->culprit = -1;
+    cotree_assembly_list_rows(a, level, 1);
+    status = cotree_assembly_compute_residuals(a, t, x, &largest);
+    if (status != 0) return status;
+    a->report->level = level;
+    for (r = 0; r < a->n_own; ++r) {
+        a->report->left[a->places[r]] = a->values[r];
+        if (!(COTREE_FABS(a->values[r]) < largest)) a->culprit = a->places[r];
+    }
+    return COTREE_ASSEMBLY_VIOLATED;
+}
+
+/* Store how far given values have moved to x, and what conditions have given way by. Return whether
+ * that is too far. */
+static int report_changes(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
+                          int *is_far)
+{
+    cotree_start_report *const report = a->report;
+    const int first = level == 0 ? 0 : N_COORDINATES;
+    const int n = level == 0 ? N_COORDINATES : N_SPEEDS;
+    cotree_real unit = COTREE_F(0.0), farthest = COTREE_F(0.0), largest;
+    int i, r, status;
+    cotree_assembly_list_rows(a, level, 1);
+    status = cotree_assembly_compute_residuals(a, t, x, &largest);
+    for (i = first; i < first + n && level == 1; ++i)
+        unit = COTREE_FMAX(unit, COTREE_FABS(cotree_assembly_scaled(a, x, i)));
+    if (!(unit > COTREE_F(0.0))) unit = COTREE_F(1.0);
+    for (i = first; i < first + n; ++i) {
+        report->after[i] = x[i];
+        if (!a->is_kept[i]) continue;
+        report->changes[i] = COTREE_FABS(cotree_assembly_scaled(a, x, i) -
+                                         cotree_assembly_scaled(a, report->before, i)) /
+                             unit;
+        farthest = COTREE_FMAX(farthest, report->changes[i]);
+    }
+    for (r = 0; r < a->n_own; ++r) {
+        report->changes[N_STATES + a->places[r]] = a->values[r];
+        farthest = COTREE_FMAX(farthest, COTREE_FABS(a->values[r]));
+    }
+    if (farthest > NOTICED) report->is_moved = 1;
+    *is_far = farthest > FARTHEST;
+    return status;
+}
+
+int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotree_real *x, int level,
+                         cotree_real met)
+{
+    cotree_real largest, residual = COTREE_INFINITY;
+    int i, way, is_far = 0, status = 0;
+    cotree_assembly_copy(N_STATES, x, a->found);
+    for (way = 0; way < 2 && status == 0 && !(residual <= met); ++way) {
+        int has_way = 0;
+        cotree_assembly_copy(N_STATES, a->found, x);
+        cotree_assembly_list_rows(a, level, 1);
+        if (way == 0) {
+            status = cotree_assembly_compute_gradients(a, t, x);
+            if (status != 0) break;
+            cotree_assembly_factorise(a, &largest);
+            has_way = choose(a, level, -1);
+        } else { /* all given values move, and all conditions hold */
+            for (i = 0; i < N_SPEEDS; ++i) {
+                a->is_giving[i] = a->value_of[i] >= 0;
+                has_way = has_way || a->is_giving[i];
+            }
+        }
+        if (!has_way) continue;
+        cotree_assembly_list_rows(a, level, 1);
+        a->has_way = 1;
+        status = cotree_assembly_iterate(a, t, x, level, &residual);
+        a->has_way = 0;
+        keep_all(a);
+    }
+    if (status != 0) return status;
+    if (!(residual <= met)) return refuse(a, t, x, level);
+    a->is_mended[level] = 1;
+    if (a->is_probe) return 0;
+    status = report_changes(a, t, x, level, &is_far);
+    return status == 0 && is_far ? refuse(a, t, x, level) : status;
+}
+
+/* Return what the step leaves of the change of a row along a sensitivity. */
+static cotree_real left_of(const cotree_assembly *a, int row, int column)
+{
+    cotree_real left = cotree_assembly_change_of(a, row, column);
+    int i;
+    for (i = 0; i < N_SPEEDS; ++i) left += entry_of(a, row, i) * a->step[i];
+    return left;
+}
+
+/* Store which values move along a parameter. */
+static void report_following(cotree_assembly *a, int column, cotree_real allowed)
+{
+    int *const follows = a->report->follows + column * (N_STATES + N_CONDITIONS);
+    const cotree_real least = REMAINDER_SHARE * cotree_assembly_largest_of(a->step, N_SPEEDS);
+    int i;
+    a->report->is_moved = 1;
+    for (i = 0; i < N_SPEEDS; ++i) {
+        if (a->is_giving[i] && COTREE_FABS(a->step[i]) > least) follows[a->value_of[i]] = 1;
+    }
+    for (i = 0; i < N_CONDITIONS; ++i) {
+        if (a->is_dropped[i] && COTREE_FABS(left_of(a, FIRST_CONDITION + i, column)) > allowed)
+            follows[N_STATES + i] = 1;
+    }
+}
+
+int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column, int seed,
+                                      cotree_real allowed)
+{
+    cotree_start_report *const report = a->report;
+    const int has_conditions = seed >= 0;
+    cotree_real largest;
+    int r, is_left = 0;
+    allowed += REMAINDER_SHARE * cotree_assembly_largest_of(a->values, a->n_own);
+    (void)choose(a, level, seed < 0 ? -1 - seed : -1);
+    cotree_assembly_list_rows(a, level, has_conditions);
+    for (r = 0; r < a->n_own; ++r)
+        a->values[r] = cotree_assembly_change_of(a, a->places[r], column);
+    cotree_assembly_factorise(a, &largest);
+    cotree_assembly_factorise_given(a, &largest);
+    cotree_assembly_solve_given(a);
+    for (r = 0; r < a->n_own; ++r) {
+        report->left[a->places[r]] = left_of(a, a->places[r], column);
+        if (!(COTREE_FABS(report->left[a->places[r]]) <= allowed)) is_left = 1;
+    }
+    report->level = level;
+    report->column = column;
+    if (seed >= 0 && !is_left) report_following(a, column, allowed);
+    keep_all(a);
+    cotree_assembly_list_rows(a, level, has_conditions);
+    cotree_assembly_factorise(a, &largest); /* for other sensitivities */
+    return is_left;
+}
+#endif
