@@ -117,7 +117,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
         job,
         read_signals(plan.settings.inputs, plan.model.inputs),
         starts=starts,
-        is_searched=starts is None or plan.model.begins_at_rest or _is_searched(plan, problem),
+        is_searched=starts is None or not starts.has_unknowns or _is_searched(plan, problem),
         is_timed=any(node.data[0] in (TIME, INPUT) for node in read),
         is_watched=is_watched,
     )
@@ -126,7 +126,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
 def _is_searched(plan: Plan, problem: Problem) -> bool:
     """Return whether each member is prepared in Python."""
     # Tolerances of contents follow from the start.
-    if plan.model.layout.followers:
+    if plan.model.begins_at_rest or plan.model.layout.followers:
         return True
     if any(is_slope(name) for name in (*plan.columns, *plan.settings.initial)):
         return True

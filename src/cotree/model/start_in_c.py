@@ -57,12 +57,15 @@ class StartInC:
         The model's ``cotree_start_tables``.
     address, function : int
         Addresses of these and of ``cotree_start_once``.
+    has_unknowns : bool
+        Whether C looks for algebraic unknowns, too.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
         self._ffi, self._lib = library.ffi, library.lib
         self._kept: list[Any] = [library]
         self.tables = filled_tables(library.ffi, model.layout, self._kept)
+        self.has_unknowns = model.layout.n_algebraic <= _MOST_UNKNOWNS
         for content, _ in model.layout.followers:
             # At an operating point contents follow from voltages.
             self.tables.given[content] &= not model.begins_at_rest
@@ -92,9 +95,7 @@ class StartInC:
         ParameterError
             If given values contradict the constraints.
         """
-        if at.model.layout.n_algebraic > _MOST_UNKNOWNS:
-            return None
-        return StartCall(self, at, initial, given).find()
+        return StartCall(self, at, initial, given).find() if self.has_unknowns else None
 
     def constrained(
         self, at: Moment, initial: Mapping[str, float], given: Array | None = None
