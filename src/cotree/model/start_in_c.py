@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
+from cotree.errors import SolveError
 from cotree.model.called_model import CalledModel, new_quantities
 from cotree.model.consistent import Report, Start
 from cotree.model.kernels import build_engine, shared_code
@@ -203,7 +204,8 @@ class StartCall:
             self._call_python()
             self._run()
         assert self._called is not None
-        raise self._called.errors[0]
+        unknown = SolveError(f"there is no start at t = {self._at.t:.10g}: memory may be short")
+        raise next(iter(self._called.errors), unknown)
 
     def _run(self) -> int:
         status = int(self._starts._lib.cotree_start_once(self.c))
