@@ -25,7 +25,7 @@ from domain_scenes import scene_of_domain
 from reference_scenes import absolute_tree, read_reference, scene_of
 from timing import about, heading, keep, line, put_on_page
 
-from cotree.solvers.methods import METHODS
+from cotree.methods import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
+from cotree.methods import METHODS
 from cotree.model.arrays import as_array, derived_values
 from cotree.model.model import Moment
 from cotree.model.start import find_start, scene_start
@@ -20,7 +21,6 @@ from cotree.scene.expressions import check_number, parse
 from cotree.scene.settings import Simulation, documented, settings_from
 from cotree.scene.variants import expressions_among, new_names, with_inputs
 from cotree.sharing import Kept, forming, locked_cached_property
-from cotree.solvers.methods import METHODS
 from cotree.solvers.prepare import Preparation, kept_for
 from cotree.solvers.simulate import run_values
 from cotree.spec import BuildSpec, open_spec

@@ -17,12 +17,12 @@ from sundials_cases import counted_contexts, follows_a_long_ladder, follows_an_o
 from cotree import Scene, bench, load
 from cotree.build import find_toolchain
 from cotree.errors import SolveError
+from cotree.methods import METHODS as ROWS
 from cotree.pipeline import formulate
 from cotree.solvers import engine, integrate, job
 from cotree.solvers import engine as sundials_library
 from cotree.solvers.augmented import Tolerances
 from cotree.solvers.engine import library_path, load_engine, version_of
-from cotree.solvers.methods import METHODS as ROWS
 from cotree.solvers.native import check_available, is_available
 
 METHODS = tuple(name for name, row in ROWS.items() if row.family == "correctors")

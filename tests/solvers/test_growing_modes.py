@@ -7,7 +7,7 @@ import math
 import pytest
 
 import cotree
-from cotree.solvers.methods import METHODS
+from cotree.methods import METHODS
 from cotree.solvers.native import is_available
 
 GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cotree
-from cotree.solvers.methods import METHODS
+from cotree.methods import METHODS
 from cotree.solvers.native import is_available
 
 INSTALLED = [name for name in METHODS if is_available(name)]

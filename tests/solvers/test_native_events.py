@@ -11,7 +11,7 @@ from hard_scenes import bennett_loop
 
 from cotree import Scene
 from cotree.errors import SolveError
-from cotree.solvers import METHODS
+from cotree.methods import METHODS
 
 pytestmark = pytest.mark.compiler
 

@@ -9,7 +9,8 @@ from ivp_cases import oscillator, scalar
 
 import cotree
 from cotree.errors import ModelError, ParameterError, SolveError
-from cotree.solvers import METHODS, check_problem, integrate
+from cotree.methods import METHODS
+from cotree.solvers import check_problem, integrate
 
 # Those that take Python functions.
 ALL = [name for name, row in METHODS.items() if row.family == "scipy"]

@@ -16,7 +16,8 @@ from ivp_cases import (
 )
 
 from cotree.errors import SolveError
-from cotree.solvers import METHODS, integrate
+from cotree.methods import METHODS
+from cotree.solvers import integrate
 
 # Those that take Python functions.
 ALL = [name for name, row in METHODS.items() if row.family == "scipy"]

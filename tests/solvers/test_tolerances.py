@@ -12,7 +12,7 @@ import pytest
 import cotree
 from cotree.cli import main
 from cotree.errors import ModelError, ParameterError, SceneError, SolveError
-from cotree.solvers.methods import METHODS
+from cotree.methods import METHODS
 from cotree.solvers.native import is_available
 
 

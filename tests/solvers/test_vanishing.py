@@ -16,8 +16,8 @@ from cascades import (
 )
 
 from cotree.errors import SolveError
+from cotree.methods import METHODS
 from cotree.program import lower as lowering
-from cotree.solvers.methods import METHODS
 from cotree.solvers.native import is_available
 
 pytestmark = pytest.mark.compiler

@@ -36,6 +36,7 @@ from cotree.cli.options import (
 from cotree.cli.studies import bench_scene, check_scene, derived_values, lint_scene, warn_of
 from cotree.cli.sweep import sweep_scene
 from cotree.errors import Error, SceneError
+from cotree.methods import names_of
 from cotree.report import Report
 from cotree.version import VERSION
 
@@ -45,6 +46,9 @@ if TYPE_CHECKING:
     from cotree.api import Scene
     from cotree.scene.graphs import TreeChoice
 
+
+#: The methods that C projects and FMUs have.
+_EXPLICIT, _IMPLICIT = names_of("cotree", implicit=False), names_of("cotree", implicit=True)
 
 _KINDS = {"me": "ModelExchange", "cs": "CoSimulation"}
 
@@ -67,9 +71,7 @@ def export_scene(
     ] = [],  # noqa: B006
     integrator: Annotated[
         str | None,
-        typer.Option(
-            help="Integrator of Co-Simulation: dopri5, rkf45, dop853; rodas5, rodas4 if stiff."
-        ),
+        typer.Option(help=f"Integrator of Co-Simulation: {_EXPLICIT}; {_IMPLICIT} if stiff."),
     ] = None,
     outside: Annotated[
         list[str],
@@ -262,7 +264,7 @@ def generate_project(
     integrator: Annotated[
         str,
         typer.Option(
-            help="dopri5, rkf45, dop853; for stiff rodas5, rodas4; of one step length rk4, euler. "
+            help=f"{_EXPLICIT}; for stiff {_IMPLICIT}; of one step length rk4, euler. "
             "Several are separated by commas."
         ),
     ] = "dopri5",

@@ -16,8 +16,8 @@ import numpy as np
 
 from cotree.design.goals import Formula, Goals, Quantity, check_times
 from cotree.errors import Error, SolveError
+from cotree.methods import method_row
 from cotree.quiet import without_warnings
-from cotree.solvers.methods import method_row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

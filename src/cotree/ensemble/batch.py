@@ -42,8 +42,8 @@ from cotree.quiet import without_warnings
 from cotree.sharing import locked_cache
 from cotree.solvers.evaluate import BUDGET_SPENT
 from cotree.solvers.evaluate import FAILED as STATUS_FAILED
-from cotree.solvers.methods import refusal
 from cotree.solvers.prepare import prepared
+from cotree.solvers.refusals import refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.stiffness import is_confirmed, stiff_method

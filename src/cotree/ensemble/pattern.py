@@ -14,15 +14,16 @@ import numpy.typing as npt
 
 from cotree.dag.nodes import INPUT, PARAMETER, TIME, symbols_in
 from cotree.errors import Error
+from cotree.methods import Method, method_row
 from cotree.model.signals import ReplacedInputs, read_signals
 from cotree.model.start import is_slope
 from cotree.solvers.augmented import tested
 from cotree.solvers.engine import Engine, load_engine
 from cotree.solvers.job import Job
-from cotree.solvers.methods import Method, method_row, refusal
 from cotree.solvers.native import band_refusal, can_extend, check_available, factors_of
 from cotree.solvers.prepare import prepared
 from cotree.solvers.problem import Problem, check_values, turn_tolerances
+from cotree.solvers.refusals import refusal
 from cotree.solvers.select import choose_method
 
 if TYPE_CHECKING:

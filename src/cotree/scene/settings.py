@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import ParameterError, SceneError, SolveError, check_known, nearest
+from cotree.methods import METHODS, names_of
 from cotree.naming import check_path, check_text
 from cotree.scene.expressions import Expression, check_number, parse
 from cotree.scene.given import check_mapping
@@ -74,6 +75,10 @@ def _setting(default: Any, doc: str, check: Callable[[Any, str], Any], **more: A
     if isinstance(default, dict):
         return field(default_factory=dict, metadata=about)
     return field(default=default, metadata=about)
+
+
+def _quoted(family: str) -> str:
+    return f"``{names_of(family).replace(', ', '``, ``')}``"
 
 
 def _unchecked(value: Any, name: str) -> Any:
@@ -202,14 +207,11 @@ class Settings:
     )
     method: str = _setting(
         "auto",
-        "``dopri5``, ``rkf45``, ``dop853``, ``rodas4``, ``rodas5`` (in C), ``RK45``, ``RK23``, "
-        "``DOP853``, ``Radau``, ``BDF``, ``LSODA`` (SciPy, for models without events, corners, "
-        "constraints and algebraic unknowns), ``cvode``, ``ida``, and as an extra "
-        "``cvodes``, ``cvodes-simultaneous`` and ``idas`` (SUNDIALS), or ``auto``; by default the "
-        "scene's.",
+        f"{_quoted('cotree')} (in C), {_quoted('scipy')} (SciPy, for models without events, "
+        f"corners, constraints and algebraic unknowns), {_quoted('sundials')}, and as an extra "
+        f"{_quoted('correctors')} (SUNDIALS), or ``auto``; by default the scene's.",
         _method,
-        option="dopri5, rkf45, dop853, rodas4, rodas5, RK45, RK23, DOP853, Radau, BDF, LSODA, "
-        "cvode, ida, cvodes, cvodes-simultaneous, idas or auto.",
+        option=f"{', '.join(METHODS)} or auto.",
     )
     rtol: float = _setting(
         1e-8,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from cotree.solvers.methods import Method
+    from cotree.methods import Method
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray
 

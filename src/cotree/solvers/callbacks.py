@@ -27,8 +27,8 @@ from cotree.model.algebraic import Algebraic
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from cotree.methods import Method
     from cotree.solvers.engine import Engine
-    from cotree.solvers.methods import Method
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray
 

@@ -34,9 +34,9 @@ from cotree.codegen.integrators import (
     sweep_files,
 )
 from cotree.errors import BuildError, Error, SolveError
+from cotree.methods import METHODS
 from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
-from cotree.solvers.methods import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -33,8 +33,8 @@ from cotree.tolerances import LIMITS
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
+    from cotree.methods import Method
     from cotree.solvers.engine import Engine
-    from cotree.solvers.methods import Method
     from cotree.solvers.result import FloatArray
 
 

@@ -10,13 +10,14 @@ import numpy as np
 
 from cotree.codegen.statuses import NUMBERS
 from cotree.errors import SolveError
+from cotree.methods import METHODS, Method
 from cotree.records import changed, filled
 from cotree.solvers.budgets import Progress, steps_spent, time_spent
 from cotree.solvers.engine import Engine, check_installed, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.job import Job, job_kind
 from cotree.solvers.messages import rest_note, singular_positions, stiffness_note, summary, verdict
-from cotree.solvers.methods import METHODS, Method, beyond_scipy, refusal
+from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:

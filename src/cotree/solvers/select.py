@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cotree.errors import SolveError
+from cotree.methods import METHODS, method_row
 from cotree.records import changed
 from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.engine import has_sundials, load_engine
-from cotree.solvers.methods import METHODS, beyond_scipy, method_row, refusal
 from cotree.solvers.native import begin_in_c, check_available, compiled_in
 from cotree.solvers.problem import check_problem, corner_times
+from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.scipy_ivp import solve_with_scipy
 from cotree.solvers.stiffness import (
     Succession,
@@ -33,7 +34,7 @@ from cotree.solvers.stiffness import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cotree.solvers.methods import Method
+    from cotree.methods import Method
     from cotree.solvers.native import Attempt
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray, Trajectory
@@ -55,7 +56,7 @@ _PROBE_RTOL = 1e-3
 
 
 def integrate(problem: Problem, method: str = "auto") -> Trajectory:
-    """Integrate a problem with a method of ``methods.METHODS``, or with "auto".
+    """Integrate a problem with a method of ``METHODS``, or with "auto".
 
     A failed integration is a value with status other than 0. The message of a chosen method ends
     with the reason of the choice. Raises SolveError if the method is unknown or not installed, or

@@ -18,7 +18,7 @@ from cotree.errors import SingularSystemError, SolveError
 from cotree.model.algebraic import Algebraic, UnsolvedError
 from cotree.solvers.engine import has_sundials
 from cotree.solvers.evaluate import FAILED, Evaluator, IntegrationStopError
-from cotree.solvers.methods import beyond_scipy, refusal
+from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error
+from cotree.methods import METHODS
 from cotree.model.linear import Matrix, solve_with
 from cotree.quiet import level_of_user
 from cotree.solvers.evaluate import FAILED
-from cotree.solvers.methods import METHODS
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
 
 if TYPE_CHECKING:

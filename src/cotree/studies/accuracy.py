@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.errors import Error, SolveError
-from cotree.solvers.methods import METHODS
+from cotree.methods import METHODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

@@ -23,9 +23,9 @@ from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
 from cotree.codegen.integrators import SUNDIALS_VERSION
 from cotree.errors import Error, ParameterError, SolveError
+from cotree.methods import METHODS, method_row
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import check_number
-from cotree.solvers.methods import METHODS, method_row
 from cotree.solvers.native import is_available
 from cotree.studies.accuracy import BenchRow, Reference, find_reference, starts_implicit, worse
 from cotree.studies.bench_report import BenchReport
