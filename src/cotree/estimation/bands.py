@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
-from cotree.estimation.conditions import Measured, spread
-from cotree.estimation.estimated import LOGARITHMS
+from cotree.estimation.conditions import Measured
+from cotree.estimation.estimated import LOGARITHMS, Array
 from cotree.estimation.problem import Problem
 from cotree.report import frame
 from cotree.scene.given import check_whole
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from cotree.estimation.conditions import Condition
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.uncertainty import Uncertainty
-
-Array = npt.NDArray[np.float64]
 
 # Number of points of a band if no times are given.
 _POINTS = 201
@@ -154,8 +151,8 @@ def like_measured(
                 "deviation of its noise"
             )
         return noise, "lin"
-    kinds = spread(problem.measured.transformation, len(problem.measured))
-    return problem.measured.noise[here[0]] if noise is None else noise, kinds[here[0]]
+    row, measured = here[0], problem.measured
+    return measured.noise[row] if noise is None else noise, measured.transformation[row]
 
 
 def band_of(

@@ -29,9 +29,8 @@ from cotree.scene.variants import expressions_among
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.estimation.estimated import Array
     from cotree.estimation.uncertainty import Uncertainty
-
-Array = npt.NDArray[np.float64]
 
 #: Criteria: determinant of the covariance, mean relative variance, and largest variance of any
 #: direction. The name of a parameter is also a criterion: the variance of that parameter.

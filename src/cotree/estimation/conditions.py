@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cotree.compiled import Model
+    from cotree.estimation.estimated import Array
 
-
-Array = npt.NDArray[np.float64]
 
 #: Transformations under which measured and computed values are compared.
 TRANSFORMATIONS = ("lin", "log", "log10")
@@ -119,6 +118,12 @@ class Measured:
     transformation: Sequence[str] | str = "lin"
     distribution: Sequence[str] | str = "normal"
 
+    def __post_init__(self) -> None:
+        for name in ("transformation", "distribution"):
+            given = getattr(self, name)
+            if isinstance(given, str):
+                object.__setattr__(self, name, [given] * len(self))
+
     def __len__(self) -> int:
         return len(self.value)
 
@@ -159,27 +164,23 @@ def check_measured(
         "t": measured.t,
         "observable": measured.observable,
         "noise": measured.noise,
-        **{
-            name: values
-            for name in ("transformation", "distribution")
-            if not isinstance(values := getattr(measured, name), str)
-        },
+        "transformation": measured.transformation,
+        "distribution": measured.distribution,
     }
     for name, values in columns.items():
         if len(values) != n:
             raise ParameterError(f"there are {n} values, but '{name}' has {len(values)} rows")
     for name, allowed in (("transformation", TRANSFORMATIONS), ("distribution", DISTRIBUTIONS)):
-        for value in spread(getattr(measured, name), n):
+        for value in getattr(measured, name):
             if value not in allowed:
                 listed = ", ".join(map(repr, allowed))
                 raise ParameterError(f"the {name} of a measured value is '{value}': give {listed}")
-    logs = spread(measured.transformation, n)
     for i in range(n):
         condition, t = conditions[int(measured.condition[i])], float(measured.t[i])
         where = f"value {i} of '{measured.observable[i]}' in condition '{condition.name}'"
         if not np.isfinite(measured.value[i]):
             raise ParameterError(f"{where} is {measured.value[i]}: remove the row")
-        if logs[i] != "lin" and not measured.value[i] > 0.0:
+        if measured.transformation[i] != "lin" and not measured.value[i] > 0.0:
             raise ParameterError(f"{where} is {measured.value[i]:g}, which has no logarithm")
         if not (np.isfinite(t) and t >= condition.t_start):
             raise ParameterError(
@@ -195,11 +196,6 @@ def check_measured(
                 )
         if not isinstance(noise, str) and not (np.isfinite(noise) and noise > 0.0):
             raise ParameterError(f"{where} has the standard deviation {noise}: give a positive one")
-
-
-def spread(given: Sequence[str] | str, n: int) -> Sequence[str]:
-    """Return one entry for each row."""
-    return [given] * n if isinstance(given, str) else given
 
 
 #: Far from the estimates a run may become stiff: it then fails early, and the step is rejected.

@@ -11,10 +11,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import TRANSFORMATIONS
@@ -22,7 +21,8 @@ from cotree.files import is_number, read_rows, read_text
 from cotree.scene.expressions import check_number
 from cotree.units import Unit, check_fits, check_unit
 
-Array = npt.NDArray[np.float64]
+if TYPE_CHECKING:
+    from cotree.estimation.estimated import Array
 
 _LARGEST = 2**30  # file size, [byte]
 _MISSING = frozenset({"", "nan", "na", "n/a", "none", "null", "-"})

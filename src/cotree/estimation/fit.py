@@ -7,12 +7,11 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
-from cotree.estimation.estimated import LOGARITHMS, Estimated, estimated, read_ranges
+from cotree.estimation.estimated import LOGARITHMS, Array, Estimated, estimated, read_ranges
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.observing import Observed, Observer, measured_rows
@@ -29,9 +28,6 @@ if TYPE_CHECKING:
     from cotree.api import Scene
     from cotree.compiled import Model
     from cotree.scene.settings import SettingsDict
-
-
-Array = npt.NDArray[np.float64]
 
 
 def estimation_problem(

@@ -10,7 +10,7 @@ with their derivatives with respect to the estimated parameters.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,10 +26,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.ensemble.plan import Block, Plan
+    from cotree.estimation.estimated import Array
     from cotree.scene.settings import Settings
 
-
-Array = npt.NDArray[np.float64]
 
 # Times at which a run to the steady state is checked, [s]. Steps of implicit methods grow as the
 # states settle, so that each of the last decades takes only a few steps.
@@ -183,21 +182,8 @@ class SteadyStates:
         return self._plans[slopes]
 
 
-Places = npt.NDArray[np.intp]
-
 # Length of a run for which only the initial time was measured, [s].
 _SHORTEST = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Quantities:
-    """Predicted quantities for some points in parameter space and all rows of a group."""
-
-    values: Array
-    #: Derivatives with respect to the values of the estimated parameters, not their logarithms;
-    #: empty if not requested.
-    slopes: Array
-    messages: tuple[str, ...]  # for each point, why a run failed, or an empty string
 
 
 class Group:
@@ -264,13 +250,20 @@ class Group:
         self._member = np.concatenate([self._condition_of, self._condition_of[self._with_noise]])
         self._time = np.concatenate([self._at, self._at[self._with_noise]])
 
-    def run(self, values: Array, *, slopes: bool) -> tuple[Quantities, Quantities]:
+    def run(
+        self, values: Array, *, slopes: bool
+    ) -> tuple[Array, Array, Array, Array, tuple[str, ...]]:
         """Run all conditions for each row of parameter values.
 
         Returns
         -------
-        Quantities, Quantities
-            Observables and standard deviations; given numbers are passed through.
+        ndarray, ndarray
+            Observables, and their derivatives with respect to the values of the estimated
+            parameters, not their logarithms; empty if not requested.
+        ndarray, ndarray
+            Standard deviations, likewise; given numbers are passed through.
+        tuple of str
+            For each row, why a run failed, or an empty string.
         """
         n, n_rows = len(values), len(self.rows)
         rows = np.array([item.row(theta) for theta in values for item in self._maps])
@@ -279,7 +272,6 @@ class Group:
             columns, rows, failed = self._steady.begin(columns, rows, values, slopes=slopes)
         block = run_block(self._plan(columns, rows, slopes=slopes), rows, threads=self._threads)
         found, along = self._read(block, n, slopes=slopes)
-        messages = self._messages(block, failed, n)
         sigma = np.tile(self.numbers, (n, 1))
         sigma[:, self._with_noise] = found[:, n_rows:]
         sigma_along = np.zeros((n, n_rows, along.shape[2]))
@@ -287,10 +279,8 @@ class Group:
         sigma[:, self._direct] = values[:, self._direct_of]
         if slopes:
             sigma_along[:, self._direct, self._direct_of] = 1.0
-        return (
-            Quantities(found[:, :n_rows], along[:, :n_rows], messages),
-            Quantities(sigma, sigma_along, messages),
-        )
+        messages = self._messages(block, failed, n)
+        return found[:, :n_rows], along[:, :n_rows], sigma, sigma_along, messages
 
     def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
         if slopes not in self._plans:

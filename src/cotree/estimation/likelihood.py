@@ -13,15 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from cotree.estimation.conditions import spread
-from cotree.estimation.estimated import LOGARITHMS
+from cotree.estimation.estimated import LOGARITHMS, Array
 
 if TYPE_CHECKING:
     from cotree.estimation.conditions import Measured
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +35,11 @@ class Likelihood:
     """Likelihood of the measured values given predictions."""
 
     def __init__(self, measured: Measured) -> None:
-        n = len(measured)
-        logs = np.array(spread(measured.transformation, n), dtype=object)
+        logs = np.array(measured.transformation, dtype=object)
         self.is_log = logs != "lin"
         # T(x) = log(x) / factor, so its derivative is 1 / (factor x).
         self._factor = np.array([LOGARITHMS[word] for word in logs])
-        self.is_normal = np.array(spread(measured.distribution, n), dtype=object) == "normal"
+        self.is_normal = np.array(measured.distribution, dtype=object) == "normal"
         self.value = np.asarray(measured.value, dtype=float)
         self._target = self.transformed(self.value)
         # Negative logarithms of the constant factors of the densities.

@@ -21,7 +21,7 @@ from cotree.api import Scene
 from cotree.compiled import Model, compile_spec
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured
-from cotree.estimation.estimated import Estimated
+from cotree.estimation.estimated import Array, Estimated
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.naming import RESERVED
 from cotree.scene.expressions import parse
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from cotree.scene.description import SceneDescription
     from cotree.units import Unit
 
-
-Array = npt.NDArray[np.float64]
 
 _LONGEST = 50  # characters of an output name derived from a column name
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError
 from cotree.estimation.conditions import MOST_STEPS, check_condition, check_measured
-from cotree.estimation.estimated import Scaled
+from cotree.estimation.estimated import Array, Scaled
 from cotree.estimation.groups import Group
 from cotree.estimation.likelihood import Likelihood, Predictions
 from cotree.model.arrays import as_array
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
 
     from cotree.estimation.conditions import Condition, Measured
     from cotree.estimation.estimated import Estimated
-
-Array = npt.NDArray[np.float64]
 
 
 class Problem:
@@ -111,11 +108,12 @@ class Problem:
         observed_slopes, sigma_slopes = np.empty((2, n, n_rows, width))
         messages = [""] * n
         for group in self._groups:
-            computed, deviations = group.run(values, slopes=slopes)
-            observed[:, group.rows], sigma[:, group.rows] = computed.values, deviations.values
-            observed_slopes[:, group.rows] = computed.slopes
-            sigma_slopes[:, group.rows] = deviations.slopes
-            messages = [a or b for a, b in zip(messages, computed.messages, strict=True)]
+            *computed, failed = group.run(values, slopes=slopes)
+            for whole, part in zip(
+                (observed, observed_slopes, sigma, sigma_slopes), computed, strict=True
+            ):
+                whole[:, group.rows] = part
+            messages = [a or b for a, b in zip(messages, failed, strict=True)]
         if slopes:
             observed_slopes *= factors[:, None, :]
             sigma_slopes *= factors[:, None, :]

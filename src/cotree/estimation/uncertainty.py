@@ -37,11 +37,10 @@ from cotree.scene.expressions import check_number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
     from cotree.estimation.problem import Problem
 
-
-Array = npt.NDArray[np.float64]
 
 # Global errors of values and sensitivities, in multiples of the local tolerances: over long
 # oscillations the local errors accumulate to several hundred times the tolerance.

@@ -69,20 +69,18 @@ class Formula:
 
         try:
             self._text = python_text(text, _TOKEN, spelt, _LONGEST)
-            self._rewritten(lambda name: name)
+            self.expression(lambda name: name)
         except ExpressionError as error:
             raise ExpressionError(f"'{brief(text)}' {error}") from None
         self.names = tuple(found)
 
-    def _rewritten(self, meaning: Callable[[str], str]) -> str:
+    def expression(self, meaning: Callable[[str], str]) -> str:
+        """Write the formula as an expression of a scene."""
+
         def tree(name: str) -> ast.expr:
             return shared_tree("t" if name == _TIME else meaning(name))
 
         return _Rewriter(tree, _FUNCTIONS).text(self._text)
-
-    def expression(self, meaning: Callable[[str], str]) -> str:
-        """Write the formula as an expression of a scene."""
-        return self._rewritten(meaning)
 
 
 def number_of(expression: str, where: str) -> float | None:

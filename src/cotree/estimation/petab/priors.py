@@ -11,18 +11,15 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.errors import ParameterError
-from cotree.estimation.estimated import Scaled
+from cotree.estimation.estimated import Array, Scaled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree.estimation.estimated import Estimated
     from cotree.estimation.petab.tables import PriorRow
-
-Array = npt.NDArray[np.float64]
 
 _MOST_DRAWS = 1000
 

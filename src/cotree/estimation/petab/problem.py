@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cotree.ensemble.batch import load_batch
 from cotree.errors import SolveError
@@ -27,43 +26,14 @@ from cotree.scene.settings import Settings
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
     from typing import Unpack
 
     from cotree.api import Scene
     from cotree.compiled import Model
+    from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
     from cotree.scene.settings import SettingsDict
-
-
-def measurement_frame(files: Sequence[Path], values: npt.NDArray[np.float64]) -> Any:
-    """Replace measured values by predictions.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Measurement tables, in order.
-    values : ndarray, shape (n_rows,)
-        A value for each row.
-
-    Returns
-    -------
-    pandas.DataFrame
-        With the column ``simulation``.
-    """
-    import pandas
-
-    # Read with pandas as other tools for PEtab do, so that the cells are equal; this engine keeps
-    # all digits of numbers in every version.
-    tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
-    # Rows that contain only separators are skipped.
-    table = pandas.concat(tables, ignore_index=True).dropna(how="all").reset_index(drop=True)
-    table["measurement"] = values
-    return table.rename(columns={"measurement": "simulation"})
-
-
-Array = npt.NDArray[np.float64]
 
 
 def read_petab(
@@ -245,8 +215,17 @@ class PetabProblem(Problem):
         pandas.DataFrame
             The measurement table with a column ``simulation`` in place of ``measurement``.
         """
+        import pandas
+
         values = self._found(parameters, slopes=False).values
-        return measurement_frame(self._tables.measurement_files, values)
+        # Read with pandas as other tools for PEtab do, so that the cells are equal; this engine
+        # keeps all digits of numbers in every version.
+        files = self._tables.measurement_files
+        tables = [pandas.read_csv(file, sep="\t", engine="python") for file in files]
+        # Rows that contain only separators are skipped.
+        table = pandas.concat(tables, ignore_index=True).dropna(how="all").reset_index(drop=True)
+        table["measurement"] = values
+        return table.rename(columns={"measurement": "simulation"})
 
     def objective(self, theta: Any) -> tuple[float, Array]:
         """Compute the objective of a fit and its gradient, for any optimiser.
