@@ -7,9 +7,11 @@ A value reference is a place in consecutive blocks, in the order of ``enum fmu_b
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
+from cotree.equations import Quantity
 from cotree.errors import CodegenError
 from cotree.units import stated_unit, unit_text
 
@@ -60,24 +62,14 @@ class FmuVariables:
     signals: tuple[FmuVariable, ...]
     outputs: tuple[FmuVariable, ...]
     indicators: tuple[FmuVariable, ...]
-    output_slopes: tuple[FmuVariable, ...] = field(default=())
-    state_slopes: tuple[FmuVariable, ...] = field(default=())
+    output_slopes: tuple[FmuVariable, ...] = ()
+    state_slopes: tuple[FmuVariable, ...] = ()
 
     @property
     def all(self) -> list[FmuVariable]:
         """Every variable in the order of value references."""
-        return [
-            self.time,
-            *self.states,
-            *self.rates,
-            *self.parameters,
-            *self.inputs,
-            *self.signals,
-            *self.outputs,
-            *self.indicators,
-            *self.output_slopes,
-            *self.state_slopes,
-        ]
+        blocks = (getattr(self, row.name) for row in fields(self)[1:])
+        return [self.time, *chain.from_iterable(blocks)]
 
     @property
     def reported(self) -> list[FmuVariable]:
@@ -86,21 +78,6 @@ class FmuVariables:
 
 
 _PARTS = re.compile(r"((?:[A-Za-z_][A-Za-z0-9_]*\.)*)(.*)", re.DOTALL)
-
-
-class _Names:
-    """Names that are given once."""
-
-    def __init__(self) -> None:
-        self._given: set[str] = set()
-
-    def own(self, name: str) -> str:
-        """Return a name, with a number appended if it is taken."""
-        found, n = name, 2
-        while found in self._given:
-            found, n = f"{name}_{n}", n + 1
-        self._given.add(found)
-        return found
 
 
 def list_variables(
@@ -171,13 +148,19 @@ class _Listing:
         self.firsts = [sum(counts[:i]) for i in range(len(counts) + 1)]
         if self.firsts[-1] > 2**31 - 1:
             raise CodegenError("the scene has too many variables for an FMU")
-        self.names = _Names()
-        self.names.own("time")
+        self.given = {"time"}
         # What the scene names comes first; what is made of these names gives way.
         named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
-        self.own = [[self.names.own(row.name) for row in rows] for rows in named]
+        self.own = [[self._named(row.name) for row in rows] for rows in named]
         columns = kernels.partials.columns_of()
         self.needed = self._closed(columns)
+
+    def _named(self, name: str) -> str:
+        """Return a name, with a number appended if it is taken."""
+        numbers = chain([name], (f"{name}_{n}" for n in count(2)))
+        found = next(one for one in numbers if one not in self.given)
+        self.given.add(found)
+        return found
 
     def _closed(self, columns: list[set[int]]) -> list[set[int]]:
         """Replace algebraic unknowns among the columns of each row by what these depend on."""
@@ -231,45 +214,20 @@ class _Listing:
         ]
         inputs = [
             FmuVariable(
-                firsts[4] + i,
-                self.own[1][place],
-                layout.inputs[place].unit,
-                layout.inputs[place].doc,
-                "input",
-                "continuous",
-                start=input_values[i],
+                firsts[4] + i, self.own[1][place], layout.inputs[place].unit,
+                layout.inputs[place].doc, "input", "continuous", start=input_values[i],
             )
             for i, place in enumerate(self.outside)
-        ]
+        ]  # fmt: skip
+        events = [f"{_quoted(row.name)}.indicator" for row in layout.events]
+        meanings = [Quantity("", "", f"what event {row.name} looks at") for row in layout.events]
         first = self.n
-        outputs = [
-            self._calculated(firsts[6] + i, self.own[2][i], row.unit, row.doc, "output", first + i)
-            for i, row in enumerate(layout.outputs)
-        ]
+        outputs = self._calculated(6, first, self.own[2], layout.outputs, "output")
         first += len(outputs)
-        indicators = [
-            self._calculated(
-                firsts[7] + i,
-                self.names.own(f"{_quoted(row.name)}.indicator"),
-                "",
-                f"what event {row.name} looks at",
-                "local",
-                first + i,
-            )
-            for i, row in enumerate(layout.events)
-        ]
+        indicators = self._calculated(7, first, map(self._named, events), meanings)
         first += len(indicators)
-        signals = [
-            self._calculated(
-                firsts[5] + i,
-                self.own[1][place],
-                layout.inputs[place].unit,
-                layout.inputs[place].doc,
-                "local",
-                first + i,
-            )
-            for i, place in enumerate(self.signals)
-        ]
+        names = [self.own[1][i] for i in self.signals]
+        signals = self._calculated(5, first, names, [layout.inputs[i] for i in self.signals])
         time = FmuVariable(0, "time", "s", "", "independent", "continuous")
         return FmuVariables(
             time,
@@ -277,9 +235,9 @@ class _Listing:
             tuple(rates),
             tuple(parameters),
             tuple(inputs),
-            tuple(signals),
-            tuple(outputs),
-            tuple(indicators),
+            signals,
+            outputs,
+            indicators,
             *self._slopes(),
         )
 
@@ -337,18 +295,27 @@ class _Listing:
         row, needs = self.layout.states[i], self._needs(i)
         unit = _over(row.unit, "s")
         return FmuVariable(
-            self.firsts[2] + i, self.names.own(f"der({self.own[3][i]})"), unit, "", "local",
+            self.firsts[2] + i, self._named(f"der({self.own[3][i]})"), unit, "", "local",
             "continuous", "calculated", derivative_of=self.firsts[1] + i, depends=needs,
             depends_at_start=self._at_start(needs),
         )  # fmt: skip
 
     def _calculated(
-        self, reference: int, name: str, unit: str, doc: str, causality: str, row: int
-    ) -> FmuVariable:
-        needs = self._needs(row)
-        return FmuVariable(
-            reference, name, unit, doc, causality, "continuous", "calculated", depends=needs,
-            depends_at_start=self._at_start(needs),
+        self,
+        block: int,
+        first: int,
+        names: Iterable[str],
+        rows: Sequence[Quantity],
+        causality: str = "local",
+    ) -> tuple[FmuVariable, ...]:
+        """List a block of calculated variables, whose derivatives begin at a row."""
+        needs = [self._needs(first + i) for i in range(len(rows))]
+        return tuple(
+            FmuVariable(
+                self.firsts[block] + i, name, row.unit, row.doc, causality, "continuous",
+                "calculated", depends=needs[i], depends_at_start=self._at_start(needs[i]),
+            )
+            for i, (name, row) in enumerate(zip(names, rows, strict=True))
         )  # fmt: skip
 
     def _slopes(self) -> tuple[tuple[FmuVariable, ...], tuple[FmuVariable, ...]]:
@@ -364,7 +331,7 @@ class _Listing:
                 tuple(
                     FmuVariable(
                         first + place,
-                        self.names.own(f"d({names[i]})/d({wanted[j]})"),
+                        self._named(f"d({names[i]})/d({wanted[j]})"),
                         _over(rows[i].unit, layout.units.get(wanted[j], "")),
                         f"sensitivity of {names[i]} to {wanted[j]}",
                         causality,

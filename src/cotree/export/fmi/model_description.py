@@ -12,8 +12,6 @@ from cotree.units import stated_unit
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cotree.export.fmi.fmu_variables import FmuVariable, FmuVariables
     from cotree.units import Unit
 
@@ -21,6 +19,23 @@ if TYPE_CHECKING:
 _BASES = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 
 _TYPE = {2: "Real", 3: "Float64"}
+
+#: Attributes of interface types that are true.
+_CAPABILITIES = {
+    2: ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"),
+    3: (
+        "canGetAndSetFMUState",
+        "canSerializeFMUState",
+        "providesDirectionalDerivatives",
+        "providesAdjointDerivatives",
+    ),
+}
+_CAPABILITIES_OF_KINDS = {
+    ("ModelExchange", 2): (),
+    ("ModelExchange", 3): ("needsCompletedIntegratorStep",),
+    ("CoSimulation", 2): ("canHandleVariableCommunicationStepSize",),
+    ("CoSimulation", 3): ("canHandleVariableCommunicationStepSize", "mightReturnEarlyFromDoStep"),
+}
 
 # Structured names of the standard, but for indices of arrays: words, or texts in quotes, with dots.
 _WORDS = r"(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+')(?:\.(?:[A-Za-z_][A-Za-z0-9_]*|'[^'\\]+'))*"
@@ -98,32 +113,8 @@ class Description:
 
     def _add_kind(self, root: ElementTree.Element, kind: str) -> None:
         given = {"modelIdentifier": self.identifier}
-        if self.version == 3:
-            given |= dict.fromkeys(
-                (
-                    "canGetAndSetFMUState",
-                    "canSerializeFMUState",
-                    "providesDirectionalDerivatives",
-                    "providesAdjointDerivatives",
-                ),
-                "true",
-            )
-        else:
-            given |= dict.fromkeys(
-                (
-                    "canGetAndSetFMUstate",
-                    "canSerializeFMUstate",
-                    "providesDirectionalDerivative",
-                ),
-                "true",
-            )
-        if kind == "ModelExchange":
-            name = "needsCompletedIntegratorStep" if self.version == 3 else ""
-            given |= {name: "true"} if name else {}
-        else:
-            given["canHandleVariableCommunicationStepSize"] = "true"
-            if self.version == 3:
-                given["mightReturnEarlyFromDoStep"] = "true"
+        given |= dict.fromkeys(_CAPABILITIES[self.version], "true")
+        given |= dict.fromkeys(_CAPABILITIES_OF_KINDS[kind, self.version], "true")
         element = ElementTree.SubElement(root, kind, given)
         if self.version == 2:
             files = ElementTree.SubElement(element, "SourceFiles")
@@ -184,29 +175,15 @@ class Description:
             return
         # The knowns of FMI 2 are inputs, states and time, later on without parameters.
         fixed = {row.reference for row in variables.parameters}
-        for tag, rows in (
-            ("Outputs", variables.reported),
-            ("Derivatives", variables.rates),
+        initial.sort(key=lambda row: row.reference)
+        for tag, found in (
+            ("Outputs", [(r.reference, _without(r.depends, fixed)) for r in variables.reported]),
+            ("Derivatives", [(r.reference, _without(r.depends, fixed)) for r in variables.rates]),
+            ("InitialUnknowns", [(r.reference, r.depends_at_start) for r in initial]),
         ):
-            self._add_list(
-                structure, tag, [(r.reference, _without(r.depends, fixed)) for r in rows]
-            )
-        known = sorted(initial, key=lambda row: row.reference)
-        self._add_list(
-            structure, "InitialUnknowns", [(r.reference, r.depends_at_start) for r in known]
-        )
-
-    def _add_list(
-        self,
-        parent: ElementTree.Element,
-        tag: str,
-        rows: Sequence[tuple[int, tuple[int, ...] | None]],
-    ) -> None:
-        if not rows:
-            return
-        listed = ElementTree.SubElement(parent, tag)
-        for reference, depends in rows:
-            self._add_unknown(listed, "Unknown", reference, depends)
+            listed = ElementTree.SubElement(structure, tag) if found else structure
+            for reference, depends in found:
+                self._add_unknown(listed, "Unknown", reference, depends)
 
     def _add_unknown(
         self,
