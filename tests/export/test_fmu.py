@@ -74,7 +74,7 @@ STEPS, EXCHANGE = ["CoSimulation"], ["ModelExchange"]
         (
             "motor-linkage",
             EXCHANGE,
-            ["assembly", "iteration", "least"],
+            ["assembly", "iteration", "least", "start"],
             ["cotree_job", "cotree_events"],
         ),
     ],
