@@ -7,119 +7,33 @@ method also reads kernels of derivatives, and solves with the scalar engine's el
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any
 
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.integrators import INTEGRATORS, conditions
 from cotree.codegen.model_files import declarations
-from cotree.codegen.newton import elimination_context
+from cotree.codegen.newton import linear_system
 from cotree.codegen.node_statements import SINES
-from cotree.codegen.printing import int_table, wrapped
+from cotree.codegen.printing import int_table
 from cotree.codegen.render import render
 from cotree.codegen.runtime import header_text, resolve, with_runtime
 from cotree.codegen.targets import MEMBERS
 from cotree.dag.nodes import substitute
 from cotree.dag.operations import OPERATIONS
 from cotree.naming import c_identifier
-from cotree.program.implicit import form_curvature, form_time_slope
 from cotree.program.passes import rewrite
 from cotree.quiet import without_collection
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    from cotree.codegen.newton import EliminationContext
-    from cotree.codegen.printing import Body, Constants
+    from cotree.codegen.newton import LinearSystem
+    from cotree.codegen.printing import Body
     from cotree.dag.multi_output import LinearMap
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel, Layout, Program
-
-
-@dataclass(frozen=True)
-class StiffLanes:
-    """Data of the template."""
-
-    elimination: EliminationContext  # the factors of ``shift - J`` and solutions with them
-    n_values: int  # nonzeros of J
-    #: Values of the two kernels of second derivatives; zero where there are none.
-    n_carried: int
-    n_couplings: int
-    #: Whether rates change with time, so that there is a kernel of these derivatives.
-    has_slope: bool
-    is_whole: bool  # whether no sensitivity vanishes
-    tables: list[Constants]  # the pattern of J by rows, and of the sensitivities
-
-    @property
-    def text(self) -> list[str]:
-        """Its lines, for the digest of a file."""
-        tables = [*self.elimination.tables, *self.tables]
-        lines = [line for table in tables for line in table.lines]
-        return [*self.elimination.factor.text, *self.elimination.solve.text, *lines]
-
-
-def form_stiff(program: Program, *, has_sensitivities: bool) -> tuple[StiffLanes, list[Kernel]]:
-    """Form what a Rosenbrock method needs besides the rates.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes, one without algebraic unknowns.
-    has_sensitivities : bool
-        Whether sensitivities are integrated.
-
-    Returns
-    -------
-    stiff : StiffLanes
-        Data of the template.
-    kernels : list of Kernel
-        Derivatives of the rates, which are still to be printed.
-    """
-    layout, plan = program.layout, program.elimination
-    assert plan is not None  # the shift is on all of the diagonal
-    slope = form_time_slope(program)
-    if slope is not None and not has_sensitivities:
-        slope = replace(slope, results=slope.results[: len(layout.states)])
-    curvature = form_curvature(program) if has_sensitivities else None
-    kernels = [program.kernels["jacobian"]]
-    kernels += [slope] if slope is not None else []
-    kernels += [curvature.at, curvature.along] if curvature is not None else []
-    couplings = () if curvature is None else curvature.places
-    tables = [*_rows_of(layout)]
-    if couplings:
-        tables.append(int_table("couplings", couplings))
-    widths = {b - a for a, b in pairwise(layout.sensitivity_starts)} if has_sensitivities else set()
-    is_whole = widths <= {len(layout.states)}
-    if not is_whole:
-        tables.append(int_table("sensitivity_starts", layout.sensitivity_starts))
-        tables.append(int_table("sensitivity_rows", layout.sensitivity_rows))
-    stiff = StiffLanes(
-        elimination=elimination_context(plan, MEMBERS),
-        n_values=len(layout.row_indices),
-        n_carried=0 if curvature is None else len(curvature.at.results),
-        n_couplings=len(couplings),
-        has_slope=slope is not None,
-        is_whole=is_whole,
-        tables=tables,
-    )
-    return stiff, kernels
-
-
-def _rows_of(layout: Layout) -> Iterable[Constants]:
-    """List where rows of the Jacobian begin, and places and columns of their values."""
-    entries: list[tuple[int, int, int]] = []
-    for column, (first, last) in enumerate(pairwise(layout.column_starts)):
-        entries += [(layout.row_indices[at], at, column) for at in range(first, last)]
-    entries.sort()
-    lengths = Counter(row for row, _, _ in entries)
-    rows = range(len(layout.states))
-    yield int_table("row_starts", [*accumulate((lengths[row] for row in rows), initial=0)])
-    yield int_table("row_values", [at for _, at, _ in entries])
-    yield int_table("row_columns", [column for _, _, column in entries])
-
+    from cotree.program import Kernel, Program
 
 #: Functions that are left to the C library, lane by lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
@@ -164,14 +78,13 @@ class LanesContext(KernelFile):
     n_pieces: int
     ranges: tuple[int, ...]
     n_quantities: int
-    places: list[str]
-    stiff: StiffLanes | None
+    is_packed: bool  # whether some sensitivities vanish
+    stiff: LinearSystem | None
 
     @property
     def bodies(self) -> list[Body]:
         """Its functions."""
-        plan = None if self.stiff is None else self.stiff.elimination
-        return [*super().bodies, *(() if plan is None else (plan.factor, plan.solve))]
+        return [*super().bodies, *(self.stiff.bodies if self.stiff is not None else ())]
 
     @property
     def part(self) -> int:
@@ -252,26 +165,32 @@ def lanes_context(
     outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
     has_outputs = bool(layout.outputs) and not _kernels_refusal(outputs)
     kernels += outputs if has_outputs else []
+    n, n_s = len(layout.states), len(layout.sensitivities) if has_sensitivities else 0
+    places = [*range(n), *(n + place for place in layout.sensitivity_places if n_s)]
+    is_packed = places != [*range(n * (1 + n_s))]
+    tables = [int_table("places", places)] if is_packed else []
     stiff = None
     if INTEGRATORS[method].is_implicit:
-        stiff, derivatives = form_stiff(program, has_sensitivities=has_sensitivities)
-        kernels += derivatives
+        stiff, derivatives = linear_system(program, MEMBERS, has_sensitivities=has_sensitivities)
+        kernels += [program.kernels["jacobian"], *derivatives]
+        names = "column_starts", "row_indices", "sensitivity_starts", "sensitivity_rows"
+        tables += [int_table(name, getattr(layout, name)) for name in names[: 4 if n_s else 2]]
+        tables += [stiff.places] if stiff.n_couplings else []
     kernels = [*map(_written_out, kernels)]
     nodes = [node for kernel in kernels for node in kernel.order]
     ops = {node.op for node in nodes}
     packs_sines = "sines" in ops
-    names: dict[Any, str] = {**name_tables(nodes)}
+    called: dict[Any, str] = {**name_tables(nodes)}
     if packs_sines:
-        names[SINES] = "cotree_sines"
-    contexts = [kernel_context(prefix, k, program, names, {}, MEMBERS) for k in kernels]
-    n, n_s = len(layout.states), len(layout.sensitivities) if has_sensitivities else 0
-    n_blocks = 1 + n_s
-    places = [*range(n)]
-    if has_sensitivities:
-        places += [n + place for place in layout.sensitivity_places]
+        called[SINES] = "cotree_sines"
+    contexts = [kernel_context(prefix, k, program, called, {}, MEMBERS) for k in kernels]
     block = next(length for length in (2, 4, 8) if len(places) <= length or length == 8)
+    lines = [line for table in tables for line in table.lines]
+    further = [*lines, *(stiff.text if stiff is not None else ())]
+    fields = file_fields(layout.name, nodes, contexts, further)
+    fields["tables"] += tables
     return LanesContext(
-        **file_fields(layout.name, nodes, contexts, () if stiff is None else stiff.text),
+        **fields,
         width=lanes.width,
         n_bundles=lanes.n_bundles,
         instructions=lanes.instructions,
@@ -280,7 +199,7 @@ def lanes_context(
         packs_sines=packs_sines,
         library={op: OPERATIONS[op].c.split("(")[0] for op in _LIBRARY if op in ops},
         n=len(places),
-        n_full=n * n_blocks,
+        n_full=n * (1 + n_s),
         block=block,
         row=-(-len(places) // block) * block,
         n_states=n,
@@ -294,8 +213,7 @@ def lanes_context(
         n_pieces=layout.n_pieces,
         ranges=layout.ranges,
         n_quantities=layout.n_quantities,
-        # Most often nothing vanishes.
-        places=[] if places == [*range(n * n_blocks)] else wrapped(map(str, places)),
+        is_packed=is_packed,
         stiff=stiff,
     )
 

@@ -9,13 +9,13 @@ consecutive entries, which C can vectorise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.codegen.blocks import cut_into_blocks
 from cotree.codegen.context import KernelFile, file_fields, kernel_context, name_tables
 from cotree.codegen.ir import Argument, Assign, apply, element, named, number, temporary
-from cotree.codegen.printing import Body, int_table, print_body, wrapped
+from cotree.codegen.printing import Body, int_table, print_body
 from cotree.codegen.render import render
 from cotree.codegen.runtime import ALL, Features, with_runtime
 from cotree.codegen.targets import DOUBLE
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.codegen.printing import Constants
     from cotree.codegen.targets import Target
     from cotree.linear.plan import Elimination
-    from cotree.program import Program
+    from cotree.program import Kernel, Program
 
 
 def elimination_tables(plan: Elimination) -> list[Constants]:
@@ -130,22 +130,63 @@ class EliminationContext:
 
 
 @dataclass(frozen=True)
-class NewtonContext(KernelFile):
-    """Data of the template."""
+class LinearSystem:
+    """The linear systems of an implicit method, for states and their sensitivities."""
 
-    target: Target
-    elimination: EliminationContext | None
-    is_autonomous: bool
-    has_slope: bool
-    n_carried: int
+    elimination: EliminationContext | None  # None where the matrix is structurally singular
+    has_slope: bool  # whether rates change with time
+    n_carried: int  # values of the two kernels of second derivatives
     n_couplings: int
-    places: list[str]
+    places: Constants  # of the couplings among the sensitivities
 
     @property
     def bodies(self) -> list[Body]:
         """The functions."""
         plan = self.elimination
-        return [*super().bodies, *((plan.factor, plan.solve) if plan is not None else ())]
+        return [] if plan is None else [plan.factor, plan.solve]
+
+    @property
+    def text(self) -> list[str]:
+        """The lines, for the digest of a file."""
+        tables = [self.places, *(self.elimination.tables if self.elimination else ())]
+        lines = [line for table in tables for line in table.lines]
+        return [*lines, *(line for body in self.bodies for line in body.text)]
+
+
+def linear_system(
+    program: Program, target: Target, *, has_sensitivities: bool = True
+) -> tuple[LinearSystem, list[Kernel]]:
+    """Return the linear systems of a program, and the derivatives that these need."""
+    plan = program.elimination
+    slope = form_time_slope(program)
+    if slope is not None and not has_sensitivities:
+        slope = replace(slope, results=slope.results[: len(program.layout.states)])
+    curvature = form_curvature(program) if has_sensitivities else None
+    kernels = [slope] if slope is not None else []
+    kernels += [curvature.at, curvature.along] if curvature is not None else []
+    places = () if curvature is None else curvature.places
+    system = LinearSystem(
+        elimination=None if plan is None else elimination_context(plan, target),
+        has_slope=slope is not None,
+        n_carried=0 if curvature is None else len(curvature.at.results),
+        n_couplings=len(places),
+        places=int_table("coupling_places", places),
+    )
+    return system, kernels
+
+
+@dataclass(frozen=True)
+class NewtonContext(KernelFile):
+    """Data of the template."""
+
+    target: Target
+    system: LinearSystem
+    is_autonomous: bool
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The functions."""
+        return [*super().bodies, *self.system.bodies]
 
 
 def render_newton(model: NewtonContext, features: Features = ALL) -> Mapping[str, str]:
@@ -172,32 +213,20 @@ def newton_declarations(model: NewtonContext) -> str:
 @without_collection()
 def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     """Gather what the template needs, for numbers one at a time."""
-    layout, prefix = program.layout, c_identifier(program.layout.name)
-    plan = program.elimination
-    elimination = None if plan is None else elimination_context(plan, target)
-    curvature = form_curvature(program)
-    slope = form_time_slope(program)
-    made = [slope] if slope is not None else []
-    made += [curvature.at, curvature.along] if curvature is not None else []
+    name = program.layout.name
+    system, made = linear_system(program, target)
     nodes = [node for kernel in made for node in kernel.order]
     names = name_tables(nodes)
-    kernels = [kernel_context(prefix, kernel, program, names, {}, target) for kernel in made]
-    places = [] if curvature is None else wrapped(map(str, curvature.places))
-    # The digest of the file follows the elimination, too: not only kernels change it.
-    further = list(places)
-    if elimination is not None:
-        further += [*elimination.factor.text, *elimination.solve.text]
-        further += [line for table in elimination.tables for line in table.lines]
+    kernels = [
+        kernel_context(c_identifier(name), kernel, program, names, {}, target) for kernel in made
+    ]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
-        **file_fields(layout.name, nodes, kernels, further, target),
+        # The digest of the file follows the elimination, too: not only kernels change it.
+        **file_fields(name, nodes, kernels, system.text, target),
         target=target,
-        elimination=elimination,
+        system=system,
         is_autonomous=kinds_in(rates).isdisjoint((TIME, INPUT)),
-        has_slope=slope is not None,
-        n_carried=0 if curvature is None else len(curvature.at.results),
-        n_couplings=0 if curvature is None else len(curvature.places),
-        places=places,
     )
 
 

@@ -3,9 +3,8 @@
  */
 #include "cotree_stiff.h"
 
-/* The planned pivots are accepted if the solution solves a system whose entries differ from the
- * true ones by at most this share. */
-#define PIVOT_TOLERANCE COTREE_PLANNED_PIVOTS
+typedef cotree_stiff cotree_systems;
+#include "cotree_systems.h"
 
 #define N_STATES (stiff->run->model->n_states)
 #define N_ALGEBRAIC (stiff->run->model->n_algebraic)
@@ -115,32 +114,7 @@ static int factorise(cotree_real shift, void *context)
     return factorise_values(stiff, stiff->linear, shift);
 }
 
-/* Return whether x solves the system up to small relative changes of its entries. */
-static int is_accurate_solution(const cotree_stiff *stiff, const cotree_real *x)
-{
-    const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
-    cotree_real *const left = stiff->residual, *const size = stiff->work;
-    int i, j;
-    for (i = 0; i < N_STATES; ++i) {
-        const cotree_real own = i < N_RATES ? stiff->shift * x[i] : COTREE_F(0.0);
-        left[i] = own - stiff->given[i];
-        size[i] = COTREE_FABS(own) + COTREE_FABS(stiff->given[i]);
-    }
-    for (j = 0; j < N_STATES; ++j) {
-        for (i = starts[j]; i < starts[j + 1]; ++i) {
-            const cotree_real part = stiff->values[i] * x[j];
-            left[rows[i]] -= part;
-            size[rows[i]] += COTREE_FABS(part);
-        }
-    }
-    for (i = 0; i < N_STATES; ++i) {
-        if (!(COTREE_FABS(left[i]) <= PIVOT_TOLERANCE * size[i] + COTREE_MIN)) return 0;
-    }
-    return 1;
-}
-
-/* Inline: short, and called very often. */
-static inline void solve_blocks(const cotree_stiff *stiff, int n_blocks, cotree_real *x)
+static inline void cotree_solve_blocks(const cotree_stiff *stiff, int n_blocks, cotree_real *x)
 {
     if (!stiff->is_dense) {
         stiff->newton->solve(stiff->factors, n_blocks, x, stiff->work);
@@ -155,48 +129,19 @@ static int solve_states(cotree_stiff *stiff, cotree_real *x)
     const int is_known = stiff->is_dense || stiff->is_checked;
     int i, status;
     for (i = 0; i < N_STATES && !is_known; ++i) stiff->given[i] = x[i];
-    solve_blocks(stiff, 1, x);
+    cotree_solve_blocks(stiff, 1, x);
     if (is_known) return 0;
     stiff->is_checked = 1;
-    if (is_accurate_solution(stiff, x)) return 0;
+    if (cotree_is_solution(N_STATES, N_RATES, MODEL->column_starts, MODEL->row_indices,
+                           stiff->values, stiff->shift, stiff->given, x, stiff->residual,
+                           stiff->work)) {
+        return 0;
+    }
     status = factorise_dense(stiff);
     if (status != 0) return status;
     for (i = 0; i < N_STATES; ++i) x[i] = stiff->given[i];
-    solve_blocks(stiff, 1, x);
+    cotree_solve_blocks(stiff, 1, x);
     return 0;
-}
-
-/* Return the number of sensitivities to a parameter that do not vanish at all times. */
-static int n_reached_by(const cotree_stiff *stiff, int parameter)
-{
-    const int *const starts = MODEL->sensitivity_starts;
-    return starts[parameter + 1] - starts[parameter];
-}
-
-/* Solve for the sensitivities to each parameter; those left out are zero. */
-static void solve_sensitivities(const cotree_stiff *stiff, cotree_real *s)
-{
-    const int n_parameters = stiff->run->n_blocks - 1;
-    const int *rows = MODEL->sensitivity_rows;
-    cotree_real *const whole = stiff->residual;
-    int i, j = 0;
-    while (j < n_parameters) {
-        const int n = n_reached_by(stiff, j);
-        int n_whole = 0; /* adjacent blocks without zeros: one call */
-        while (j + n_whole < n_parameters && n_reached_by(stiff, j + n_whole) == N_STATES)
-            ++n_whole;
-        if (n_whole > 0) {
-            solve_blocks(stiff, n_whole, s);
-        } else if (n > 0) {
-            for (i = 0; i < N_STATES; ++i) whole[i] = COTREE_F(0.0);
-            for (i = 0; i < n; ++i) whole[rows[i]] = s[i];
-            solve_blocks(stiff, 1, whole);
-            for (i = 0; i < n; ++i) s[i] = whole[rows[i]];
-        }
-        s += n_whole > 0 ? n_whole * N_STATES : n;
-        rows += n_whole > 0 ? n_whole * N_STATES : n;
-        j += n_whole > 0 ? n_whole : 1;
-    }
 }
 
 /* Solve for all blocks. The solution of the states contributes to the sensitivities. */
@@ -212,7 +157,9 @@ static int solve(cotree_real *u, void *context)
         if (status != 0) return status;
         for (i = 0; i < newton->n_couplings; ++i) s[newton->places[i]] += stiff->couplings[i];
     }
-    solve_sensitivities(stiff, s);
+    cotree_solve_sensitivities(stiff, N_STATES, stiff->run->n_blocks - 1,
+                               MODEL->sensitivity_starts, MODEL->sensitivity_rows, s,
+                               stiff->residual);
     return 0;
 }
 
