@@ -18,11 +18,6 @@
 /* An external function failed. */
 #define COTREE_FAILED_CALL 2
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* cotree: begin of the part that cffi reads */
 /* prepare may also return -1 - i: the parameters violate guard i. */
 typedef int (*cotree_prepare_kernel)(const double *p, double *k);
 typedef int (*cotree_parameter_kernel)(const double *p, const double *k, double *result);
@@ -157,10 +152,5 @@ typedef struct cotree_model {
     cotree_sensitivity_kernel algebraic_sensitivity;
     const cotree_hybrid *hybrid; /* NULL without events and kinks */
 } cotree_model;
-/* cotree: end of the part that cffi reads */
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

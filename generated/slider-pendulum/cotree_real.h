@@ -31,9 +31,16 @@ typedef double cotree_real;
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
 
-#if defined(__cplusplus)
-#define COTREE_RESTRICT
-#elif defined(__STDC_VERSION__) && __STDC_VERSION__ >= 199901L
+/* What stands between these is C, in C++, too. */
+#ifdef __cplusplus
+#define COTREE_BEGIN_DECLS extern "C" {
+#define COTREE_END_DECLS }
+#else
+#define COTREE_BEGIN_DECLS
+#define COTREE_END_DECLS
+#endif
+
+#if defined(__STDC_VERSION__) && __STDC_VERSION__ >= 199901L
 #define COTREE_RESTRICT restrict
 #else
 #define COTREE_RESTRICT

@@ -292,13 +292,6 @@ static const cotree_model model = {
     .sensitivity_rhs = slider_pendulum_sensitivity_rhs,
     .outputs_of_state = slider_pendulum_outputs,
     .output_sensitivity = slider_pendulum_output_sensitivity,
-    .inputs = NULL, .inputs_of_time = NULL, .constraints = NULL,
-    .constraint_sensitivity = NULL, .gradient = NULL, .start = NULL,
-    .start_gradient = NULL, .start_sensitivity = NULL, .projection = NULL,
-    .sensitivity_projection = NULL, .events = NULL, .jumps = NULL,
-    .event_sensitivity = NULL, .event_rates = NULL, .event_ranges = NULL,
-    .algebraic_step = NULL, .extended_rhs = NULL, .extended_augmented_rhs = NULL,
-    .algebraic_sensitivity = NULL,
 };
 
 const cotree_model *slider_pendulum_abi(void)

@@ -68,9 +68,7 @@ enum slider_pendulum_sensitivity {
     SLIDER_PENDULUM_SENSITIVITY_L
 };
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* What depends on parameters only, n_prepared values.
  * Values: 7. Stack: 96 bytes at most. */
@@ -142,8 +140,6 @@ COTREE_EXPORT int slider_pendulum_output_sensitivity(double t, const double *COT
 /* All of it in one structure. */
 COTREE_EXPORT const cotree_model *slider_pendulum_abi(void);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

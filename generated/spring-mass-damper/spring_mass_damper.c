@@ -208,13 +208,6 @@ static const cotree_model model = {
     .sensitivity_rhs = spring_mass_damper_sensitivity_rhs,
     .outputs_of_state = spring_mass_damper_outputs,
     .output_sensitivity = spring_mass_damper_output_sensitivity,
-    .inputs = NULL, .inputs_of_time = NULL, .constraints = NULL,
-    .constraint_sensitivity = NULL, .gradient = NULL, .start = NULL,
-    .start_gradient = NULL, .start_sensitivity = NULL, .projection = NULL,
-    .sensitivity_projection = NULL, .events = NULL, .jumps = NULL,
-    .event_sensitivity = NULL, .event_rates = NULL, .event_ranges = NULL,
-    .algebraic_step = NULL, .extended_rhs = NULL, .extended_augmented_rhs = NULL,
-    .algebraic_sensitivity = NULL,
 };
 
 const cotree_model *spring_mass_damper_abi(void)

@@ -64,9 +64,7 @@ enum spring_mass_damper_sensitivity {
     SPRING_MASS_DAMPER_SENSITIVITY_k
 };
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* What depends on parameters only, n_prepared values.
  * Values: 3. Stack: 48 bytes at most. */
@@ -139,8 +137,6 @@ COTREE_EXPORT int spring_mass_damper_output_sensitivity(double t, const double *
 /* All of it in one structure. */
 COTREE_EXPORT const cotree_model *spring_mass_damper_abi(void);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -92,7 +92,10 @@ def test_cmake_finds_what_was_installed(folder, known, shared, tmp_path):
     run([cmake, "--build", str(consumer)], tmp_path)
     text = run([str(consumer / "consumer")], tmp_path)
     assert printed(text) == pytest.approx(known, abs=LOST["double"])
-    assert f"prefix={prefix}\n" in next(prefix.rglob("slider_pendulum.pc")).read_text()
+    found = next(prefix.rglob("slider_pendulum.pc"))
+    flag = run([need("pkg-config"), "--cflags", str(found)], tmp_path).strip()
+    header = Path(flag.removeprefix("-I"), "slider_pendulum.h").resolve(strict=True)
+    assert header.is_relative_to(prefix.resolve())
 
 
 @pytest.mark.slow

@@ -45,7 +45,6 @@ NAMES = [
     "main.c",
     "CMakeLists.txt",
     "Makefile",
-    "spring_mass_damperConfig.cmake.in",
     "spring_mass_damper.pc.in",
 ]
 

@@ -7,7 +7,6 @@ IDAS are CVODE and IDA with sensitivities, which have vectors of their own.
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +49,8 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
 }
 
 _HEADER = "cotree_sundials.h"
-_FUNCTION = re.compile(r"^    (\w+ \*?)\(\*(\w+)\)\(([^)]*)\);", re.MULTILINE)
+#: Headers with the types of a job and of a start.
+_JOB_HEADERS = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h")
 
 
 def sundials_files(library: str) -> dict[str, str]:
@@ -76,8 +76,15 @@ def sundials_files(library: str) -> dict[str, str]:
 def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
     """Return result and arguments of each function that is called of a library, by name."""
     text = sundials_files(library)[_HEADER]
-    rows = _FUNCTION.findall(text[text.index("typedef struct cotree_sundials {") :])
-    return {name: (result.strip(), " ".join(arguments.split())) for result, name, arguments in rows}
+    members = text.partition("typedef struct cotree_sundials {")[2].partition("\n}")[0]
+    found = {}
+    for member in members.split(";"):
+        head, _, rest = member.partition("(*")
+        name, _, arguments = rest.partition(")(")
+        if name:
+            result = head.rpartition("\n")[2].strip()
+            found[name] = result, " ".join(arguments.removesuffix(")").split())
+    return found
 
 
 #: Every integrator with error control, by name.
@@ -201,17 +208,18 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
     """Return the declarations of an engine and of the library functions that it calls, for cffi."""
-    headers = ["cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_job.h"]
+    headers = [*_JOB_HEADERS, "cotree_job.h"]
+    types = ["cotree_start_tables"]
     functions: Mapping[str, tuple[str, str]] = {}
-    if name in SUNDIALS:
-        headers.append("cotree_sundials.h")
+    stepper = f"const cotree_stepper *cotree_{name}_stepper(void);\n"
+    if name in SUNDIALS:  # its header declares the steppers of all libraries
+        headers.append(_HEADER)
+        types += ["cotree_sundials", "cotree_sundials_aid"]
         functions = {**sundials_functions(name), **VERSION_FUNCTION}
+        stepper = ""
     return (
-        declarations(files, headers)
-        + f"const cotree_stepper *cotree_{name}_stepper(void);\n"
-        + "size_t cotree_job_memory(cotree_job *);\n"
-        + "int cotree_job_run(cotree_job *, long);\nvoid cotree_job_sync(cotree_job *);\n"
-        + "void cotree_job_end(cotree_job *);\n"
+        declarations(map(files.__getitem__, headers), types)
+        + stepper
         + "".join(f"{result} {f}({arguments});\n" for f, (result, arguments) in functions.items())
     )
 
@@ -223,10 +231,7 @@ def sweep_files() -> Mapping[str, str]:
 
 def sweep_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of a sweep that cffi reads."""
-    return declarations(files, ["cotree_abi.h"]) + (
-        "int cotree_sweep(const cotree_model *, const double *, const double *, int,"
-        " const double *, const double *, int, int, double *, double *, double *);\n"
-    )
+    return declarations([files["cotree_abi.h"], files["cotree_sweep.h"]])
 
 
 def columns_files() -> Mapping[str, str]:
@@ -236,11 +241,7 @@ def columns_files() -> Mapping[str, str]:
 
 def columns_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of these that cffi reads."""
-    return declarations(files, ["cotree_abi.h"]) + (
-        "int cotree_columns(const cotree_model *, cotree_state_kernel, cotree_sensitivity_kernel,"
-        " int, const double *, const double *, const double *, int, const double *, int, double *,"
-        " int, double *, double *, int);\n"
-    )
+    return declarations([files["cotree_abi.h"], files["cotree_columns.h"]])
 
 
 def batch_files() -> Mapping[str, str]:
@@ -256,22 +257,8 @@ def batch_files() -> Mapping[str, str]:
 
 def batch_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of a batch that cffi reads."""
-    headers = (
-        "cotree_abi.h",
-        "cotree_run.h",
-        "cotree_start_tables.h",
-        "cotree_start.h",
-        "cotree_job.h",
-        "cotree_batch.h",
-    )
-    return declarations(files, headers) + (
-        "int cotree_batch_work(cotree_worker *);\n"
-        "void cotree_batch_close(cotree_worker *);\n"
-        "int cotree_batch_prepare(const cotree_batch *, int, double *, double *);\n"
-        "int cotree_batch_finish(cotree_worker *, int, const double *);\n"
-        "double cotree_batch_now(void);\n"
-        "int cotree_batch_most_threads(void);\n"
-    )
+    headers = (*_JOB_HEADERS, "cotree_start.h", "cotree_job.h", "cotree_batch.h")
+    return declarations(map(files.__getitem__, headers))
 
 
 _COMMON: dict[str, Any] = {

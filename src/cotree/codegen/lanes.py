@@ -235,8 +235,7 @@ def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
 
 def lanes_declarations(model: LanesContext) -> str:
     """Return the declarations that cffi reads."""
-    header = header_text("cotree_lanes.h")
-    declared = declarations({"cotree_lanes.h": header}, ["cotree_lanes.h"])
+    declared = declarations([header_text("cotree_lanes.h")], ["cotree_lanes"])
     return f"{declared}const cotree_lanes *{model.prefix}_lanes(void);\n"
 
 

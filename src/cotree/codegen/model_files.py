@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
+from cotree.codegen.c_text import exported
 from cotree.codegen.render import render
 from cotree.codegen.runtime import ALL, Features, with_runtime
 from cotree.quiet import without_collection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.codegen.context import ModelContext
     from cotree.program import Program
@@ -59,26 +60,20 @@ def cdef(header: str, prefix: str) -> str:
     prefix : str
         Prefix of the model's names.
     """
-    declared = declarations({"cotree_abi.h": header}, ["cotree_abi.h"])
-    return f"{declared}const cotree_model *{prefix}_abi(void);\n"
+    return f"{declarations([header], ['cotree_model'])}const cotree_model *{prefix}_abi(void);\n"
 
 
-def declarations(files: Mapping[str, str], headers: Iterable[str]) -> str:
-    """Return the declarations of headers that cffi reads; numbers are doubles.
+def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
+    """Return the exported functions of headers, and types, for cffi; numbers are doubles.
 
     Parameters
     ----------
-    files : mapping of str to str
-        Text by file name.
-    headers : iterable of str
-        Names of headers, in an order in which each follows those that it includes.
+    texts : iterable of str
+        Headers, in an order in which each follows those that it includes.
+    types : sequence of str
+        Names of types besides those that functions have.
     """
-    # cffi reads declarations, but no directives of the preprocessor, which stand outside the marks.
-    texts = []
-    for text in map(files.__getitem__, headers):
-        begin = text.index("*/", text.index("begin of the part that cffi reads")) + 2
-        texts.append(text[begin : text.index("/* cotree: end of the part that cffi reads")])
-    return "\n".join(["typedef double cotree_real;", *texts]) + "\n"
+    return f"typedef double cotree_real;\n{exported(texts, types)}"
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ share declarations, and the sources whose first include is either of them.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import TYPE_CHECKING
 
+from cotree.codegen.c_text import includes, squeezed, unframed, without_unused
 from cotree.codegen.render import render
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
@@ -60,14 +60,7 @@ class Features:
 ALL = Features()
 
 
-INCLUDE = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
-_TERM = r"!?COTREE_\w+"
-#: Macros, joined by one operator.
-_CONDITION = re.compile(rf"#if ({_TERM}(?: && {_TERM})*|{_TERM}(?: \|\| {_TERM})*)$")
 _INTERNAL = "_internal.h"
-SYSTEM = re.compile(r"^#include <\w+\.h>\n", re.MULTILINE)
-#: Comments and directives, which compile to nothing.
-_EMPTY = re.compile(r"/\*[\s\S]*?\*/|^#(?:.*\\\n)*.*$", re.MULTILINE)
 #: A source, or several, in one file: functions that only the module calls are its own.
 _PRIVATE = "#undef COTREE_PRIVATE\n#define COTREE_PRIVATE static\n"
 
@@ -98,7 +91,7 @@ def with_runtime(
         Text by file name: the files themselves, then ``cotree_abi.h`` and the runtime's.
     """
     found = {name: resolve(text, features.macros()) for name, text in files.items()}
-    waiting = [name for text in found.values() for name in INCLUDE.findall(text)]
+    waiting = [name for text in found.values() for name in includes(text)]
     while waiting:
         header = waiting.pop(0)
         if header in found or (header != "cotree_abi.h" and header not in _paths()):
@@ -107,8 +100,13 @@ def with_runtime(
         if has_sources:
             added |= source_texts(header, target, features)
         found |= added
-        waiting += [name for text in added.values() for name in INCLUDE.findall(text)]
+        waiting += [name for text in added.values() for name in includes(text)]
     return found
+
+
+def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
+    """Add the modules that texts include, without what nothing uses; see ``with_runtime``."""
+    return without_unused(with_runtime(files, target, features=features), _paths().keys())
 
 
 def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:
@@ -136,28 +134,27 @@ def source_texts(header: str, target: Target = DOUBLE, features: Features = ALL)
     shared = f'#include "{internal}"\n'
     head, _, first = _resolved(_read(names[0]), target, features).partition(shared)
     others = (_resolved(_read(name), target, features).replace(shared, "") for name in names[1:])
-    own = _bare(_resolved(_read(internal), target, features))
-    parts = [own, first, *(text for text in others if _EMPTY.sub("", text).strip())]
+    _, own = unframed(_resolved(_read(internal), target, features))
+    parts = [own, first, *filter(_has_code, others)]
     text = _without_repeated_headers("\n".join(part.lstrip() for part in parts))
     return {names[0]: f"{head}{_PRIVATE}{text}"}
+
+
+def _has_code(text: str) -> bool:
+    """Return whether a text has more than comments and directives."""
+    return any(line[:1].isalpha() for line in text.splitlines())
 
 
 def _without_repeated_headers(text: str) -> str:
     """Leave out what includes a header of C again."""
     seen: set[str] = set()
-
-    def once(found: re.Match[str]) -> str:
-        is_new = found[0] not in seen
-        seen.add(found[0])
-        return found[0] if is_new else ""
-
-    return re.sub(r"\n{3,}", "\n\n", SYSTEM.sub(once, text))
-
-
-def _bare(header: str) -> str:
-    """Return a header without its guard and its first comment."""
-    begin = header.index("\n", header.index("#define ")) + 1
-    return header[begin : header.rindex("#endif")].strip() + "\n"
+    lines = []
+    for line in text.splitlines(keepends=True):
+        if line not in seen:
+            lines.append(line)
+        if line.startswith("#include <"):
+            seen.add(line)
+    return squeezed("".join(lines))
 
 
 @cache
@@ -180,10 +177,8 @@ def _sources(header: str) -> list[str]:
     own = header.removesuffix(".h")
     found = []
     for name in _paths():
-        if name.endswith(".c"):
-            first = INCLUDE.search(_read(name))
-            if first is not None and first[1] in (header, own + _INTERNAL):
-                found.append(name)
+        if name.endswith(".c") and includes(_read(name))[0] in (header, own + _INTERNAL):
+            found.append(name)
     return sorted(found, key=lambda name: (name != f"{own}.c", name))
 
 
@@ -209,10 +204,9 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
     # Of each open condition: whether it is decided here, and whether its lines are kept.
     open_: list[tuple[bool, bool]] = []
     for line in text.splitlines():
-        default = re.match(r"#ifndef (\w+)$", line)
         if (value := _value(line, known)) is not None:
             open_.append((True, value))
-        elif default and default[1] in known:
+        elif line.startswith("#ifndef ") and line.removeprefix("#ifndef ") in known:
             open_.append((True, False))
         elif line.startswith("#if"):
             open_.append((False, True))
@@ -225,19 +219,18 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
             open_.pop()
         else:
             _keep(lines, line, open_)
-    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines) + "\n")
+    return squeezed("\n".join(lines) + "\n")
 
 
 def _value(line: str, known: Mapping[str, bool]) -> bool | None:
     """Return the value of a condition on known macros; None of all other lines."""
-    condition = _CONDITION.match(line)
-    if condition is None:
+    if not line.startswith("#if "):
         return None
-    join = any if "||" in line else all
-    terms = re.findall(r"(!?)(COTREE_\w+)", condition[1])
-    if not all(name in known for _, name in terms):
+    operator, join = (" || ", any) if "||" in line else (" && ", all)
+    terms = line.removeprefix("#if ").split(operator)
+    if not all(term.removeprefix("!") in known for term in terms):
         return None
-    return join(known[name] != bool(negated) for negated, name in terms)
+    return join(known[term.removeprefix("!")] != term.startswith("!") for term in terms)
 
 
 def _keep(lines: list[str], line: str, open_: Iterable[tuple[bool, bool]]) -> None:

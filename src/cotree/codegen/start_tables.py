@@ -110,11 +110,7 @@ def start_files() -> dict[str, str]:
 def start_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of the start that cffi reads."""
     headers = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_start.h")
-    functions = (
-        "int cotree_start_once(cotree_start_call *);\n"
-        "int cotree_start_gradients(cotree_start_call *, double *, double *);\n"
-    )
-    return declarations(files, headers) + functions
+    return declarations(map(files.__getitem__, headers))
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:

@@ -19,7 +19,7 @@ from cotree.codegen.integrators import method_files, stepper_files
 from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.render import render
-from cotree.codegen.runtime import resolve, with_runtime
+from cotree.codegen.runtime import project_files, resolve
 from cotree.codegen.single_file import prefixed, single_file
 from cotree.codegen.tableaus import FIXED
 from cotree.codegen.targets import BY_REAL, DOUBLE
@@ -199,7 +199,7 @@ def write_c_project(
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions(model))
-    texts = with_runtime(texts, target, features=features)
+    texts = project_files(texts, target, features)
     # The model's own file first, then those of every model.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))
@@ -309,7 +309,6 @@ def kit_files(
     files = {
         "CMakeLists.txt": "CMakeLists.txt",
         "Makefile": "Makefile",
-        f"{prefix}Config.cmake.in": "Config.cmake.in",
         f"{prefix}.pc.in": "pc.in",
         **dict.fromkeys(wrapper, "model.hpp"),
     }

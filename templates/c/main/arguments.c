@@ -6,6 +6,14 @@ static int read_number(const char *text, cotree_real *value)
     return end != text && *end == '\0' && COTREE_FABS(*value) <= COTREE_MAX;
 }
 
+/* Read a number from least on and below end. */
+static int read_within(const char *text, cotree_real *value, cotree_real least, cotree_real end,
+                       const char *why)
+{
+    const int is_read = read_number(text, value) && *value >= least && *value < end;
+    return is_read ? 0 : refuse(text, why);
+}
+
 #if COTREE_MAIN_PARAMETERS
 /* Set a parameter: NAME=VALUE. */
 static int set_parameter(const char *text)
@@ -81,8 +89,8 @@ static int print_help(void)
 
 static int read_end(const char *text)
 {
-    const int is_read = read_number(text, &request.t_end);
-    return is_read ? 0 : refuse(text, "the end time is not a finite number");
+    return read_within(text, &request.t_end, -COTREE_MAX, COTREE_INFINITY,
+                       "the end time is not a finite number");
 }
 
 static int read_points(const char *text)
@@ -112,25 +120,19 @@ static int read_option(const char *option, const char *value)
     }
 #if COTREE_MAIN_FIXED
     if (strcmp(option, "--step") == 0) {
-        const int is_read = read_number(value, &request.step);
-        return is_read && request.step > COTREE_F(0.0)
-                   ? 0
-                   : refuse(value, "a step is a positive number");
+        return read_within(value, &request.step, COTREE_MIN, COTREE_INFINITY,
+                           "a step is a positive number");
     }
 #endif
 #if COTREE_MAIN_RTOL
     if (strcmp(option, "--rtol") == 0) {
-        const int is_read = read_number(value, &request.rtol);
-        return is_read && request.rtol > COTREE_F(0.0) && request.rtol < COTREE_F(1.0)
-                   ? 0
-                   : refuse(value, "a relative tolerance lies between 0 and 1");
+        return read_within(value, &request.rtol, COTREE_MIN, COTREE_F(1.0),
+                           "a relative tolerance lies between 0 and 1");
     }
 #endif
     if (strcmp(option, "--atol") == 0) {
-        const int is_read = read_number(value, &request.atol);
-        return is_read && request.atol >= COTREE_F(0.0)
-                   ? 0
-                   : refuse(value, "an absolute tolerance is a number that is not negative");
+        return read_within(value, &request.atol, COTREE_F(0.0), COTREE_INFINITY,
+                           "an absolute tolerance is a number that is not negative");
     }
     return refuse(option, "there is no such option; --help lists them");
 }

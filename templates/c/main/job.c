@@ -53,6 +53,7 @@ static int set_tolerances(cotree_real *atols)
     return k;
 }
 
+#if COTREE_MAIN_STOPS
 /* List the start, the times at which rates have kinks, and the end. Return their number; count them
  * only if corners is NULL. */
 static int list_corners(cotree_real t_end, cotree_real *corners)
@@ -63,14 +64,11 @@ static int list_corners(cotree_real t_end, cotree_real *corners)
         if (corners != NULL) corners[n] = t;
         ++n;
         if (t == t_end) return n;
-#if COTREE_MAIN_STOPS
         t = cotree_next_breakpoint(&stops, t, t_end);
-#else
-        t = t_end;
-#endif
     }
 }
 
+#endif
 #if COTREE_MAIN_EVENTS
 /* Print the times of events, with their sensitivities. */
 static void print_events(void)
@@ -157,21 +155,26 @@ static cotree_real *set_slopes(void)
 }
 
 #endif
-/* Run the job to its end. Its memory and its corners are all that is allocated; without a heap,
- * arrays of these sizes serve. */
+/* Run the job to its end. Its memory and a list of its corners are all that is allocated; without a
+ * heap, arrays of these sizes serve. */
 static int integrate(cotree_real t_end)
 {
+#if COTREE_MAIN_STOPS
     const size_t n_corners = (size_t)list_corners(t_end, NULL);
     cotree_real *const corners = (cotree_real *)calloc(n_corners, sizeof(cotree_real));
+#else
+    const cotree_real corners[2] = {COTREE_F(0.0), t_end};
+#endif
 #if COTREE_MAIN_TURNS
     cotree_real *slopes;
 #endif
     int result = COTREE_JOB_MORE;
-    if (corners == NULL) return fail("there is no memory");
-    job.n_corners = list_corners(t_end, corners);
+    job.n_corners = 2;
     job.corners = corners;
     if (job.n_wanted == 0) job.wanted = corners; /* none of them */
 #if COTREE_MAIN_STOPS
+    if (corners == NULL) return fail("there is no memory");
+    job.n_corners = list_corners(t_end, corners);
     job.scale = cotree_largest_breakpoint(&stops, t_end);
     job.is_start_sharp = cotree_is_breakpoint(&stops, COTREE_F(0.0));
     job.is_end_sharp = cotree_is_breakpoint(&stops, t_end);
@@ -201,7 +204,9 @@ static int integrate(cotree_real t_end)
 #if COTREE_MAIN_TURNS
     free(slopes);
 #endif
+#if COTREE_MAIN_STOPS
     free(corners);
+#endif
     if (result == COTREE_JOB_FAILED) report();
     return result == COTREE_JOB_FAILED;
 }

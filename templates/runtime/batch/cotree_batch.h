@@ -10,7 +10,6 @@
 #include "cotree_job.h"
 #include "cotree_start.h"
 
-/* cotree: begin of the part that cffi reads */
 typedef struct cotree_batch cotree_batch;
 typedef struct cotree_worker cotree_worker;
 
@@ -87,7 +86,6 @@ struct cotree_worker {
     int n_happened;
     void *own; /* memory of lanes */
 };
-/* cotree: end of the part that cffi reads */
 
 /* How a member ended; those after STOPPED are failures. */
 #define COTREE_MEMBER_WAITS 0
@@ -111,9 +109,7 @@ struct cotree_worker {
 #define COTREE_BATCH_STOPPED 4 /* the batch is stopped, and with it the member at work */
 #define COTREE_BATCH_GIVE 5    /* call again with `asked` set, with another member, or with -1 */
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Run members until none is left or the caller has to act. */
 COTREE_EXPORT int cotree_batch_work(cotree_worker *worker);
@@ -160,8 +156,6 @@ static inline int cotree_batch_take(cotree_batch *batch)
     }
 }
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -9,11 +9,6 @@
 
 #include <stddef.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* cotree: begin of the part that cffi reads */
 struct cotree_worker;
 
 typedef struct cotree_lanes {
@@ -21,10 +16,5 @@ typedef struct cotree_lanes {
     size_t n_bytes; /* memory of each worker: zero at the start, aligned to 64 bytes */
     int (*work)(struct cotree_worker *worker); /* the lanes of a cotree_batch */
 } cotree_lanes;
-/* cotree: end of the part that cffi reads */
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

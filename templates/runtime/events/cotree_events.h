@@ -22,9 +22,7 @@
 #include "cotree_history.h"
 #include "cotree_jumps.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Results. Those from FAILED on end a run, with event, failure_time and detail set. */
 typedef enum cotree_events_status {
@@ -230,8 +228,6 @@ int cotree_events_apply(cotree_events *e);
 /* Return the meaning of a status, as the end of a sentence. */
 const char *cotree_events_message(int status);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

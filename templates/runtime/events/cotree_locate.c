@@ -1,40 +1,11 @@
 /* cotree_locate.c: zeros of event functions within a step, and the solution there.
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_events_internal.h"
+#include "cotree_classical.h"
 
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
-
-/* Take a step of the classical Runge-Kutta method of order four. The three arrays that it
- * writes, the solution at the end first, must differ from each other and from before. */
-static int take_classical_step(cotree_rate_function rate, void *context, int n, cotree_real t,
-                               cotree_real t_next, cotree_real h, const cotree_real *before,
-                               cotree_real *after, cotree_real *trial, cotree_real *slope)
-{
-    /* Positions of the next stages, and weights of the stages. */
-    static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
-                                         COTREE_F(0.0)},
-                             weight[4] = {COTREE_F(1.0), COTREE_F(2.0), COTREE_F(2.0),
-                                          COTREE_F(1.0)};
-    const cotree_real middle = COTREE_F(0.5) * (t + t_next);
-    const cotree_real at[4] = {t, middle, middle, t_next};
-    int i, stage;
-    for (i = 0; i < n; ++i) {
-        trial[i] = before[i];
-        after[i] = COTREE_F(0.0);
-    }
-    for (stage = 0; stage < 4; ++stage) {
-        const int status = rate(at[stage], trial, slope, context);
-        if (status != 0) return status;
-        for (i = 0; i < n; ++i) {
-            after[i] += weight[stage] * slope[i];
-            trial[i] = before[i] + share[stage] * h * slope[i];
-        }
-    }
-    for (i = 0; i < n; ++i) after[i] = before[i] + h / COTREE_F(6.0) * after[i];
-    return 0;
-}
 
 typedef cotree_real (*value_function)(cotree_events *e, int i, cotree_real t);
 
@@ -231,8 +202,8 @@ int cotree_is_continuous(cotree_events *e, int i, cotree_real t, const cotree_re
 static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real step,
                            cotree_real *result)
 {
-    const int status = take_classical_step(cotree_run_rate, e->run, e->n, t, t + step, step, w,
-                                           result, e->scratch, e->slope);
+    const int status = cotree_take_classical_step(cotree_run_rate, e->run, e->n, t, t + step, step,
+                                                  w, result, e->scratch, e->slope);
     e->n_evaluations += 4;
     if (status != 0) return cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
     return cotree_project(e, t + step, result);

@@ -5,9 +5,7 @@
 
 #include "cotree_real.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Rows of 3 + 2 * n_sensitivities numbers: the first time; the period, or zero; 1 if no breakpoint
  * comes before the first, -1 if none comes after it, 0 otherwise; then the derivatives of the first
@@ -35,8 +33,6 @@ int cotree_is_breakpoint(const cotree_breakpoints *breakpoints, cotree_real t);
 void cotree_find_breakpoint_slopes(const cotree_breakpoints *breakpoints, cotree_real t,
                                    int is_start, cotree_real *slopes, cotree_real *spreads);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

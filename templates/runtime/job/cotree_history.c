@@ -2,9 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_history.h"
 
-#include <float.h>
-#include <math.h>
-
 typedef cotree_history cotree_points;
 #include "cotree_interpolation.h"
 

@@ -17,9 +17,7 @@
 
 #include "cotree_integrator.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Number of cotree_reals that n unknowns need. */
 #define COTREE_HISTORY_WORKSPACE(n) (2 * COTREE_HISTORY_POINTS * (n))
@@ -55,8 +53,6 @@ cotree_real cotree_history_error(const cotree_history *h, int interval, cotree_r
                                  const cotree_real *atols, int first_left_out, int n_left_out,
                                  cotree_real *scratch);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

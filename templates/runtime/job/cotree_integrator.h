@@ -51,44 +51,35 @@ typedef struct cotree_stiffness {
     int n_stiff, n_soft, n_calm;
 } cotree_stiffness;
 
+/* Results of an integrator; cotree_status_message says what they are. */
 typedef enum cotree_status {
-    COTREE_OK = 0,           /* all is well */
-    COTREE_BAD_ARGUMENT = 1, /* a size, time, tolerance or initial value is out of range */
-    COTREE_TOO_MANY_STEPS =
-        2, /* too many steps are needed: max_steps were tried in one call of integrate */
-    COTREE_STEP_TOO_SMALL = 3, /* the step size fell to rounding level: the tolerances ask for steps
-                                  below the resolution of t */
-    COTREE_RATE_FAILED = 4,    /* the right-hand side fails: however small the step */
-    COTREE_RATE_NOT_FINITE = 5, /* the right-hand side is not finite: however small the step */
-    COTREE_RATE_STOPPED =
-        6, /* the right-hand side stopped the integration: it returned a negative number */
-    COTREE_PROJECTION_FAILED = 7, /* the projection onto the constraints fails, or moves a step by
-                                     many tolerances: however small the step */
+    COTREE_OK = 0,
+    COTREE_BAD_ARGUMENT = 1,
+    COTREE_TOO_MANY_STEPS = 2,    /* max_steps were tried in one call of integrate */
+    COTREE_STEP_TOO_SMALL = 3,    /* the tolerances ask for steps below the resolution of t */
+    COTREE_RATE_FAILED = 4,       /* however small the step */
+    COTREE_RATE_NOT_FINITE = 5,   /* however small the step */
+    COTREE_RATE_STOPPED = 6,      /* the right-hand side returned a negative number */
+    COTREE_PROJECTION_FAILED = 7, /* however small the step */
 #if COTREE_HAS_SUNDIALS
-    COTREE_NO_MEMORY = 8,      /* SUNDIALS got no memory */
-    COTREE_CANNOT_START = 12,  /* it cannot start */
-    COTREE_TOO_TIGHT = 13,     /* the tolerances are too tight for double precision */
-    COTREE_ERROR_TEST_FAILED =
-        14, /* the error test fails again and again, or the step size fell to its least */
-    COTREE_NOT_CONVERGED =
-        15, /* Newton's method fails again and again, or the step size fell to its least */
-    COTREE_SENSITIVITIES_FAILED = 16, /* the rates of sensitivities fail */
-    COTREE_FLAGGED = 17,              /* the integrator gives a flag of its own */
+    COTREE_NO_MEMORY = 8,
+    COTREE_CANNOT_START = 12,
+    COTREE_TOO_TIGHT = 13,
+    COTREE_ERROR_TEST_FAILED = 14,
+    COTREE_NOT_CONVERGED = 15,
+    COTREE_SENSITIVITIES_FAILED = 16,
+    COTREE_FLAGGED = 17,
 #endif
-    COTREE_NOT_FINITE = 9,        /* the solution is no longer finite */
-    COTREE_NOT_SOLVED = 10,    /* the algebraic unknowns cannot be solved for: or what needs them */
-    COTREE_NOT_PROJECTED = 11 /* the constraints cannot be met: where a point is kept */
+    COTREE_NOT_FINITE = 9,
+    COTREE_NOT_SOLVED = 10,   /* or a value that needs the unknowns is not found */
+    COTREE_NOT_PROJECTED = 11 /* at a point that is stored */
 } cotree_status;
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Return the meaning of a status, as the end of a sentence. */
 const char *cotree_status_message(cotree_status status);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

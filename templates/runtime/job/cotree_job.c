@@ -3,9 +3,6 @@
 #include "cotree_job.h"
 #include "cotree_stepper.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
 #include <string.h>
 
 #define ENGINE (cotree_engine_of(job))
@@ -128,9 +125,7 @@ static void begin_job(cotree_job *job)
     STEPPER->open(job);
 }
 
-/* Steps of a few units in the last place make no progress; one is normal before a time event. */
-#define STALL_STEPS COTREE_STALL_STEPS
-
+/* Return whether a step makes no progress: it is a few units in the last place. */
 static int is_short(cotree_real t_before, cotree_real t, cotree_real origin)
 {
     return COTREE_FABS(t - t_before) <=
@@ -253,6 +248,7 @@ static int stop_at_event(cotree_job *job)
 }
 #endif
 
+#if COTREE_HAS_HELPER
 /* Return whether a stiff problem is worth another method. */
 static int is_worth_leaving(const cotree_job *job)
 {
@@ -268,9 +264,9 @@ static int return_stiff(cotree_job *job)
     finish(job);
     return COTREE_JOB_STIFF;
 }
+#endif
 
 #if COTREE_HAS_MOVING_CORNERS
-
 /* Return whether the time of a corner, or the derivatives of what coincides there, are nonzero. */
 static int is_moving(const cotree_job *job, int corner)
 {
@@ -348,7 +344,6 @@ static int jump_sensitivities(cotree_job *job)
 #endif
 
 #if COTREE_HAS_EVENTS
-
 /* Compute the solution within the last step, for the events. */
 static int interpolate(cotree_real t, cotree_real *w, void *context)
 {
@@ -756,8 +751,10 @@ static int advance(cotree_job *job)
 #endif
     status = store_step(job, is_last);
     if (status != COTREE_OK) return fail(job, status);
-    if (!is_last && e->n_short >= STALL_STEPS) return fail(job, COTREE_STEP_TOO_SMALL);
+    if (!is_last && e->n_short >= COTREE_STALL_STEPS) return fail(job, COTREE_STEP_TOO_SMALL);
+#if COTREE_HAS_HELPER
     if (!is_last && is_worth_leaving(job)) return return_stiff(job);
+#endif
     return end_step(job);
 }
 
@@ -845,7 +842,9 @@ void cotree_job_sync(cotree_job *job)
     if (job->memory != NULL && job->n_steps > 0) finish(job);
 }
 
+#if COTREE_HAS_SUNDIALS
 void cotree_job_end(cotree_job *job)
 {
     if (STEPPER->close != NULL) STEPPER->close(job);
 }
+#endif

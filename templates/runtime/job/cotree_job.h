@@ -11,9 +11,6 @@
 #include "cotree_start_tables.h"
 #endif
 
-#include <stddef.h>
-
-/* cotree: begin of the part that cffi reads */
 /* A method that takes the steps of a job, see cotree_stepper.h. */
 typedef struct cotree_stepper cotree_stepper;
 
@@ -38,6 +35,7 @@ typedef struct cotree_job {
 #endif
 #if COTREE_HAS_HELPER
     const cotree_helper *helper; /* NULL: none */
+    int is_waiting; /* 1: the job returns if the problem is stiff and worth another method */
 #endif
     int has_sensitivities;
 #if COTREE_HAS_CONSTRAINTS
@@ -68,8 +66,7 @@ typedef struct cotree_job {
     cotree_real max_step;
     int n_corners; /* the start, time events, the end */
     const cotree_real *corners;
-    cotree_real
-        scale; /* the largest time from which corners are computed, whose rounding they have */
+    cotree_real scale; /* the largest time from which corners are computed: they round as it does */
     int is_start_sharp, is_end_sharp; /* 1: rates have a kink or jump there, too */
 #if COTREE_HAS_MOVING_CORNERS
     /* Derivatives of the times of corners by the parameters, one row each, and the largest
@@ -123,15 +120,11 @@ typedef struct cotree_job {
     cotree_real *own_k; /* own copy of k with the branches that steps hold; NULL: not needed */
 #endif
     void *memory; /* cotree_job_memory(...) bytes */
-    /* Explicit methods: is_waiting: the job returns if the problem is stiff and worth another
-     * method. */
-    int is_waiting;
-    int is_stiff;
+    int is_stiff; /* as explicit methods find */
     cotree_real stiff_since;
     long n_stiff_steps;
     cotree_real last_step;
 } cotree_job;
-/* cotree: end of the part that cffi reads */
 
 #define COTREE_JOB_DONE 0
 #define COTREE_JOB_MORE 1
@@ -139,9 +132,7 @@ typedef struct cotree_job {
 #define COTREE_JOB_STOPPED 3 /* by an event */
 #define COTREE_JOB_STIFF 4   /* stiff; may be continued */
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Return the bytes of the job's memory. The model, its stepper and n must be set. */
 COTREE_EXPORT size_t cotree_job_memory(cotree_job *job);
@@ -158,11 +149,11 @@ COTREE_EXPORT int cotree_job_start(cotree_job *job);
  * it. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 
+#if COTREE_HAS_SUNDIALS
 /* Free the resources that a stepper holds outside the memory; those of cotree hold none. */
 COTREE_EXPORT void cotree_job_end(cotree_job *job);
 
-#ifdef __cplusplus
-}
 #endif
+COTREE_END_DECLS
 
 #endif

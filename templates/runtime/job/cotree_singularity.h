@@ -11,9 +11,7 @@
 #include "cotree_assembly.h"
 #include "cotree_job.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Tolerances and rates within the present stretch. */
 typedef enum cotree_stretch {
@@ -67,8 +65,6 @@ cotree_real cotree_singularity_loosened(cotree_real tolerance);
 /* Return the length of the present stretch from t on; 0 outside stretches. */
 cotree_real cotree_singularity_length(const cotree_singularity *s, cotree_real t);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

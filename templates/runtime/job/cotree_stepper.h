@@ -16,9 +16,7 @@
 #include "cotree_singularity.h"
 #endif
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* The head of a job's memory. */
 typedef struct cotree_engine {
@@ -61,15 +59,19 @@ struct cotree_stepper {
     /* Compute the solution at a time within the last step, as accurate as the steps if
      * is_careful. is_exact: it is the end of a step. The caller may change the values. */
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
-    /* Return the history for cheap interpolation within the last step; NULL: careful values are
-     * cheap. */
-    const cotree_history *(*history)(const cotree_job *job);
     /* Compute run->full: the point projected, with its algebraic unknowns. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);
     /* Find the entry that caused a status; may be NULL. */
     void (*blame)(cotree_job *job, int status);
+#if COTREE_HAS_EVENTS
+    /* Return the history for cheap interpolation within the last step; NULL: careful values are
+     * cheap. */
+    const cotree_history *(*history)(const cotree_job *job);
+#endif
+#if COTREE_HAS_SUNDIALS
     /* Free resources outside the memory; may be NULL. */
     void (*close)(cotree_job *job);
+#endif
 };
 
 /* Initialise a run of a job. */
@@ -94,8 +96,6 @@ static inline const cotree_real *cotree_job_prepared(const cotree_job *job)
 /* Return the direction of time, 1 or -1. */
 cotree_real cotree_job_ahead(const cotree_job *job);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -7,10 +7,6 @@
  * Sensitivities follow in the same way from their rates. */
 #include "cotree_jumps_internal.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 /* Return the place of the change of speed of an event among all new values: its last one. */
 static int speed_change_place(const cotree_jumps *j, int event)
 {

@@ -2,9 +2,6 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_jumps_internal.h"
 
-#include <math.h>
-#include <stddef.h>
-
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
  * contact. */
 static int count_impulse_forces(const cotree_hybrid *h)

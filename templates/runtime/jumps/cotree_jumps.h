@@ -18,9 +18,7 @@
 #include "cotree_assembly.h"
 #endif
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Results in addition to those of kernels. */
 #define COTREE_JUMPS_CONTRADICT 100 /* the new values contradict the constraints */
@@ -116,8 +114,6 @@ int cotree_jumps_sides(cotree_jumps *j, int event, cotree_real t, const cotree_r
 cotree_real cotree_jumps_speed_change(const cotree_jumps *j, int event);
 cotree_real cotree_jumps_speed_change_rate(const cotree_jumps *j, int event);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

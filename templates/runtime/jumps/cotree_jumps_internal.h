@@ -6,10 +6,6 @@
 
 #include "cotree_jumps.h"
 
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-
 #define MODEL (j->run->model)
 
 #define N_STATES (j->run->model->n_states)

@@ -3,8 +3,6 @@
  */
 #include "cotree_columns.h"
 
-#include <stddef.h>
-
 int cotree_columns(const cotree_model *model, cotree_state_kernel of_states,
                    cotree_sensitivity_kernel of_sensitivities, int n_points, const double *t,
                    const double *x, const double *s, int n_s, const double *p, int n_p, double *k,

@@ -6,9 +6,7 @@
 
 #include "cotree_abi.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Evaluate a kernel of the states or of sensitivities at points, with one row each of states x,
  * sensitivities s and results. If has_inputs is 0, the scene's own inputs are written to u, else
@@ -20,8 +18,6 @@ COTREE_EXPORT int cotree_columns(const cotree_model *model, cotree_state_kernel 
                                  const double *p, int n_p, double *k, int has_inputs, double *u,
                                  double *result, int n_result);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -3,8 +3,6 @@
  */
 #include "cotree_sweep.h"
 
-#include <stddef.h>
-
 int cotree_sweep(const cotree_model *model, const double *p, const double *k, int n_points,
                  const double *t, const double *z, int n_z, int has_inputs, double *u, double *y,
                  double *dy)

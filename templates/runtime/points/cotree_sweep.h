@@ -6,9 +6,7 @@
 
 #include "cotree_abi.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Evaluate a model at points t with states and sensitivities z, one row each. If has_inputs is
  * 0, the scene's own inputs are written to u, else u holds them. dy may be NULL. Return 0, or
@@ -17,8 +15,6 @@ COTREE_EXPORT int cotree_sweep(const cotree_model *model, const double *p, const
                                int n_points, const double *t, const double *z, int n_z,
                                int has_inputs, double *u, double *y, double *dy);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -9,9 +9,7 @@
 
 #include "cotree_real.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* A result besides those of the functions: there is no further step, or no share is accepted. */
 #define COTREE_NO_STEP 61
@@ -41,8 +39,6 @@ typedef struct cotree_iteration {
 /* Iterate to a solution. Return 0, a status of the functions, or COTREE_NO_STEP. */
 int cotree_iterate(cotree_iteration *a);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -12,9 +12,7 @@
 
 #include "cotree_run.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 #define COTREE_RANK COTREE_SELECT(1e-10, 4.3e-05f)
 
@@ -47,8 +45,6 @@ void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real
 void cotree_least_reject(const cotree_least *a, cotree_real *b, int stride);
 #endif
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -40,7 +40,6 @@
 /* A step of at most this many units in the last place makes no progress. One is normal before a
  * breakpoint, this many in a row are a stall. */
 #define COTREE_STALL_SPACINGS 16
-
 #define COTREE_STALL_STEPS 5
 
 /* A stiff problem changes its method only if more than this many steps remain: another method
@@ -50,7 +49,6 @@
 /* Points of the interpolation polynomial; and the bound of its estimated error with explicit
  * methods, in tolerances. */
 #define COTREE_HISTORY_POINTS 6
-
 #define COTREE_HISTORY_DOUBT COTREE_F(4.0)
 
 /* The same limit of any method: implicit ones are read without rates. */

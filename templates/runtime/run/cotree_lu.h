@@ -8,9 +8,7 @@
 
 #include <stddef.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* A square matrix with two bandwidths, and space for the fill-in of row exchanges. Entry (i, j)
  * is at first[i + j * stride]. With bandwidths n or n - 1 it is dense. */
@@ -33,8 +31,6 @@ int cotree_lu_factorise(const cotree_lu *a);
 /* Solve in place with the factorised matrix. */
 void cotree_lu_solve(const cotree_lu *a, cotree_real *b);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -25,9 +25,7 @@
 #include "cotree_lu.h"
 #endif
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 #if COTREE_HAS_ALGEBRAIC
 /* The number of stored solutions of the algebraic equations that serve as guesses, a power of
@@ -35,7 +33,6 @@ extern "C" {
 #define COTREE_RUN_REMEMBERED 256
 
 #endif
-/* cotree: begin of the part that cffi reads */
 #if COTREE_HAS_INPUTS
 /* A piecewise linear function that replaces an input, constant outside its range. */
 typedef struct cotree_table_input {
@@ -59,7 +56,6 @@ typedef struct cotree_helper {
     void *context;
 } cotree_helper;
 #endif
-/* cotree: end of the part that cffi reads */
 
 /* An arena. While base is NULL, allocations are counted only, and return NULL. */
 typedef struct cotree_arena {
@@ -273,8 +269,6 @@ int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *p
                                   cotree_corner_sensitivity *crossing);
 
 #endif
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

@@ -19,9 +19,7 @@
 #include "cotree_run.h"
 #include "cotree_start_tables.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Results in addition to those of kernels. */
 #define COTREE_ASSEMBLY_VIOLATED 100 /* prescribed states contradict the constraints */
@@ -115,8 +113,6 @@ void cotree_assembly_turn(const cotree_assembly *a, const cotree_real *x, cotree
 int cotree_assembly_follow(cotree_assembly *a, cotree_real t, const cotree_real *x, int level,
                            const cotree_real *rates, cotree_real *direction);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

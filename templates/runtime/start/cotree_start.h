@@ -15,9 +15,7 @@
 #include "cotree_run.h"
 #include "cotree_start_tables.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* Results besides those of kernels. */
 #define COTREE_START_VIOLATED COTREE_ASSEMBLY_VIOLATED /* culprit: a row of the assembly */
@@ -30,7 +28,6 @@ extern "C" {
 #define COTREE_START_ON_JUMP 109      /* culprit: an event, whose jump a parameter crosses */
 #define COTREE_START_UNDETERMINED 108 /* the algebraic equations leave unknowns free */
 
-/* cotree: begin of the part that cffi reads */
 /* A start in one call. */
 typedef struct cotree_start_call {
     const cotree_model *model;
@@ -55,7 +52,6 @@ typedef struct cotree_start_call {
     int is_partial;              /* 1: only constraints are satisfied */
 #endif
 } cotree_start_call;
-/* cotree: end of the part that cffi reads */
 
 typedef struct cotree_start {
     cotree_run *run;
@@ -107,8 +103,6 @@ const char *cotree_start_message(int status);
  * unknown. */
 const char *cotree_start_culprit(const cotree_start *start, int status);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

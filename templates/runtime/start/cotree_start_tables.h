@@ -5,11 +5,6 @@
 
 #include "cotree_abi.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* cotree: begin of the part that cffi reads */
 /* Rows are the constraints of coordinates, then those of speeds, then the conditions of a start. */
 typedef struct cotree_assembly_tables {
     int n_coordinates;     /* the first states */
@@ -59,11 +54,6 @@ typedef struct cotree_start_report {
     cotree_real *left; /* all rows: dimensionless residuals of a failure */
     int *follows;      /* values of each sensitivity: 1 if they move with its parameter */
 } cotree_start_report;
-#endif
-/* cotree: end of the part that cffi reads */
-
-#ifdef __cplusplus
-}
 #endif
 
 #endif

@@ -5,10 +5,6 @@
 
 #include "cotree_abi.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The largest number of blocks in one call of solve. */
 #define COTREE_NEWTON_BLOCKS 8
 
@@ -31,9 +27,5 @@ typedef struct cotree_newton {
     cotree_sensitivity_kernel curvature;
     cotree_parameter_kernel curvature_along;
 } cotree_newton;
-
-#ifdef __cplusplus
-}
-#endif
 
 #endif

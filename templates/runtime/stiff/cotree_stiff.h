@@ -18,9 +18,7 @@
 #include "cotree_newton.h"
 #include "cotree_run.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+COTREE_BEGIN_DECLS
 
 /* The largest matrix that is factorised with row exchanges if the planned pivots fail. */
 #define COTREE_STIFF_DENSE 200
@@ -58,8 +56,6 @@ int cotree_stiff_project(cotree_real t, cotree_real *z, void *context);
 /* Write z to run->full, with algebraic unknowns that solve their equations within rounding. */
 int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real *z);
 
-#ifdef __cplusplus
-}
-#endif
+COTREE_END_DECLS
 
 #endif

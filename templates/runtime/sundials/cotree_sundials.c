@@ -546,8 +546,17 @@ static int step(cotree_job *job, double end)
     return COTREE_OK;
 }
 
-static const cotree_stepper stepper = {1,       lay_out, open,     begin, step, known,
-                                       between, NULL,    complete, NULL,  close};
+static const cotree_stepper stepper = {
+    .is_multistep = 1,
+    .lay_out = lay_out,
+    .open = open,
+    .begin = begin,
+    .step = step,
+    .known = known,
+    .between = between,
+    .complete = complete,
+    .close = close,
+};
 
 #if COTREE_IDA
 #if COTREE_SENSITIVITIES

@@ -22,7 +22,6 @@
 #define COTREE_SIMULTANEOUS (COTREE_SENSITIVITIES && !COTREE_IDA)
 #endif
 
-/* cotree: begin of the part that cffi reads */
 /* A right-hand side of CVODE; a residual of IDA. */
 typedef int (*cotree_sundials_rate)(double t, void *y, void *dy, void *data);
 typedef int (*cotree_sundials_residual)(double t, void *y, void *dy, void *left, void *data);
@@ -116,7 +115,6 @@ typedef struct cotree_sundials_aid {
     int are_followed;  /* 1: sensitivities are outside the error test and follow the states */
     int corrector;     /* of separate sensitivity vectors: 1 simultaneous, 2 staggered */
 } cotree_sundials_aid;
-/* cotree: end of the part that cffi reads */
 
 /* Return what takes the steps of a job; each in the text of its own library. */
 COTREE_EXPORT const cotree_stepper *cotree_cvode_stepper(void);

@@ -1,8 +1,16 @@
+/* cotree_classical.h: the classical Runge-Kutta method.
+ * Part of the runtime of cotree, the same for every model. */
+#ifndef COTREE_CLASSICAL_H
+#define COTREE_CLASSICAL_H
+
+#include "cotree_integrator.h"
+
 /* Take a step of the classical Runge-Kutta method of order four. The three arrays that it
  * writes, the solution at the end first, must differ from each other and from before. */
-static int take_classical_step(cotree_rate_function rate, void *context, int n, cotree_real t,
-                               cotree_real t_next, cotree_real h, const cotree_real *before,
-                               cotree_real *after, cotree_real *trial, cotree_real *slope)
+static inline int cotree_take_classical_step(cotree_rate_function rate, void *context, int n,
+                                             cotree_real t, cotree_real t_next, cotree_real h,
+                                             const cotree_real *before, cotree_real *after,
+                                             cotree_real *trial, cotree_real *slope)
 {
     /* Positions of the next stages, and weights of the stages. */
     static const cotree_real share[4] = {COTREE_F(0.5), COTREE_F(0.5), COTREE_F(1.0),
@@ -27,3 +35,5 @@ static int take_classical_step(cotree_rate_function rate, void *context, int n, 
     for (i = 0; i < n; ++i) after[i] = before[i] + h / COTREE_F(6.0) * after[i];
     return 0;
 }
+
+#endif
