@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.errors import SceneError, check_known
 from cotree.files import read_text
-from cotree.naming import RESERVED, check_name, check_text
-from cotree.scene.expressions import FUNCTIONS, WHERE
-from cotree.scene.tables import LARGEST_POINTS, make_lookup, read_points
+from cotree.scene.tables import LARGEST_POINTS, add_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
     from os import PathLike
 
     from cotree.scene.description import SceneDescription
-
-_ENTRIES = ("x", "y", "values", "file", "interpolation", "beyond", "doc")
 
 
 class TableMethods:
@@ -80,29 +74,3 @@ class TableMethods:
         stated = {key: value for key, value in given.items() if value is not None}
         scene = cast("SceneDescription", self)
         add_table(scene, name, {**stated, **rest}, lambda path: read_text(path, LARGEST_POINTS))
-
-
-def add_table(
-    scene: SceneDescription, name: str, given: Mapping[str, Any], read: Callable[[Any], str]
-) -> None:
-    """Add a table to a scene."""
-    check_name("table", name)
-    whose = f"table '{name}'"
-    if name in FUNCTIONS or name == WHERE or name in RESERVED:
-        raise SceneError(f"{whose} has the name of a function of expressions: rename it")
-    if name in scene.tables:
-        raise SceneError(f"the name of {whose} is taken: every table needs its own")
-    check_known(given, _ENTRIES, f"{whose} has no entry")
-    rest = dict(given)
-    doc = check_text(rest.pop("doc", ""), f"doc of {whose}")
-    file = rest.pop("file", None)
-    if file is not None:
-        if stated := [key for key in ("x", "y", "values") if key in rest]:
-            raise SceneError(f"{whose} has both a file and '{stated[0]}': give one of them")
-        text = read(file)
-        rest["x"], y, values = read_points(text, Path(file).name, whose)
-        rest |= {"values": values} if y is None else {"y": y, "values": values}
-    elif "x" not in rest or not ("y" in rest or "values" in rest):
-        raise SceneError(f"{whose} needs 'x' and its values, or 'file'")
-    x, y, values = (rest.pop(key, None) for key in ("x", "y", "values"))
-    scene.tables[name] = make_lookup(name, x, y, values, **rest, doc=doc)

@@ -12,18 +12,30 @@ import math
 import numbers
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from cotree.dag.lookup import CubicTable, PlaneTable, look_up
 from cotree.dag.multi_output import Table, table
-from cotree.errors import SceneError, UnitError, brief, nearest
+from cotree.errors import SceneError, UnitError, brief, check_known, nearest
 from cotree.files import is_number, read_rows
-from cotree.scene.expressions import Expression, finite, name_of, names_in, parse, shown
+from cotree.naming import RESERVED, check_name, check_text
+from cotree.scene.expressions import (
+    FUNCTIONS,
+    WHERE,
+    Expression,
+    finite,
+    name_of,
+    names_in,
+    parse,
+    shown,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
+    from cotree.scene.description import SceneDescription
     from cotree.units import Unit
 
 
@@ -310,3 +322,32 @@ def _number(text: str, where: str) -> float:
     if not is_number(text):
         raise SceneError(f"{where}: {brief(repr(text.strip()))} is no number")
     return float(text)
+
+
+_ENTRIES = ("x", "y", "values", "file", "interpolation", "beyond", "doc")
+
+
+def add_table(
+    scene: SceneDescription, name: str, given: Mapping[str, Any], read: Callable[[Any], str]
+) -> None:
+    """Add a table to a scene."""
+    check_name("table", name)
+    whose = f"table '{name}'"
+    if name in FUNCTIONS or name == WHERE or name in RESERVED:
+        raise SceneError(f"{whose} has the name of a function of expressions: rename it")
+    if name in scene.tables:
+        raise SceneError(f"the name of {whose} is taken: every table needs its own")
+    check_known(given, _ENTRIES, f"{whose} has no entry")
+    rest = dict(given)
+    doc = check_text(rest.pop("doc", ""), f"doc of {whose}")
+    file = rest.pop("file", None)
+    if file is not None:
+        if stated := [key for key in ("x", "y", "values") if key in rest]:
+            raise SceneError(f"{whose} has both a file and '{stated[0]}': give one of them")
+        text = read(file)
+        rest["x"], y, values = read_points(text, Path(file).name, whose)
+        rest |= {"values": values} if y is None else {"y": y, "values": values}
+    elif "x" not in rest or not ("y" in rest or "values" in rest):
+        raise SceneError(f"{whose} needs 'x' and its values, or 'file'")
+    x, y, values = (rest.pop(key, None) for key in ("x", "y", "values"))
+    scene.tables[name] = make_lookup(name, x, y, values, **rest, doc=doc)

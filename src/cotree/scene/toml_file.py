@@ -22,8 +22,7 @@ from cotree.scene.description import SceneDescription, check_allowed
 from cotree.scene.events import check_event_table
 from cotree.scene.origin import read_origin
 from cotree.scene.part_adding import add_part, check_entries, statement_lines
-from cotree.scene.table_methods import add_table
-from cotree.scene.tables import LARGEST_POINTS
+from cotree.scene.tables import LARGEST_POINTS, add_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
