@@ -14,7 +14,7 @@ class StubHook(BuildHookInterface):
         """Write the stub before the wheel, or the link of an editable install, is made."""
         sources = Path(self.root) / "src"
         sys.path.insert(0, str(sources))
-        from cotree.scene.stub import stub_text
+        from cotree.scene.usage_text import stub_text
 
         stub = sources / "cotree" / "scene" / "component_methods.pyi"
         stub.write_text(stub_text(), encoding="utf-8")

@@ -15,9 +15,8 @@ from cotree.readers import load_source
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
+from cotree.scene.methods import PartMethods, TableMethods
 from cotree.scene.part_adding import locating_errors
-from cotree.scene.part_methods import PartMethods
-from cotree.scene.table_methods import TableMethods
 from cotree.scene.variants import keep_tunable, listed_names, with_inputs
 from cotree.spec import BuildSpec
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_mapping, check_names, check_whole
 from cotree.design.design import ConditionValue, Design
 from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
@@ -23,7 +24,6 @@ from cotree.design.search import (
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_mapping, check_names, check_whole
 from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:

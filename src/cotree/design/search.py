@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_whole
 from cotree.design.evaluation import Evaluation, Point, trial
 from cotree.errors import Error, ParameterError, brief
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

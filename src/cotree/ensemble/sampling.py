@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_whole
 from cotree.errors import Error, ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray

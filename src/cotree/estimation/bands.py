@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_whole
 from cotree.errors import ParameterError, brief, nearest
 from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import LOGARITHMS, Array
 from cotree.estimation.problem import Problem
 from cotree.report import frame
-from cotree.scene.given import check_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

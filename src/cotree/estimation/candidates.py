@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.arguments import check_mapping, check_whole
 from cotree.errors import ParameterError, nearest
 from cotree.estimation import bands
 from cotree.report import Report, Reported, Table, frame
-from cotree.scene.given import check_mapping, check_whole
 from cotree.scene.variants import expressions_among
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_mapping, check_names, check_whole
 from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
@@ -18,7 +19,6 @@ from cotree.estimation.observing import Observed, Observer, measured_rows
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_mapping, check_names, check_whole
 from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_names
 from cotree.errors import ParameterError, nearest
 from cotree.report import Report, Reported, Table, counted, frame, matrix
-from cotree.scene.given import check_names
 
 if TYPE_CHECKING:
     import os

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_names
 from cotree.dag.derivative import tangents
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
@@ -38,7 +39,6 @@ from cotree.model.linearization import Linearization, LinearSlopes
 from cotree.model.start import find_start
 from cotree.model.unknowns import check_friction, solve_states
 from cotree.program.solved import SolvedSystem
-from cotree.scene.given import check_names
 from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:

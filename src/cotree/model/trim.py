@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
+from cotree.arguments import check_mapping, check_names
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.linear import Linear
 from cotree.model.linearize import Direction, Linearizer
@@ -24,7 +25,6 @@ from cotree.model.start import find_start
 from cotree.model.unknowns import check_friction, guess_friction, settle_friction, settle_jumps
 from cotree.report import Facts, Report, Reported
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_mapping, check_names
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """A method of scenes for each component that cotree comes with.
 
 Types and docstrings for editors and type checkers stand in ``component_methods.pyi``, which the
-build writes, see :mod:`cotree.scene.stub`.
+build writes, see :mod:`cotree.scene.usage_text`.
 """
 
 from __future__ import annotations

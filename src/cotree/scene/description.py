@@ -6,13 +6,14 @@ import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
+from cotree.arguments import is_list, plain
 from cotree.errors import SceneError, UnitError, brief, nearest
 from cotree.naming import check_name, check_path, check_scene_name, check_text
 from cotree.report import Listing, Report, Reported, Table, Values, counted
 from cotree.scene.edge import Edge, make_edge
 from cotree.scene.events import Event, Mode, make_event
 from cotree.scene.expressions import Expression, may_call_tables, parse
-from cotree.scene.fields import Input, check_vector, is_list, make_input, plain
+from cotree.scene.fields import Input, check_vector, make_input
 from cotree.scene.parameters import Parameter, check_cycle, make_parameter
 from cotree.scene.part import TABLES, Part
 from cotree.scene.part_adding import LARGEST_SCENE, check_nodes, set_in_part

@@ -13,11 +13,12 @@ from functools import lru_cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import plain
 from cotree.components import COMPONENTS, Component, Field, Kind, Role, Shape, Terminal
 from cotree.components.ports import HEAT, loss_of
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, brief
-from cotree.scene.fields import check_fields, check_initial, edge_statement, initial_names, plain
+from cotree.scene.fields import check_fields, check_initial, edge_statement, initial_names
 from cotree.scene.ports import PortEnds, acts_on_multibody, check_heat, check_ports
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ In: values as given. Out: parsed expressions, alone, in threes, or in three rows
 
 from __future__ import annotations
 
-import numbers
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import is_list, plain
 from cotree.components import Component, Field, FreeRotation, Role, Shape, content_of, integral_of
 from cotree.components.multibody import body_space
 from cotree.dag.vector import quaternion_of_matrix
@@ -26,35 +26,6 @@ from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
     from cotree.dag.multi_output import Table
-
-
-# Larger integers are not all exact as doubles.
-_LARGEST_INTEGER = 2**53
-_DEEPEST = 4  # more levels than any field has; a list may hold itself
-
-
-def plain(value: Any, depth: int = 0) -> Any:
-    """Copy a value with its lists and tables, numbers becoming Python's own.
-
-    Values of other types stay as they are, for others to refuse.
-    """
-    if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
-        return value
-    # Numbers of numpy become Python's own, which TOML can write and comparisons treat alike.
-    if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
-        return int(value)
-    if isinstance(value, numbers.Real):
-        try:
-            return float(value)
-        except (OverflowError, ValueError):
-            return value
-    if hasattr(value, "tolist"):  # arrays
-        return plain(value.tolist(), depth + 1)
-    if isinstance(value, Mapping):
-        return {key: plain(item, depth + 1) for key, item in value.items()}
-    if isinstance(value, Iterable):
-        return [plain(item, depth + 1) for item in value]
-    return value
 
 
 def edge_statement(
@@ -70,11 +41,6 @@ def edge_statement(
         for key, value in rows.items()
         if value is not None and not (key in ("nodes", "initial") and not value)
     }
-
-
-def is_list(value: object) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is a list, as of nodes or of numbers; a text is none."""
-    return isinstance(value, Sequence) and not isinstance(value, str)
 
 
 def check_fields(

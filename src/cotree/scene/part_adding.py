@@ -16,10 +16,10 @@ from itertools import takewhile
 from math import prod
 from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import is_list, plain
 from cotree.errors import FormulationError, ModelError, SceneError, brief, nearest
 from cotree.naming import RESERVED, check_name, check_path
 from cotree.scene.expressions import table_scope
-from cotree.scene.fields import is_list, plain
 from cotree.scene.parameters import check_cycle
 from cotree.scene.part import TABLES, Part, Renaming, Rows, in_name, in_value, owner_of
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import is_list
 from cotree.components import Role
 from cotree.components.mechanical import ON_JOINTS
 from cotree.components.ports import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
 from cotree.naming import check_path
-from cotree.scene.fields import is_list
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

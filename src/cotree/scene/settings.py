@@ -20,11 +20,11 @@ from typing import Any, NamedTuple, TypedDict, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from cotree.arguments import check_mapping
 from cotree.errors import ParameterError, SceneError, SolveError, check_known, nearest
 from cotree.methods import METHODS, names_of
 from cotree.naming import check_path, check_text
 from cotree.scene.expressions import Expression, check_number, parse
-from cotree.scene.given import check_mapping
 from cotree.tolerances import rtol_fault
 
 FloatArray = npt.NDArray[np.float64]

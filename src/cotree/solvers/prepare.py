@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from cotree.arguments import check_mapping
 from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError, SolveError, nearest
 from cotree.model.kernels import NO_COMPILER
@@ -21,7 +22,6 @@ from cotree.model.start import find_start
 from cotree.model.unknowns import content_sizes
 from cotree.records import filled
 from cotree.scene.expressions import check_number
-from cotree.scene.given import check_mapping
 from cotree.scene.settings import MOST_STEPS, Settings, in_python
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.held_constraints import HeldConstraints

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_whole
 from cotree.ensemble.batch import load_batch
 from cotree.errors import SolveError
 from cotree.estimation.conditions import MOST_STEPS
@@ -21,7 +22,6 @@ from cotree.estimation.petab.priors import Priors, sample_starts
 from cotree.estimation.petab.tables import Tables, read_tables
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
-from cotree.scene.given import check_whole
 from cotree.scene.settings import Settings
 from cotree.solvers.engine import build_ahead
 

@@ -1,0 +1,68 @@
+"""Arguments as users give them: whole numbers, names, mappings, lists and tables."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeGuard
+
+from cotree.errors import ParameterError, brief
+
+# Larger integers are not all exact as doubles.
+_LARGEST_INTEGER = 2**53
+_DEEPEST = 4  # more levels than any field has; a list may hold itself
+
+
+def check_whole(value: object, what: str, least: int = 0) -> int:
+    """Accept a whole number that is not too small."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
+        raise ParameterError(
+            f"{what} is {brief(repr(value))}: give a whole number of at least {least}"
+        )
+    return int(value)
+
+
+def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
+    """Accept a name, or several; ``kind`` says what the texts are, for the message."""
+    found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
+    if not all(isinstance(name, str) for name in found):
+        raise ParameterError(f"{what} is {brief(repr(value))}: give a list of {kind}")
+    return found
+
+
+def check_mapping(value: object, what: str) -> dict[str, Any]:
+    """Accept a mapping of names to values; none stands for an empty one."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise ParameterError(f"{what} is {brief(repr(value))}: give a mapping of names to values")
+    return dict(value)
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Copy a value with its lists and tables, numbers becoming Python's own.
+
+    Values of other types stay as they are, for others to refuse.
+    """
+    if isinstance(value, (str, bytes, bool)) or depth > _DEEPEST:
+        return value
+    # Numbers of numpy become Python's own, which TOML can write and comparisons treat alike.
+    if isinstance(value, numbers.Integral) and abs(int(value)) <= _LARGEST_INTEGER:
+        return int(value)
+    if isinstance(value, numbers.Real):
+        try:
+            return float(value)
+        except (OverflowError, ValueError):
+            return value
+    if hasattr(value, "tolist"):  # arrays
+        return plain(value.tolist(), depth + 1)
+    if isinstance(value, Mapping):
+        return {key: plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, Iterable):
+        return [plain(item, depth + 1) for item in value]
+    return value
+
+
+def is_list(value: object) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list, as of nodes or of numbers; a text is none."""
+    return isinstance(value, Sequence) and not isinstance(value, str)
