@@ -34,7 +34,7 @@ def levels(n_operations: int) -> list[tuple[str, ...]]:
 
 def places(model: Any) -> tuple[list[int], list[int]]:
     """Give rows and columns of the Jacobian's entries, in their order."""
-    starts, rows = model.layout.column_starts, list(model.layout.row_indices)
+    starts, rows = model.kernels.layout.column_starts, list(model.kernels.layout.row_indices)
     columns = [j for j in range(len(starts) - 1) for _ in range(starts[j], starts[j + 1])]
     return rows, columns
 

@@ -148,7 +148,11 @@ def own(path: Path, base: str, snap: float, seconds: float, profile: bool) -> di
     model.rhs(0.0, model.initial_state)
     first_call = time.perf_counter() - began
     found: dict[str, Any] = {"read s": read, **{f"{k} s": v for k, v in model.times.items()}}
-    found |= {"first call s": first_call, "C bytes": len(model.source), "states": len(model.states)}
+    found |= {
+        "first call s": first_call,
+        "C bytes": len(model.kernels.source),
+        "states": len(model.states),
+    }
     for name in _KERNELS:
         count = model.operations[name].total
         with tempfile.TemporaryDirectory() as folder:
@@ -177,7 +181,7 @@ def kernel_text(model: Any, name: str, folder: Path) -> str:
     for file, text in files.items():
         if file.endswith(".h"):
             (folder / file).write_text(text)
-    prefix, source = model.kernels.text.prefix, model.source
+    prefix, source = model.kernels.text.prefix, model.kernels.source
     starts = [found.start() for found in re.finditer(rf"^int {prefix}_", source, re.MULTILINE)]
     ends = [source.index("\n}\n", start) + 3 for start in starts]
     place = starts.index(source.index(f"int {prefix}_{name}("))
@@ -189,7 +193,7 @@ def kernel_text(model: Any, name: str, folder: Path) -> str:
 def own_call(model: Any, name: str) -> dict[str, Any]:
     prefix = model.kernels.text.prefix
     n, m = len(model.states), len(model.inputs)
-    size = n if name == "rhs" else len(model.layout.row_indices)
+    size = n if name == "rhs" else len(model.kernels.layout.row_indices)
     return {
         "n": n + m,
         "out": size + n + m,

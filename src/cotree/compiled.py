@@ -11,7 +11,7 @@ from cotree.build.cache import pickled
 from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
 from cotree.methods import METHODS
-from cotree.model.arrays import as_array, derived_values
+from cotree.model.arrays import as_array
 from cotree.model.model import Moment
 from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
@@ -26,11 +26,10 @@ from cotree.solvers.simulate import run_values
 from cotree.spec import BuildSpec, open_spec
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import Unpack
 
-    from scipy.sparse import csc_matrix
-
+    from cotree.check import CheckReport
     from cotree.choice import Operations
     from cotree.export.c_project import CProject
     from cotree.export.fmi.fmu import Fmu
@@ -39,10 +38,8 @@ if TYPE_CHECKING:
     from cotree.model.linearization import Linearization
     from cotree.model.linearize import Linearizer
     from cotree.model.model import CompiledModel
-    from cotree.model.structure import Structure
     from cotree.model.trim import TrimPoint
-    from cotree.program import Layout
-    from cotree.scene.settings import OtherSettings, Settings
+    from cotree.scene.settings import OtherSettings, Settings, SettingsDict
 
 #: What users call, in the order of a session.
 _CALLS = "simulate() trim() linearize() start() rhs() jacobian() output_values() write() summary()"
@@ -69,10 +66,8 @@ class Model(Reported):
         Names of the states, the tunable parameters, the inputs and the outputs.
     sensitivities : tuple of str
         Parameters and states with respect to which sensitivities are taken.
-    layout : Layout
-        Names, units and patterns.
     kernels : CompiledModel
-        The kernels in C.
+        The kernels in C, with names, units and patterns of all that they take and return.
     times : dict of str to float
         Seconds spent in each stage: formulate, generate, compile, start.
     """
@@ -87,7 +82,6 @@ class Model(Reported):
         self.kernels, self._spec, self.times = kernels, spec, dict(times)
         own = spec.scene.defaults if isinstance(spec, BuildSpec) else defaults
         self._defaults = own or Simulation()
-        self.layout: Layout = kernels.layout
         self.states, self.parameters = kernels.states, kernels.parameters
         self.inputs, self.outputs = kernels.inputs, kernels.outputs
         self.sensitivities = kernels.sensitivities
@@ -116,28 +110,7 @@ class Model(Reported):
         """Build the report: names, calls, methods, compiler and, in notebooks, parameters."""
         methods, compiler = " ".join(("auto", *METHODS)), self.kernels.compiler
         facts = ("calls", _CALLS), ("methods", methods), ("compiler", compiler)
-        return self.layout.report(type(self).__name__, facts)
-
-    @property
-    def constraints(self) -> tuple[str, ...]:
-        """Names of residuals that vanish on a motion: constraints, rates, quaternion norms."""
-        return self.kernels.constraints
-
-    @property
-    def structure(self) -> Structure:
-        """Patterns of the derivatives: entries of the Jacobian, and reach of parameters."""
-        return self.kernels.structure
-
-    @property
-    def digest(self) -> str:
-        """Hash of its C text, names and default values: equal for models that compute the same."""
-        return self.kernels.digest
-
-    @property
-    def source(self) -> str:
-        """The C text of the model."""
-        text = self.kernels.text
-        return text.files[f"{text.prefix}.c"] if text else ""
+        return self.kernels.layout.report(type(self).__name__, facts)
 
     @property
     def operations(self) -> Operations:
@@ -150,21 +123,6 @@ class Model(Reported):
         """Describe the kernels, the formulations tried and what each pass did."""
         passes = (report.summary() for report in self.spec.formed.reports)
         return Report(self.kernels.program.summary(), self.operations.tried(), *passes).text()
-
-    def derived(self, p: Any = None) -> dict[str, float]:
-        """Return the values of the parameters that are derived from others, by name.
-
-        Parameters
-        ----------
-        p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            What they follow from; the scene's values where absent.
-
-        Raises
-        ------
-        ParameterError
-            If a value is not accepted.
-        """
-        return derived_values(self.layout.derived, self.kernels.parameter_array(p))
 
     @property
     def default_parameters(self) -> Array:
@@ -254,13 +212,6 @@ class Model(Reported):
         Parameters and errors as for :meth:`rhs`; of m points the shape is (n_states, n_states, m).
         """
         return self.kernels.jacobian(t, y, p, u)
-
-    def jacobian_sparse(self, t: float, y: Any, p: Any = None, u: Any = None) -> csc_matrix:
-        """Evaluate the Jacobian as a SciPy CSC matrix, shape (n_states, n_states).
-
-        Parameters and errors as for :meth:`rhs`, at one point.
-        """
-        return self.kernels.jacobian_sparse(t, y, p, u)
 
     def sensitivity_rhs(self, t: Any, y: Any, s: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the sensitivities.
@@ -517,6 +468,49 @@ class Model(Reported):
         from cotree.pipeline import equations_of_deviations
 
         return Linearizer(*equations_of_deviations(self.spec.formed.first))
+
+    def check(
+        self,
+        sensitivities: Sequence[str] = (),
+        t_end: float | None = None,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        method: str | None = None,
+        report: Callable[[str], None] | None = None,
+        **settings: Unpack[SettingsDict],
+    ) -> CheckReport:
+        """Compare sensitivities with central finite differences over a range of step sizes.
+
+        Parameters
+        ----------
+        sensitivities : sequence of str
+            Parameters and states to check; by default those of the model, or else all parameters.
+        t_end : float, optional
+            End of the runs, [s]; the scene's where absent.
+        report : callable, optional
+            Gets the parts of the report's summary one by one, each as soon as it is known.
+        parameters, method, **settings
+            Of all runs, see :class:`cotree.Settings`; by default ``rtol`` is 1e-12 and ``atol`` a
+            hundredth of it.
+
+        Returns
+        -------
+        CheckReport
+            ``passed``, ``summary()``, and a row for each sensitivity.
+        """
+        from cotree.check import check_sensitivities
+
+        names = tuple(sensitivities) or self.sensitivities or self.parameters
+        model = self if set(names) <= set(self.sensitivities) else self._with(names)
+        # Differences need no sensitivities: runs without them take a fraction of the time.
+        plain = self._with(()) if self.sensitivities else self
+        own: dict[str, Any] = {"parameters": parameters, "method": method, "report": report}
+        return check_sensitivities(model, names, t_end, plain, **own, **settings)
+
+    def _with(self, sensitivities: tuple[str, ...]) -> Model:
+        """Return the model of the same scene with other sensitivities."""
+        spec = replace(self.spec, sensitivities=sensitivities)
+        return self._variants.of(sensitivities, lambda: compile_spec(spec))
 
     def as_casadi(self, t: float | None = None) -> Any:
         """Return the rates as an external function of CasADi, with their exact Jacobian.

@@ -304,7 +304,7 @@ def test_check_passes_and_fails(
     arguments = ["check", "spring-mass-damper", "-s", "k", "--t-end", "0.5", "--set", "c=2"]
     assert main(arguments) == 0
     assert "PASS  k" in capsys.readouterr().out
-    from cotree.studies import check
+    from cotree import check
 
     # A tolerance that nothing meets.
     monkeypatch.setattr(check, "_ROUNDING", -1.0)

@@ -75,7 +75,7 @@ def test_a_guard_in_a_loop_names_its_parameter():
     """The number that prepare returns is of the guard that failed, not of a neighbour."""
     scene, _ = rod_chain(30)
     model = scene.compile()
-    prepare = model.source.split("_prepare(")[1].split("\n}")[0]
+    prepare = model.kernels.source.split("_prepare(")[1].split("\n}")[0]
     assert "return -(" in prepare
     for name in ("m0", "m17", "m29"):
         with pytest.raises(ParameterError, match=f"b{name[1:]}'"):

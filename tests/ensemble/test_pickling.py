@@ -23,7 +23,7 @@ _WORKER = """
 import pickle, sys
 model = pickle.load(open(sys.argv[1], "rb"))
 run = model.simulate((0.0, 0.5), method="dopri5")
-print(model.digest)
+print(model.kernels.digest)
 print(*(value.hex() for value in [*run.y[:, -1].tolist(), *run.s[:, :, -1].ravel().tolist()]))
 print([room for room in ("sympy", "cotree.formulation", "cotree.pipeline") if room in sys.modules])
 """
@@ -70,7 +70,7 @@ def test_a_model_at_rest_runs_where_nothing_is_formed(tmp_path):
     model = resting().compile(["R"])
     digest, values, imported = in_another_process(model, tmp_path)
     run = model.simulate((0.0, 0.5), method="dopri5")
-    assert digest == model.digest
+    assert digest == model.kernels.digest
     assert values == [*run.y[:, -1].tolist(), *run.s[:, :, -1].ravel().tolist()]
     assert imported == "[]"
     # At rest no current flows into the capacitor: a divider, whose voltage is U / (1 + R).
@@ -97,7 +97,7 @@ def test_components_of_a_user_stay_at_home(tmp_path):
     stranger = pickle.loads(data)
     runs = stranger.ensemble((0, 0.5), {"m.v": [1.0]}, t_eval=2, progress=False)
     assert runs["status"].values.tolist() == [0]
-    assert stranger.digest == model.digest
+    assert stranger.kernels.digest == model.kernels.digest
     with pytest.raises(ModelError, match=r"needs its scene.*'spring_of_a_user'.*register"):
         stranger.linearize()
 
@@ -121,14 +121,14 @@ def test_equal_models_have_equal_digests_and_others_do_not():
     def digest(length=1.0, names=("L",), **options):
         scene = cotree.load("slider-pendulum")
         scene.set("L", length)
-        return scene.compile(list(names), **options).digest
+        return scene.compile(list(names), **options).kernels.digest
 
     assert digest() == digest()
     assert len({digest(), digest(1.5), digest(names=()), digest(baumgarte=1.0)}) >= 3
     one, other = (resting(voltage).compile() for voltage in (2.0, 3.0))
-    assert one.digest != other.digest
+    assert one.kernels.digest != other.kernels.digest
     again = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(one))))
-    assert again.digest == one.digest
+    assert again.kernels.digest == one.kernels.digest
 
 
 def test_another_version_is_refused(monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 
 def expected(model, t, y, p=None, u=None):
     """Rates and outputs by states, inputs and parameters, algebraic unknowns eliminated."""
-    layout = model.layout
+    layout = model.kernels.layout
     n, m = len(layout.states), len(model.sensitivities)
     n_rates = n - layout.n_algebraic
     jacobian = model.jacobian(t, y, p, u)
@@ -38,7 +38,7 @@ def expected(model, t, y, p=None, u=None):
 
 
 def _outputs_by_unknowns(model, t, y, p, u):
-    n_rates = len(y) - model.layout.n_algebraic
+    n_rates = len(y) - model.kernels.layout.n_algebraic
     m = len(model.sensitivities)
     nothing = model.output_sensitivity(t, y, np.zeros((len(y), m)), p, u)
     columns = []

@@ -121,7 +121,7 @@ def _driver(folder: Path, name: str, version: int, level: str) -> Path:
         archive.extractall(folder)
         text = archive.read("modelDescription.xml").decode()
     sources = folder / "sources"
-    n_events = len(model.layout.events)
+    n_events = len(model.kernels.layout.events)
     (sources / "unit_facts.h").write_text(Facts(text, version).header(n_events, is_tied, step))
     program = folder / "calls"
     command = [

@@ -32,7 +32,7 @@ def exported(tmp_path_factory):
 )
 def test_derivatives_in_event_continuous_time_and_step_modes(exported, name, version):
     model, path = exported(name, version)
-    n_rates = len(model.states) - model.layout.n_algebraic
+    n_rates = len(model.states) - model.kernels.layout.n_algebraic
     with Unit(path) as unit:
         unit.initialize()
         y = model.start().y

@@ -27,7 +27,7 @@ def four_bar(height: float | str, lift: str = "0") -> Scene:
 
 def test_pins_at_one_height_ask_for_nothing():
     model = four_bar(0.0).compile()
-    assert model.constraints == ("j4.x", "j4.y", "j4.x_dot", "j4.y_dot")
+    assert model.kernels.constraints == ("j4.x", "j4.y", "j4.x_dot", "j4.y_dot")
 
 
 def test_pins_at_different_heights_are_refused():

@@ -69,7 +69,7 @@ def test_every_compiled_kernel_equals_the_program_in_python(model_of, program_of
         compiled.prepare(p)
         model.kernels._own.prepared = None  # the model is shared: make it prepare again
         python.prepare(p)
-        for name, size in result_sizes(model.layout).items():
+        for name, size in result_sizes(model.kernels.layout).items():
             flat = np.ascontiguousarray(s.T).ravel()
             found = compiled(name, t, y, flat, np.zeros(0))
             assert found.shape == (size,)
@@ -109,11 +109,11 @@ def test_jacobian_by_complex_step_and_its_pattern(model_of, program_of, scene_na
             stepped[:, j] = evaluated(program, "rhs", t, moved, s, p).imag / STEP
         dense = model.jacobian(t, y, p)
         close(dense, stepped)
-        assert not np.any(stepped[~model.structure.jacobian_pattern])
-        sparse = model.jacobian_sparse(t, y, p)
+        assert not np.any(stepped[~model.kernels.structure.jacobian_pattern])
+        sparse = model.kernels.jacobian_sparse(t, y, p)
         assert sparse.has_sorted_indices
         assert np.array_equal(sparse.toarray(), dense)
-        assert sparse.nnz == model.structure.jacobian_pattern.sum()
+        assert sparse.nnz == model.kernels.structure.jacobian_pattern.sum()
 
 
 def test_sensitivity_rhs_by_complex_step(model_of, program_of, scene_name):

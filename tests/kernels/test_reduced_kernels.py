@@ -78,7 +78,7 @@ def close(found, expected, solved=None):
 @pytest.mark.parametrize("name", MODELS)
 def test_unknowns_move_so_that_residuals_stay(name):
     model = model_of(name)
-    cut = len(model.states) - model.layout.n_algebraic
+    cut = len(model.states) - model.kernels.layout.n_algebraic
     for t, x, s in points(model):
         rates = evaluated(model, "rhs", t, x).real
         slopes = matrix(model, t, x)
@@ -94,7 +94,7 @@ def test_unknowns_move_so_that_residuals_stay(name):
 def test_sensitivities_of_unknowns_are_eliminated(name):
     model = model_of(name)
     n = len(model.states)
-    cut = n - model.layout.n_algebraic
+    cut = n - model.kernels.layout.n_algebraic
     for t, x, s in points(model):
         slopes = matrix(model, t, x)
         s[:, cut:] = 0.0
@@ -110,7 +110,7 @@ def test_sensitivities_of_unknowns_are_eliminated(name):
 @pytest.mark.parametrize("name", MODELS)
 def test_a_step_is_newtons_and_one_order_better(name):
     model, p = model_of(name), model_of(name).default_parameters
-    n, m = len(model.states), model.layout.n_algebraic
+    n, m = len(model.states), model.kernels.layout.n_algebraic
     cut = n - m
     t, x, _ = next(points(model))
     of_model(Moment(model.kernels, t, p)).solve(t, x)

@@ -78,7 +78,7 @@ def test_the_second_time_nothing_is_formed(formed):
     again = pendulum().compile(["L"])
     assert len(formed) == 1
     assert again.kernels.cached
-    assert again.source == first.source
+    assert again.kernels.source == first.kernels.source
     one, other = (m.simulate((0, 2), method="dopri5") for m in (first, again))
     assert np.array_equal(one.y, other.y)
     assert np.array_equal(one.s, other.s)

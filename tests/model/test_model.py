@@ -218,7 +218,7 @@ def test_parameters_that_are_not_tunable_are_numbers_in_the_code():
 
 
 def test_source_and_times(slider):
-    assert "int slider_pendulum_rhs(" in slider.source
+    assert "int slider_pendulum_rhs(" in slider.kernels.source
     assert set(slider.times) == {"formulate", "generate", "compile", "start"}
     assert all(seconds >= 0.0 for seconds in slider.times.values())
 

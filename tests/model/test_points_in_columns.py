@@ -31,7 +31,7 @@ def points(model):
     y = model.initial_state[:, None] + 0.01 * rng.normal(size=(n, m))
     s = (
         rng.normal(size=(n, len(model.sensitivities), m))
-        * model.structure.sensitivity_pattern[..., None]
+        * model.kernels.structure.sensitivity_pattern[..., None]
     )
     p = model.default_parameters[:, None] * (1.0 + 0.01 * rng.random((len(model.parameters), m)))
     u = rng.normal(size=(len(model.inputs), m))
@@ -90,4 +90,4 @@ def test_errors_name_the_column():
     with pytest.raises(ParameterError, match=r"the states must be an array of shape \(4, 3\)"):
         model.rhs(0.0, y[:3])
     with pytest.raises(ParameterError, match=r"the states must be an array of shape \(4,\)"):
-        model.jacobian_sparse(0.0, y)
+        model.kernels.jacobian_sparse(0.0, y)

@@ -37,16 +37,16 @@ def scenes():
 def test_one_product_for_each_colour_gives_all_entries(name):
     scene, expected = scenes()[name]
     model = scene.compile()
-    colours = model.structure.jacobian_colouring
+    colours = model.kernels.structure.jacobian_colouring
     n = len(model.states)
     assert sorted(set(colours.tolist())) == list(range(colours.max() + 1))
     if expected is not None:
         assert colours.max() + 1 == expected
     y = model.initial_state + np.random.default_rng(0).normal(0.0, 0.1, n)
-    exact = model.jacobian_sparse(0.1, y)
+    exact = model.kernels.jacobian_sparse(0.1, y)
     seeds = np.equal.outer(colours, np.arange(colours.max() + 1)).astype(float)
     products = exact @ seeds
-    pattern = model.structure.jacobian_sparsity.tocoo()
+    pattern = model.kernels.structure.jacobian_sparsity.tocoo()
     found = np.zeros((n, n))
     found[pattern.row, pattern.col] = products[pattern.row, colours[pattern.col]]
     # Each product has one entry in a row, and zeros.
@@ -56,12 +56,12 @@ def test_one_product_for_each_colour_gives_all_entries(name):
 def test_the_pattern_is_that_of_the_sparse_jacobian():
     model = rc_ladder(20).compile()
     sparse, pattern = (
-        model.jacobian_sparse(0.0, model.initial_state),
-        model.structure.jacobian_sparsity,
+        model.kernels.jacobian_sparse(0.0, model.initial_state),
+        model.kernels.structure.jacobian_sparsity,
     )
     assert np.array_equal(pattern.indptr, sparse.indptr)
     assert np.array_equal(pattern.indices, sparse.indices)
-    assert np.array_equal(pattern.toarray(), model.structure.jacobian_pattern)
+    assert np.array_equal(pattern.toarray(), model.kernels.structure.jacobian_pattern)
     assert pattern.nnz == 3 * 20 - 2
 
 
@@ -69,4 +69,4 @@ def test_colours_of_a_model_without_states():
     scene = Scene("bare")
     scene.edge("V", "voltage_source", "a", "ground", voltage=1.0)
     scene.edge("R", "resistor", "a", "ground", resistance=1.0)
-    assert scene.compile().structure.jacobian_colouring.shape == (0,)
+    assert scene.compile().kernels.structure.jacobian_colouring.shape == (0,)

@@ -189,7 +189,7 @@ def test_compiling_in_four_threads():
     models = in_threads(lambda i: scene.compile(["L"]))
     y = known.initial_state
     for model in models:
-        assert model.source == known.source
+        assert model.kernels.source == known.kernels.source
         assert np.array_equal(model.rhs(0.1, y), known.rhs(0.1, y))
 
 

@@ -52,7 +52,7 @@ def test_loops_compute_what_the_statements_did(make):
     from cotree.model.model import CompiledModel
 
     model = make(13 if make is rc_grid else N).compile(sensitivities=["R"])
-    assert model.source.count("for (int i") >= 4
+    assert model.kernels.source.count("for (int i") >= 4
     other = CompiledModel(model.kernels.program, EvaluatedKernels(model.kernels.program))
     rng = np.random.default_rng(0)
     y, p = rng.normal(size=len(model.states)), np.array([0.7, *rng.uniform(0.5, 2.0, 2)])
@@ -77,7 +77,7 @@ def test_values_that_differ_from_stage_to_stage_are_read_from_tables():
         scene.edge(f"R{i}", "resistor", f"n{i - 1}", f"n{i}", resistance=float(r[i - 1]))
         scene.edge(f"C{i}", "capacitor", f"n{i}", "ground", capacitance=float(c[i - 1]))
     model = scene.compile()
-    assert "static const double c_0" in model.source
+    assert "static const double c_0" in model.kernels.source
     y = rng.normal(size=N)
     into = (np.concatenate([[1.0], y[:-1]]) - y) / r
     expected = (into - np.append(into[1:], 0.0)) / c

@@ -33,7 +33,9 @@ SHIPPED = (
 def wanted(scene):
     """All tunable parameters, and the initial value of the first state."""
     plain = scene.compile()
-    has_rate = [s for s, z in zip(plain.states, plain.layout.algebraic, strict=True) if not z]
+    has_rate = [
+        s for s, z in zip(plain.states, plain.kernels.layout.algebraic, strict=True) if not z
+    ]
     return [*plain.parameters, has_rate[0]]
 
 
@@ -44,7 +46,7 @@ def scene_named(name):
 def test_a_cascade_goes_one_way():
     model = heater().compile(HEATER)
     assert model.states == ("L1.i", "W.T")
-    assert model.structure.sensitivity_pattern.tolist() == HEATER_PATTERN
+    assert model.kernels.structure.sensitivity_pattern.tolist() == HEATER_PATTERN
     assert "sensitivities: 6 of 10 are integrated" in model.summary()
 
 
@@ -52,12 +54,12 @@ def test_parts_that_do_not_act_on_each_other():
     model = pendulums().compile(["L1", "L2", "h2.theta"])
     assert model.states == ("h1.theta", "h2.theta", "h1.theta_dot", "h2.theta_dot")
     first, second = [True, False, True, False], [False, True, False, True]
-    assert model.structure.sensitivity_pattern.T.tolist() == [first, second, second]
+    assert model.kernels.structure.sensitivity_pattern.T.tolist() == [first, second, second]
 
 
 def test_constraints_move_what_is_mechanical():
     model = loop_beside_circuit().compile(["a", "R"])
-    *mechanical, last = model.structure.sensitivity_pattern.tolist()
+    *mechanical, last = model.kernels.structure.sensitivity_pattern.tolist()
     assert all(row == [True, False] for row in mechanical)
     assert last == [False, True]
 
@@ -65,14 +67,16 @@ def test_constraints_move_what_is_mechanical():
 def test_events_move_what_they_set_and_what_follows():
     model = ball_beside_pendulum().compile(["L1", "e"])
     assert model.states == ("h1.theta", "j.s", "h1.theta_dot", "j.s_dot")
-    assert model.structure.sensitivity_pattern.tolist() == [[True, False], [False, True]] * 2
+    assert (
+        model.kernels.structure.sensitivity_pattern.tolist() == [[True, False], [False, True]] * 2
+    )
 
 
 def test_an_event_that_depends_on_a_parameter_fills_what_it_sets():
     scene = pendulums()
     # The kick of the second pendulum waits for the first one, whose length decides when.
     scene.event("kick", "h1.theta", set={"h2.theta_dot": "h2.theta_dot + 1"})
-    assert scene.compile(["L1", "L2"]).structure.sensitivity_pattern.tolist() == [
+    assert scene.compile(["L1", "L2"]).kernels.structure.sensitivity_pattern.tolist() == [
         [True, False],
         [True, True],
         [True, False],
@@ -86,7 +90,7 @@ def test_an_event_made_by_another_happens_at_its_time():
     scene.event("first", "h1.theta", set={"on": 1})
     # It looks at nothing that depends on L1, but what it sets happens at a time that does.
     scene.event("second", "on - 0.5", set={"h2.theta_dot": "0"})
-    assert scene.compile(["L1"]).structure.sensitivity_pattern.T.tolist() == [
+    assert scene.compile(["L1"]).kernels.structure.sensitivity_pattern.T.tolist() == [
         [True, True, True, True, False]
     ]
 
@@ -105,10 +109,10 @@ BY_CHANCE = {("motor-linkage", "T0")}
 def test_pattern_is_that_of_numbers(name, monkeypatch):
     scene = scene_named(name)
     names = wanted(scene)
-    pattern = scene.compile(names).structure.sensitivity_pattern
+    pattern = scene.compile(names).kernels.structure.sensitivity_pattern
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = scene_named(name).compile(names)
-    assert whole.structure.sensitivity_pattern.all()
+    assert whole.kernels.structure.sensitivity_pattern.all()
     end = ENDS.get(name, 1.0)
     found = whole.simulate((0.0, end), np.linspace(0.0, end, 21), rtol=1e-6, atol=1e-8, throw=True)
     is_nonzero = (found.s != 0.0).any(axis=2)
@@ -149,7 +153,7 @@ def test_a_map_of_many_columns_leaves_them_out(monkeypatch):
     model = scene.compile(names)
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = chains()[0].compile(names)
-    pattern = model.structure.sensitivity_pattern
+    pattern = model.kernels.structure.sensitivity_pattern
     assert pattern.sum() == pattern.size // 2
     rng = np.random.default_rng(1)
     y = rng.normal(size=len(model.states))

@@ -438,7 +438,7 @@ def test_chains_of_inverters_without_capacitors_have_operating_points(volts, n):
     scene = cmos("\n".join([f"Va a0 0 {volts}", *rows, f"C1 a{n} 0 1p"]))
     model = scene.compile()
     start = model.start()
-    n_states = len(model.states) - model.layout.n_algebraic
+    n_states = len(model.states) - model.kernels.layout.n_algebraic
     assert np.max(np.abs(model.rhs(0.0, start.y)[:n_states])) < 1.0  # 1e-12 A into 1 pF
     if volts in (0.0, 5.0):
         high = (volts == 0.0) == (n % 2 == 1)

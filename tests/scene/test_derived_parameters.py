@@ -66,14 +66,14 @@ def test_it_costs_what_the_expression_in_the_field_costs(model):
 def test_it_is_computed_once_when_parameters_are_prepared(model):
     # The rate reads its reciprocal: of the expression nothing is left in the kernel.
     assert model.kernels.program.kernels["rhs"].operations.total <= 3
-    assert "parameter m" in model.source
-    assert "parameter A" in model.source
+    assert "parameter m" in model.kernels.source
+    assert "parameter A" in model.kernels.source
 
 
 def test_values_follow_the_parameters_of_a_run(model):
     assert model.parameters == ("rho", "r", "L", "k")
-    assert model.derived()["m"] == pytest.approx(RHO * math.pi * R**2 * L)
-    assert model.derived({"r": 2 * R})["A"] == pytest.approx(4 * math.pi * R**2)
+    assert model.kernels.derived()["m"] == pytest.approx(RHO * math.pi * R**2 * L)
+    assert model.kernels.derived({"r": 2 * R})["A"] == pytest.approx(4 * math.pi * R**2)
     result = model.simulate((0, 0.1), parameters={"L": 2 * L})
     assert result["omega"][-1] == pytest.approx(
         math.sqrt(STIFFNESS / (2 * L * RHO * math.pi * R**2))
@@ -98,7 +98,7 @@ def test_parameters_that_are_fixed_fold():
     scene.edge("C", "capacitor", "n", "ground", capacitance=1.0, initial={"v": 1.0})
     model = scene.compile()
     assert model.parameters == ()
-    assert model.derived() == {"b": 8.0}
+    assert model.kernels.derived() == {"b": 8.0}
     assert model.rhs(0.0, [1.0])[0] == pytest.approx(-1 / 8)
 
 
@@ -180,7 +180,7 @@ def test_units_follow_where_all_are_known():
     scene.parameter("c", "2*d")
     scene.parameter("d", 3.0, unit="N s/m")
     scene.output("seen", "c + d")
-    layout = scene.compile().layout
+    layout = scene.compile().kernels.layout
     assert {row.name: row.unit for row in layout.derived} == {"m": "kg", "A": "m^2", "c": "kg/s"}
     assert layout.units["seen"] == "kg/s"
 

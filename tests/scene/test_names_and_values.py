@@ -133,7 +133,7 @@ def test_models_and_scenes_are_pickled(name, sensitivities):
     scene = cotree.load(name)
     model = scene.compile(sensitivities, optimize="-O0")
     again = pickle.loads(pickle.dumps(model))
-    assert again.source == model.source
+    assert again.kernels.source == model.kernels.source
     assert again.kernels.cached
     wanted, found = (m.simulate((0, 0.02)) for m in (model, again))
     assert (wanted.y == found.y).all()

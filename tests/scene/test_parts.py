@@ -85,7 +85,7 @@ def _walker(hips: dict[str, tuple[float, float]], is_flat: bool) -> cotree.Scene
 
 def _text(scene: cotree.Scene, *sensitivities: str) -> str:
     """Give the C text of a scene without the number that its names enter, too."""
-    return re.sub(r"program [0-9a-f]+", "program", scene.compile(sensitivities).source)
+    return re.sub(r"program [0-9a-f]+", "program", scene.compile(sensitivities).kernels.source)
 
 
 @pytest.mark.parametrize("n", [40, pytest.param(200, marks=pytest.mark.slow)])
@@ -246,7 +246,7 @@ def test_saved_scenes_keep_their_parts(tmp_path) -> None:
     assert read == outer
     for table in ("parameters", "edges", "outputs"):
         assert list(getattr(read, table)) == list(getattr(outer, table))
-    assert read.compile().source == outer.compile().source
+    assert read.compile().kernels.source == outer.compile().kernels.source
 
 
 def test_parts_stay_when_a_scene_is_copied_or_pickled() -> None:

@@ -148,7 +148,7 @@ def test_outputs_of_networks_have_units():
     scene.edge("W", "heat_capacitor", "w", "ground", capacity=1.0, initial={"T": 300.0})
     for name, text in {"v": "n.v", "p": "n.v**2/R", "T": "w.T", "celsius": "w.T - 273.15"}.items():
         scene.output(name, text)
-    layout = scene.compile().layout
+    layout = scene.compile().kernels.layout
     assert [row.unit for row in layout.outputs] == ["V", "W", "K", "degC"]
 
 

@@ -140,7 +140,7 @@ def test_an_initial_rate_of_a_chord_is_not_given_again_by_an_event(loop):
     scene.mode("n", 0)
     scene.event("tick", "t - 0.5", direction=1, set={"n": "n + 1"})
     model = scene.compile(["m"])
-    assert model.layout.start_rows == ("close.theta_dot",)
+    assert model.kernels.layout.start_rows == ("close.theta_dot",)
     result = model.simulate((0, 1), [0.5, 1.0], loop, **TIGHT)
     row = result.events["tick"]
     speed = model.states.index("crank.theta_dot")

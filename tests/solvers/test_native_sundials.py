@@ -428,7 +428,7 @@ def test_constrained_motions_stay_on_their_constraints(method, tested):
     result = model.simulate((0.0, 10.0), times, method, 1e-9, 1e-10, **settings)
     expected = model.simulate((0.0, 10.0), times, "dop853", 1e-12, 1e-13, throw=True)
     assert result.statistics.method == method
-    assert model.layout.constraints
+    assert model.kernels.layout.constraints
     # Rounding of lengths and speeds of some metres.
     assert result.drift.worst < 1e-13
     # A step's own error at most, which is what a projection takes back.

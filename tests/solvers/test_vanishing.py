@@ -62,7 +62,9 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     if METHODS[method].family in ("scipy", "correctors") and name.startswith("ball"):
         pytest.skip("it refuses events")
     packed, whole = both(name)
-    if METHODS[method].family == "scipy" and (packed.layout.n_algebraic or packed.constraints):
+    if METHODS[method].family == "scipy" and (
+        packed.kernels.layout.n_algebraic or packed.kernels.constraints
+    ):
         with pytest.raises(SolveError, match=f"use '{METHODS[method].instead}', which runs in C"):
             packed.simulate((0.0, 1.0), method=method)
         return
@@ -72,8 +74,8 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
     runs = [m.simulate((0.0, end), times, method, RTOL, ATOL, throw=True) for m in (packed, whole)]
     found, expected = (r.s for r in runs)
     assert found.shape == expected.shape == (len(packed.states), len(NAMES[name]), 13)
-    assert not packed.structure.sensitivity_pattern.all()
-    assert not found[~packed.structure.sensitivity_pattern].any()
+    assert not packed.kernels.structure.sensitivity_pattern.all()
+    assert not found[~packed.kernels.structure.sensitivity_pattern].any()
     assert all("stood in" not in r.message for r in runs)
     agree = AGREE[METHODS[method].multistep]
     scale = 1.0 + np.abs(expected).max(axis=2, keepdims=True)
@@ -87,12 +89,12 @@ def test_every_method_agrees_with_the_whole_integration(name, method, both):
 def test_where_matrices_are_sparse(method, monkeypatch):
     """States stand in another order within the band, and half a column is solved for."""
     packed = ladders().compile(["R1", "R2"])
-    assert packed.structure.sensitivity_pattern.sum() == 50
+    assert packed.kernels.structure.sensitivity_pattern.sum() == 50
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = ladders().compile(["R1", "R2"])
     runs = [m.simulate((0.0, 2.0), [1.0, 2.0], method, RTOL, ATOL) for m in (packed, whole)]
     assert all("stood in" not in r.message for r in runs)
-    assert not runs[0].s[~packed.structure.sensitivity_pattern].any()
+    assert not runs[0].s[~packed.kernels.structure.sensitivity_pattern].any()
     agree = AGREE[METHODS[method].multistep]
     np.testing.assert_allclose(runs[0].s, runs[1].s, atol=agree)
     # The ladders are alike: so are the sensitivities of each to its own resistance.
@@ -144,7 +146,7 @@ def test_events_with_algebraic_unknowns(method, both, monkeypatch):
     packed = scene()
     monkeypatch.setattr(lowering, "reached_states", whole_pattern)
     whole = scene()
-    assert packed.structure.sensitivity_pattern.T.tolist() == [
+    assert packed.kernels.structure.sensitivity_pattern.T.tolist() == [
         [True, True, True],
         [False, True, False],
     ]
@@ -166,7 +168,7 @@ def test_what_is_not_finite_is_named_by_its_own_name(method):
     # The derivative by c has a logarithm, which the swing takes below zero.
     scene.edge("t2", "torque", "ground", "A2", torque=[0, 0, "-h2.theta**c"])
     model = scene.compile(["L1", "c"])
-    assert model.structure.sensitivity_pattern.sum() == 4
+    assert model.kernels.structure.sensitivity_pattern.sum() == 4
     with pytest.warns(RuntimeWarning):
         result = model.simulate((0.0, 3.0), method=method)
     assert result.status != 0

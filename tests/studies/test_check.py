@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cotree import Model, ParameterError, Result, Scene, load
-from cotree.studies import check
-from cotree.studies.check import check_sensitivities
+from cotree import Model, ParameterError, Result, Scene, check, load
+from cotree.check import check_sensitivities
 
 
 class Distorted(Model):
@@ -86,7 +85,7 @@ def test_wrong_sensitivities_fail(factor: float) -> None:
 
 
 def test_values_are_the_point_of_comparison(oscillator: Model) -> None:
-    (row,) = check_sensitivities(oscillator, ["k"], t_end=1.0, values={"k": 20.0}).rows
+    (row,) = check_sensitivities(oscillator, ["k"], t_end=1.0, parameters={"k": 20.0}).rows
     assert row.value == 20.0
     assert row.passed
 
@@ -171,3 +170,12 @@ def test_failures_are_named_together(oscillator: Model) -> None:
     failed = replace(rows[1], deviation=1.0)
     report = check.CheckReport((rows[0], failed, rows[2]), 0.5, "dop853", 1e-12)
     assert report.verdict == "1 of 3 sensitivities failed: x0"
+
+
+def test_a_model_checks_itself(oscillator):
+    """Sensitivities that it was not compiled with are compiled for the check."""
+    assert [row.name for row in oscillator.check(t_end=0.5).rows] == list(oscillator.sensitivities)
+    plain = pendulum().compile()
+    report = plain.check(["L"], t_end=0.5)
+    assert report.passed
+    assert [row.name for row in report.rows] == ["L"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cotree import ParameterError, Scene
-from cotree.studies.check import Experiment, quantities, sensitivities
+from cotree.check import Experiment, quantities, sensitivities
 
 
 def oscillator() -> Experiment:

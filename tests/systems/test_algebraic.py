@@ -12,9 +12,9 @@ from loop_with_network import four_bar, with_a_network
 from scipy.special import lambertw
 
 import cotree
+from cotree.check import check_sensitivities
 from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.pipeline import formulate
-from cotree.studies.check import check_sensitivities
 
 ALL = ["dopri5", "dop853", "rodas4", "rodas5", "cvode", "ida", "auto"]
 
@@ -350,7 +350,7 @@ def test_transistor_amplifier(method, tolerance):
 def test_constraints_and_algebraic_unknowns_live_together(method):
     alone = four_bar().compile(["a"])
     model = model_of(with_a_network(formulate(four_bar(), ["a"], None)[1]))
-    layout, n = model.layout, len(alone.states)
+    layout, n = model.kernels.layout, len(alone.states)
     assert (layout.n_coordinates, layout.n_speeds, layout.n_algebraic) == (n // 2, n // 2, 1)
     times = np.linspace(0.0, 1.0, 6)
     settings = {"rtol": 1e-9, "atol": 1e-11, "throw": True}
@@ -363,7 +363,7 @@ def test_constraints_and_algebraic_unknowns_live_together(method):
     np.testing.assert_allclose(z + z**3, theta, rtol=1e-14)
     along = result.sensitivity("crank.theta", "a") / (1.0 + 3.0 * z**2)
     np.testing.assert_allclose(result.sensitivity("z", "a"), along, rtol=1e-13, atol=1e-15)
-    assert result.drift.names == (*alone.constraints, "z")
+    assert result.drift.names == (*alone.kernels.constraints, "z")
     assert result.drift.worst < 1e-12
 
 

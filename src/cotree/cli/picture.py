@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.check import Array, Experiment
 from cotree.errors import Error
 from cotree.files import written_whole
 from cotree.plot import choose_curves, plot_result, save_figure, svg_text
-from cotree.studies.check import Array, Experiment
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -85,7 +85,7 @@ def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
 def check_names(model: Model, names: Sequence[str]) -> Curves:
     """Choose the curves of a run before it begins: those that are named, or all coordinates."""
     # The model knows the names before a run has given a result.
-    followers = (*(row.name for row in model.layout.positions), *model.outputs)
+    followers = (*(row.name for row in model.kernels.layout.positions), *model.outputs)
     known = (model.states, followers, model.inputs, model.sensitivities)
     return choose_curves(names or None, *known)
 

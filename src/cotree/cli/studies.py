@@ -82,8 +82,8 @@ def finding_lines(found: Sequence[Finding]) -> list[str]:
 
 def derived_values(model: Model, parameters: Mapping[str, float] | None) -> Values:
     """List the parameters that follow from others: name, expression, value and unit."""
-    values = model.derived(parameters)
-    rows = [(f"{r.name} = {r.text}", values[r.name], r.unit) for r in model.layout.derived]
+    values = model.kernels.derived(parameters)
+    rows = [(f"{r.name} = {r.text}", values[r.name], r.unit) for r in model.kernels.layout.derived]
     return Values((), rows, "derived parameters", digits=10)
 
 
@@ -97,29 +97,19 @@ def check_scene(
 ) -> None:
     """Compare sensitivities with finite differences; all parameters if none is named."""
     from cotree.lint import lint
-    from cotree.studies.check import check_sensitivities
 
     described = read_scene(scene, settings)
     values = settings.pop("parameters")
     # Parameters that are folded into the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
-    # Finite differences need no sensitivities: runs of the plain model are faster, and independent
-    # of the derivatives that they check.
-    model, plain = described.compile(names, tree), described.compile(tree=tree)
+    model = described.compile(names, tree)
     # The equations have been formed just now.
     for line in finding_lines(lint(described, is_formed=False)):
         typer.echo(line)
     if derived := derived_values(model, values).text():
         typer.echo(derived)
-    report = check_sensitivities(
-        model,
-        t_end=t_end,
-        values=values,
-        plain=plain,
-        report=_at_once,
-        **settings,
-    )
+    report = model.check(t_end=t_end, parameters=values, report=_at_once, **settings)
     if not report.passed:
         raise typer.Exit(1)
 

@@ -205,7 +205,7 @@ def band_of(
         in_units = errors * (np.abs(there.values) * decade)
         with np.errstate(over="ignore"):
             lower, upper = np.exp(low * decade), np.exp(high * decade)
-    unit = run.model.layout.units.get(quantity, "")
+    unit = run.model.kernels.layout.units.get(quantity, "")
     return Band(
         output, unit, run.name, t, there.values, in_units, lower, upper, level, noise is not False
     )

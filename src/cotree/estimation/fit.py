@@ -199,7 +199,10 @@ class _Assembly:
         """Make the condition of an experiment."""
         row, model = run.experiment, run.model
         first = dict(zip(model.states, model.initial_state.tolist(), strict=True))
-        units = {row.name: row.unit for row in (*model.layout.parameters, *model.layout.states)}
+        units = {
+            row.name: row.unit
+            for row in (*model.kernels.layout.parameters, *model.kernels.layout.states)
+        }
         parameters: dict[str, float | str] = {}
         initial: dict[str, float | str] = {}
         for name in self._ranges:

@@ -337,7 +337,7 @@ def _estimated_noise(
 
 def _unit(model: Model, name: str) -> str:
     """Return the unit of a state or output, or an empty string."""
-    layout = model.layout
+    layout = model.kernels.layout
     return next((row.unit for row in (*layout.states, *layout.outputs) if row.name == name), "")
 
 

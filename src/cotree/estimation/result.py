@@ -600,7 +600,7 @@ def _unit(problem: Problem, name: str) -> str:
     for condition in problem.conditions:
         for target, value in (*condition.parameters.items(), *condition.initial.items()):
             if value == name:
-                return condition.model.layout.units.get(target, "")
+                return condition.model.kernels.layout.units.get(target, "")
     return ""
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from cotree.build import find_toolchain
 from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import BuildError, ParameterError, SingularSystemError
-from cotree.model.arrays import Array, as_array, as_parameters
+from cotree.model.arrays import Array, as_array, as_parameters, derived_values
 from cotree.model.columns import in_columns, is_many
 from cotree.model.kernels import why_undefined
 from cotree.model.roots import Junctions
@@ -199,6 +199,21 @@ class CompiledModel:
             return known.copy()
         return as_parameters(values, self._place_of, known, self.layout.derived)
 
+    def derived(self, p: Any = None) -> dict[str, float]:
+        """Return the values of the parameters that are derived from others, by name.
+
+        Parameters
+        ----------
+        p : array_like, shape (n_parameters,), or mapping of str to float, optional
+            What they follow from; the scene's values where absent.
+
+        Raises
+        ------
+        ParameterError
+            If a value is not accepted.
+        """
+        return derived_values(self.layout.derived, self.parameter_array(p))
+
     def arguments_of(self, values: Mapping[str, float]) -> Array:
         """Return the parameters of a run as an array, of all its values by name.
 
@@ -316,6 +331,11 @@ class CompiledModel:
             text = self.rest.text
             parts += [repr(text.program.layout), *_listed(text.files)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    @property
+    def source(self) -> str:
+        """The C text of the model; empty where it was not written."""
+        return self.text.files[f"{self.text.prefix}.c"] if self.text else ""
 
     @property
     def slow_causes(self) -> str:

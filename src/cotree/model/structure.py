@@ -113,7 +113,7 @@ class Structure:
         >>> model = load("battery-cell").compile(["R0", "R1", "Q"])
         >>> model.states
         ('cell.pair1.v', 'cell.pair2.v', 'cell.soc')
-        >>> model.structure.sensitivity_pattern.tolist()
+        >>> model.kernels.structure.sensitivity_pattern.tolist()
         [[False, True, False], [False, False, False], [False, False, True]]
         """
         n, m = len(self.layout.states), len(self.layout.sensitivities)

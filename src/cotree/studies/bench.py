@@ -299,7 +299,7 @@ def bench(
         _try_all(runner, trials, reference, expected, begun + _TRIES * budget, tell)
         _time_all(runner, trials, repeats, begun + budget, tell)
     return BenchReport(
-        scene=model.layout.name,
+        scene=model.kernels.layout.name,
         sensitivities=model.sensitivities,
         n_states=len(model.states),
         n_points=N_POINTS,
@@ -327,7 +327,9 @@ class _Runs:
         self, model: Model, t_end: float | None, settings: dict[str, Any], time_limit: float
     ) -> None:
         if not model.states:
-            raise SolveError(f"'{model.layout.name}' has no states: there is nothing to integrate")
+            raise SolveError(
+                f"'{model.kernels.layout.name}' has no states: there is nothing to integrate"
+            )
         self.model, self.settings, self.time_limit = model, settings, time_limit
         # A loose run, to learn where the scene ends and what is chosen for it.
         probe = model.simulate(

@@ -58,7 +58,7 @@ def test_a_tensor_that_others_make_up_for_counts_in_full():
     with pytest.warns(RuntimeWarning, match="'last'"):
         folded = parted.compile(tunable=[])
     assert folded.rhs(0.0, y) == pytest.approx(expected.rhs(0.0, y), rel=1e-12, abs=1e-12)
-    assert not folded.layout.uncertain
+    assert not folded.kernels.layout.uncertain
 
 
 def test_negative_kinetic_energy_is_solved_with_pivots():
@@ -67,7 +67,7 @@ def test_negative_kinetic_energy_is_solved_with_pivots():
     scene.output("energy", "energy.kinetic + energy.potential")
     with pytest.warns(RuntimeWarning, match="'last'"):
         model = scene.compile(tree=["base", "j1", "a1", "j2", "a2"])
-    assert len(model.layout.uncertain) == 2
+    assert len(model.kernels.layout.uncertain) == 2
     start = {"j1.theta_dot": 2.0, "j2.theta_dot": -3.0}
     result = model.simulate((0, 1), initial=start, rtol=1e-10, atol=1e-12)
     energy = result["energy"]
@@ -82,7 +82,7 @@ def test_rounding_is_no_negative_minor(base):
     """Entries of 1e-35 beside zeros, as files have them: minors of -5.8e-70."""
     tensor = [[0.2, 2.4e-35, 0.0], [2.4e-35, 0.0, 0.0], [0.0, 0.0, 0.2]]
     model = arm(last=tensor, base=base).compile()  # warnings are errors here
-    assert not model.layout.uncertain
+    assert not model.kernels.layout.uncertain
 
 
 def test_parameters_that_take_the_minor_away_are_refused_at_a_run():

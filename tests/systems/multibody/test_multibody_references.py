@@ -206,7 +206,7 @@ def test_any_pins_of_andrews_mechanism_may_be_cut(cuts):
     expected = simulated(compiled(name, "joint"), rows, **TIGHT)
     scene = scene_of(read_reference(name))
     model = scene.compile(tree=tree_without(scene, cuts))
-    chords = {row.partition(".")[0] for row in model.constraints}
+    chords = {row.partition(".")[0] for row in model.kernels.constraints}
     assert chords == set(cuts)
     result = simulated(model, rows, **TIGHT)
     for key in values_of(rows):

@@ -65,7 +65,7 @@ def differences():
 @pytest.mark.sampled(2)
 def test_a_charger_with_a_diode(method, differences):
     model = charger().compile(list(CHARGER))
-    assert model.layout.n_algebraic == 1
+    assert model.kernels.layout.n_algebraic == 1
     rtol = 1e-11
     result = model.simulate((0, 0.1), method=method, rtol=rtol, atol=rtol / 10)
     values, slopes = differences

@@ -306,7 +306,7 @@ def test_a_corner_of_an_algebraic_equation(method: str) -> None:
     scene.edge("R2", "resistor", "n", "c", resistance=2.0)
     scene.edge("C", "capacitor", "c", "ground", capacitance=0.3)
     model = scene.compile(["g"])
-    assert any(model.layout.algebraic)
+    assert any(model.kernels.layout.algebraic)
     result = model.simulate((0, 4), method=method, **_TIGHT)
     h = 1e-5
     high, exact, low = (
@@ -338,10 +338,10 @@ def test_what_is_left_to_the_error_test() -> None:
         "-abs(j.s)**0.7",
         "sin(max(t - 1, 0))",
     ):
-        assert not mass(force, s=1.0).compile().layout.corners, force
+        assert not mass(force, s=1.0).compile().kernels.layout.corners, force
     scene = mass("-j.s", s=1.0)
     scene.output("side", "abs(j.s)")
-    assert not scene.compile().layout.corners
+    assert not scene.compile().kernels.layout.corners
     # Capacitances of loops are a linear system, as masses are, and its pivots are chosen by sizes.
     scene = Scene("amplifier")
     scene.edge("V", "voltage_source", "in", "ground", voltage="0.4*sin(t)")
@@ -354,13 +354,13 @@ def test_what_is_left_to_the_error_test() -> None:
     junctions = {"saturation_current": 1e-14, "be_capacitance": 1e-11, "bc_capacitance": 5e-12}
     gains = {"forward_gain": 100.0, "reverse_gain": 1.0}
     scene.edge("Q", "bjt_npn", "b", "c", "e", **junctions, **gains)
-    assert not scene.compile().layout.corners
+    assert not scene.compile().kernels.layout.corners
     dense = np.linspace(-1.0, 1.0, 1002)
     scene = Scene("dense")
     scene.table("f", dense, -np.sin(dense))
     scene.edge("j", "prismatic", "ground", "A", axis=[1, 0, 0], force="f(j.s)")
     scene.edge("m", "rigid_body", "ground", "A", mass=1.0)
-    assert not scene.compile().layout.corners
+    assert not scene.compile().kernels.layout.corners
 
 
 @pytest.mark.parametrize("power", ["1.5", "0.7", "0.5", "n"])
@@ -408,7 +408,7 @@ def test_a_corner_within_a_function(method: str, law: str) -> None:
     scene.edge("J", "current_source", "ground", "b", current=current)
     scene.edge("D", "capacitor", "b", "ground", capacitance=1.0)
     model = scene.compile(["k"])
-    assert model.layout.corners
+    assert model.kernels.layout.corners
     result = model.simulate((0, 2 * math.pi), method=method, rtol=1e-8, atol=1e-10)
     # Eight tolerances; over corners that nothing located errors were up to a thousand.
     most = 8e-8 * (12.0 if method in ("cvode", "ida") else 1.0)
@@ -433,7 +433,7 @@ def test_what_is_twice_differentiable_within_a_root_is_not_located(
     current = re.sub(r"\bx\b", "C.v", law)
     scene.edge("I", "current_source", "a", "ground", current=current)
     scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
-    assert bool(scene.compile([]).layout.corners) == is_located
+    assert bool(scene.compile([]).kernels.layout.corners) == is_located
 
 
 @pytest.mark.parametrize("name", ["two-tanks", "crane"])
@@ -455,7 +455,7 @@ def test_a_corner_within_a_table(law: str) -> None:
     scene.edge("J", "current_source", "ground", "b", current=law)
     scene.edge("D", "capacitor", "b", "ground", capacitance=1.0)
     model = scene.compile()
-    assert model.layout.corners
+    assert model.kernels.layout.corners
     found = model.simulate((0, 2 * math.pi), method="dopri5", rtol=1e-8, atol=1e-10)
     assert found["D.v"][-1] == pytest.approx(12.0, rel=8e-8)  # eight tolerances
 
@@ -506,7 +506,7 @@ def test_a_root_holds_the_side_on_which_it_is_constant() -> None:
 def test_a_collision_by_hertz(law: str, method: str) -> None:
     """A mass comes back from an elastic contact as fast as it met it, after a known time."""
     model = mass(f"-({law})", {"k": 30.0}, s=-0.2, s_dot=1.0).compile()
-    assert len(model.layout.corners) == 1
+    assert len(model.kernels.layout.corners) == 1
     result = model.simulate((0, 1.5), method=method, rtol=1e-8, atol=1e-10)
     depth = (5.0 / (4.0 * 30.0)) ** 0.4
     beta = math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
@@ -523,7 +523,7 @@ def test_one_piece_serves_tables_of_one_argument_and_one_axis() -> None:
     scene.table("g", x, [0.2 * i for i in x])
     scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
     scene.edge("I", "current_source", "ground", "a", current="1 + f(C.v)*g(C.v)")
-    layout = scene.compile().layout
+    layout = scene.compile().kernels.layout
     # Both ends of the piece that is held, however many points there are.
     assert (layout.n_pieces, len(layout.corners)) == (1, 2)
 

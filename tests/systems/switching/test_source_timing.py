@@ -317,7 +317,9 @@ def test_a_parameter_that_only_times_a_jump_reaches_states():
     scene.edge("C9", "capacitor", "c", "ground", capacitance=1.0, initial={"v": 1.0})
     scene.edge("R9", "resistor", "c", "ground", resistance=1.0)
     model = scene.compile(["d"])
-    reached = dict(zip(model.states, model.structure.sensitivity_pattern[:, 0], strict=True))
+    reached = dict(
+        zip(model.states, model.kernels.structure.sensitivity_pattern[:, 0], strict=True)
+    )
     assert reached == {"C.v": True, "C9.v": False}
 
 

@@ -380,7 +380,7 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
         )
         return files
     columns = {name: result[name] for name in model.outputs}
-    return files | reference_files(c_identifier(model.layout.name), result.t, columns)
+    return files | reference_files(c_identifier(model.kernels.layout.name), result.t, columns)
 
 
 def interval_of(t_end: float) -> float:

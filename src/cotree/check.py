@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +20,27 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Unpack
 
-    from cotree.api import Model
+    from cotree.model.model import CompiledModel
     from cotree.results import Result
     from cotree.scene.settings import SettingsDict
 
 
 Array = npt.NDArray[np.float64]
+
+
+class Model(Protocol):
+    """A model that can be simulated: :class:`cotree.Model`."""
+
+    states: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    sensitivities: tuple[str, ...]
+    kernels: CompiledModel
+
+    @property
+    def simulate(self) -> Callable[..., Result]:
+        """Its runs."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,11 +289,11 @@ class CheckReport(Reported):
 
 def check_sensitivities(
     model: Model,
-    parameters: Sequence[str] | None = None,
+    sensitivities: Sequence[str] | None = None,
     t_end: float | None = None,
-    values: Mapping[str, float] | None = None,
     plain: Model | None = None,
     *,
+    parameters: Mapping[str, float] | None = None,
     method: str | None = None,
     report: Callable[[str], None] | None = None,
     **settings: Unpack[SettingsDict],
@@ -289,15 +304,15 @@ def check_sensitivities(
     ----------
     model : Model
         Compiled with sensitivities.
-    parameters : sequence of str, optional
+    sensitivities : sequence of str, optional
         The sensitivities to check; all of them where absent.
     t_end : float, optional
         End of the runs, [s]; the scene's where absent.
-    values : mapping of str to float, optional
-        Parameter values in place of the scene's.
     plain : Model, optional
         The same scene compiled without sensitivities, for the differences: most of the runs, which
         then take a fraction of the time.
+    parameters : mapping of str to float, optional
+        Parameter values in place of the scene's.
     method : str, optional
         The method of all runs; what ``auto`` takes where absent.
     report : callable, optional
@@ -346,10 +361,10 @@ def check_sensitivities(
 
     A parameter passes if this holds for every state and output.
     """
-    names = _checked_names(model, parameters)
+    names = _checked_names(model, sensitivities)
     # A short way to learn what "auto" chooses and where the scene ends.
     rtol, given = settings.pop("rtol", None) or _RTOL, settings
-    common: dict[str, Any] = {"parameters": dict(values or {}), **given}
+    common: dict[str, Any] = {"parameters": dict(parameters or {}), **given}
     span = None if t_end is None else (0.0, t_end)
     probe = model.simulate(span, method=method, throw=True, **common)
     found = CheckReport((), float(probe.t[-1]), probe.statistics.method, rtol)
@@ -415,8 +430,8 @@ def _experiment(
     return Experiment(model, times, settings)
 
 
-def _checked_names(model: Model, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    names = model.sensitivities if parameters is None else tuple(parameters)
+def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...]:
+    names = model.sensitivities if wanted is None else tuple(wanted)
     if not names:
         raise ParameterError(
             "there is no sensitivity to check: name the parameters when the scene is compiled"
