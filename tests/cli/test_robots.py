@@ -28,7 +28,7 @@ def robot(tmp_path):
             r"d\(slide\.s\)/d\(slider_mass\)",
         ),
         (["graph", "ROBOT"], "shoulder_joint_frame -> upper_arm"),
-        (["check", "ROBOT", "--t-end", "0.05", "-s", "slider_mass"], "sensitivity to slider_mass"),
+        (["check", "ROBOT", "--t-end", "0.05", "-s", "slider_mass"], r"PASS +slider_mass"),
         (
             ["bench", "ROBOT", "--t-end", "0.05", "--method", "dopri5", "--tolerance", "1e-6"],
             "whole: 6 states",

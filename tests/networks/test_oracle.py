@@ -62,10 +62,7 @@ def check_values(network: LinearNetwork, seed: int) -> None:
     rng, t = np.random.default_rng(seed), 0.3
     x = rng.normal(size=len(model.states))
     # Those that vanish are never anything else, which the rates below are to show.
-    s = (
-        rng.normal(size=(len(model.states), len(wanted)))
-        * model.kernels.structure.sensitivity_pattern
-    )
+    s = rng.normal(size=(len(model.states), len(wanted))) * model.structure.sensitivity_pattern
     states = dict(zip(model.states, x, strict=True))
     values, rates, determined = instant(network, states, t)
     n = len(values)

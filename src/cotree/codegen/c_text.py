@@ -8,6 +8,7 @@ indented.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -179,12 +180,23 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
         for row in _parts(paragraph, is_shared=name in cut)
     ]
     reached = _reached([item for item, is_kept in rows if is_kept], [item for item, _ in rows])
-    return {
-        name: squeezed("\n".join(_without(p, reached) for p in paragraphs(text)))
-        if name in cut
-        else text
-        for name, text in texts.items()
-    }
+    found = dict(texts)
+    for name in cut:
+        text = squeezed("\n".join(_without(p, reached) for p in paragraphs(texts[name])))
+        found[name] = _without_unused_macros(text) if name.endswith(".c") else text
+    return found
+
+
+def _without_unused_macros(text: str) -> str:
+    """Leave out the macros of a source that nothing else in it mentions."""
+    counts = Counter(filter(is_word, tokens(text)))
+    # Macros follow those that they mention.
+    for item in reversed(items(text)):
+        own = Counter(filter(is_word, tokens(item.text)))
+        if item.text.startswith("#define") and all(counts[n] == own[n] for n in item.names):
+            counts -= own
+            text = text.replace(item.text, "", 1)
+    return squeezed(text)
 
 
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
