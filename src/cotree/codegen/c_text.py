@@ -8,7 +8,6 @@ indented.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -174,29 +173,21 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
         if name in shared and (name.endswith(".c") or unframed(text)[1])
     }
     rows = [
-        row
+        (item, name, is_kept)
         for name, text in texts.items()
         for paragraph in paragraphs(text)
-        for row in _parts(paragraph, is_shared=name in cut)
+        for item, is_kept in _parts(paragraph, is_shared=name in cut)
     ]
-    reached = _reached([item for item, is_kept in rows if is_kept], [item for item, _ in rows])
-    found = dict(texts)
-    for name in cut:
-        text = squeezed("\n".join(_without(p, reached) for p in paragraphs(texts[name])))
-        found[name] = _without_unused_macros(text) if name.endswith(".c") else text
-    return found
-
-
-def _without_unused_macros(text: str) -> str:
-    """Leave out the macros of a source that nothing else in it mentions."""
-    counts = Counter(filter(is_word, tokens(text)))
-    # Macros follow those that they mention.
-    for item in reversed(items(text)):
-        own = Counter(filter(is_word, tokens(item.text)))
-        if item.text.startswith("#define") and all(counts[n] == own[n] for n in item.names):
-            counts -= own
-            text = text.replace(item.text, "", 1)
-    return squeezed(text)
+    reached = _reached(
+        [(item, name) for item, name, is_kept in rows if is_kept],
+        [(item, name) for item, name, _ in rows],
+    )
+    return {
+        name: squeezed("\n".join(_without(p, name, reached) for p in paragraphs(text)))
+        if name in cut
+        else text
+        for name, text in texts.items()
+    }
 
 
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
@@ -211,25 +202,48 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
     """
     rows = [item for text in texts for item in items(text) if item.names and not item.is_directive]
     roots = [i for i in rows if _EXPORT in i.text or not {*types}.isdisjoint(i.names)]
-    reached = _reached(roots, rows)
-    found = "".join(item.text for item in rows if not reached.isdisjoint(item.names))
+    reached = _reached([(item, "") for item in roots], [(item, "") for item in rows])
+    found = "".join(item.text for item in rows if _is_reached(item, "", reached))
     return "".join(
         token for token in tokens(found) if not token.startswith("/*") and token != _EXPORT
     )
 
 
-def _reached(fresh: list[Item], rows: Iterable[Item]) -> set[str]:
-    """Return the names that some items mention, and those that what defines these mentions."""
-    by_name: dict[str, list[Item]] = {}
-    for item in rows:
-        for name in item.names:
-            by_name.setdefault(name, []).append(item)
-    reached: set[str] = set()
+def _reached(
+    fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
+) -> set[tuple[str, str]]:
+    """Return the names that items of files mention, directly or through what defines them.
+
+    Each comes with its scope: the source that a private name is of, or nothing.
+    """
+    by_name: dict[str, list[tuple[Item, str]]] = {}
+    for row in rows:
+        for name in row[0].names:
+            by_name.setdefault(name, []).append(row)
+    reached: set[tuple[str, str]] = set()
     while fresh:
-        found = words(fresh.pop().text) - reached
-        reached |= found
-        fresh += [item for word in found for item in by_name.get(word, ())]
+        item, file = fresh.pop()
+        for word in words(item.text):
+            for row in by_name.get(word, ()):
+                scope = _scope(*row)
+                # A header may use macros of the sources that include it.
+                is_known = scope in ("", file) or not file.endswith(".c")
+                if is_known and (word, scope) not in reached:
+                    reached.add((word, scope))
+                    fresh += [other for other in by_name[word] if _scope(*other) == scope]
     return reached
+
+
+def _scope(item: Item, file: str) -> str:
+    """Return the source that alone knows the names of an item, or nothing."""
+    is_private = item.is_private or item.text.startswith("#define")
+    return file if is_private and file.endswith(".c") else ""
+
+
+def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
+    """Return whether a name that an item defines is among those that are mentioned."""
+    scope = _scope(item, file)
+    return any((name, scope) in reached for name in item.names)
 
 
 def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bool]]:
@@ -248,12 +262,12 @@ def _level(item: Item) -> int:
     return item.text.startswith("#if") - item.text.startswith("#endif")
 
 
-def _without(paragraph: Sequence[Item], reached: set[str]) -> str:
+def _without(paragraph: Sequence[Item], file: str, reached: set[tuple[str, str]]) -> str:
     """Write what of a paragraph is used; nothing if only comments would stay."""
     kept = {
         part.text
         for part, is_kept in _parts(paragraph, is_shared=True)
-        if is_kept or not reached.isdisjoint(part.names)
+        if is_kept or _is_reached(part, file, reached)
     }
     if not kept and not all(item.is_comment for item in paragraph):
         return ""
