@@ -31,7 +31,7 @@ typedef double cotree_real;
 #define COTREE_NEXTAFTER nextafter
 #define COTREE_STRTOD strtod
 
-/* What stands between these is C, in C++, too. */
+/* Declarations between these have C linkage in C++. */
 #ifdef __cplusplus
 #define COTREE_BEGIN_DECLS extern "C" {
 #define COTREE_END_DECLS }

@@ -20,7 +20,7 @@ _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTA
 
 #: Qualifier of functions that other programs call.
 _EXPORT = "COTREE_EXPORT"
-#: What headers stand between for compilers of C++.
+#: Macros around the declarations of headers, for compilers of C++.
 _FRAME = ("COTREE_BEGIN_DECLS\n", "COTREE_END_DECLS\n")
 
 

@@ -69,7 +69,7 @@ class Start:
 
 
 class Report:
-    """What C reports of a start whose given values do not satisfy the constraints.
+    """Report of C on a start whose given values do not satisfy the constraints.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class Report:
                 stacklevel=level_of_user(),
             )
 
-    def told(self, *, is_warning: bool) -> str:
+    def note(self, *, is_warning: bool) -> str:
         """Name the given values that move with parameters, or return nothing; warn if asked to."""
         following: dict[str, list[str]] = {}
         for value, name in self._following():

@@ -280,7 +280,7 @@ class Kernels(Protocol):
 
     @property
     def backend(self) -> str:
-        """What evaluates the kernels: ``C``, or ``none`` without a compiler."""
+        """Return the backend of the kernels: ``C``, or ``none`` without a compiler."""
         ...
 
     def prepare(self, p: Array) -> None:

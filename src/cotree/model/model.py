@@ -250,7 +250,7 @@ class CompiledModel:
 
     @property
     def backend(self) -> str:
-        """What evaluates the kernels: ``C``, or ``none`` without a compiler."""
+        """Return the backend of the kernels: ``C``, or ``none`` without a compiler."""
         return self._kernels.backend
 
     @property

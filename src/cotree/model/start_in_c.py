@@ -194,9 +194,9 @@ class StartCall:
         y, s = self.z[:n].copy(), self.z[n:].reshape(m, n).T.copy()
         if report is None:
             return Start(y, s, bool(c.is_chosen))
-        told = report.told(is_warning=not self._initial)
+        note = report.note(is_warning=not self._initial)
         report.warn()
-        return Start(y, s, bool(c.is_chosen), told, report.is_mended)
+        return Start(y, s, bool(c.is_chosen), note, report.is_mended)
 
     def fail(self) -> NoReturn:
         """Raise the reason for which a kernel failed."""
@@ -234,7 +234,7 @@ class StartCall:
         return self._kept[-1]
 
     def _set_inputs(self) -> None:
-        """Give the inputs in place of the scene's as tables of one point."""
+        """Return the inputs that replace the scene's, as tables of one point."""
         given = [] if self._at.u is None else self._at.u.tolist()
         rows = self.new("cotree_table_input[]", max(1, len(given)))
         for i, value in enumerate(given):

@@ -1,4 +1,4 @@
-"""What methods refuse, before anything is built."""
+"""Refusals of problems by methods, before anything is built."""
 
 from __future__ import annotations
 

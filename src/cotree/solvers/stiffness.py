@@ -262,7 +262,7 @@ def cost_of_rodas5(problem: Problem) -> float:
 
 @dataclass
 class Succession:
-    """Lets a method for stiff problems take a run over; it is mutable and belongs to one run."""
+    """Handover of one run to a method for stiff problems."""
 
     #: ``solve(problem, method)`` integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]

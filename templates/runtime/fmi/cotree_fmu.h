@@ -155,7 +155,7 @@ typedef struct fmu_direction {
 int fmu_directional(void *instance, const char *function, const fmu_direction *d);
 int fmu_adjoint(void *instance, const char *function, const fmu_direction *d);
 
-/* What an update of Event Mode, and a step of Co-Simulation, report. */
+/* Report of an update of Event Mode and of a step of Co-Simulation. */
 typedef struct fmu_event_info {
     int terminates, are_states_changed, has_next;
     double next;

@@ -103,7 +103,7 @@ typedef double cotree_real;
 #define COTREE_STRTOD strtod
 #endif
 
-/* What stands between these is C, in C++, too. */
+/* Declarations between these have C linkage in C++. */
 #ifdef __cplusplus
 #define COTREE_BEGIN_DECLS extern "C" {
 #define COTREE_END_DECLS }

@@ -63,7 +63,7 @@ void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_asse
                           cotree_arena *arena);
 
 #if COTREE_HAS_MENDING
-/* Let given values move where nothing else can, those of the highest rank first. */
+/* Move given values, those of the highest rank first, if nothing else can move. */
 void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
                                cotree_arena *arena);
 #endif
