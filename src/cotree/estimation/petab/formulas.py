@@ -40,23 +40,7 @@ _FUNCTIONS = (
 
 
 class Formula:
-    """A formula that can be written with different meanings of its names.
-
-    Parameters
-    ----------
-    text : str
-        The formula in PEtab's syntax.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The names in it except ``time``, in order.
-
-    Raises
-    ------
-    ExpressionError
-        If the text is not a formula.
-    """
+    """A formula in PEtab's syntax, with its ``names`` except ``time``, in order."""
 
     def __init__(self, text: str) -> None:
         found: dict[str, None] = {}
@@ -116,21 +100,10 @@ PLACEHOLDER = re.compile(r"(observable|noise)Parameter([0-9]+)_(\w+)\Z")
 
 
 class Outputs:
-    """The outputs that measured rows need.
+    """The outputs that measured rows need; ``expressions`` has them by name.
 
-    Parameters
-    ----------
-    tables : Tables
-        The tables.
-    meaning : callable
-        Returns the expression for a name of the model or of the parameter table, or None.
-    name : callable
-        Returns an unused name of the scene, close to the one wished for.
-
-    Attributes
-    ----------
-    expressions : dict of str to str
-        Expressions of the outputs by name.
+    ``meaning`` returns the expression for a name of the model or of the parameter table, or None;
+    ``name`` returns an unused name of the scene, close to the one wished for.
     """
 
     def __init__(

@@ -32,15 +32,7 @@ _LEAST_LOG = 750.0
 
 
 class Priors:
-    """Objective priors of the estimated parameters.
-
-    Parameters
-    ----------
-    estimated : sequence of Estimated
-        The parameters.
-    rows : sequence of PriorRow or None
-        The prior of each.
-    """
+    """Objective priors of the estimated parameters, some of which have none."""
 
     def __init__(self, estimated: Sequence[Estimated], rows: Sequence[PriorRow | None]) -> None:
         self._n = len(estimated)
@@ -68,27 +60,15 @@ class Priors:
         Half of their sum of squares is minus the sum of the logarithms up to a constant, and the
         transposed Jacobian times the residuals is its exact gradient. Uniform priors have none.
         """
-        parts = [(i, prior.squares(float(theta[i]))) for i, prior in self._terms]
-        values = [value for _, part in parts for value, _ in part]
-        slopes = np.zeros((len(values), self._n))
-        at = 0
-        for i, part in parts:
-            for _, slope in part:
-                slopes[at, i] = slope
-                at += 1
-        return np.array(values), slopes
+        rows = [(i, *row) for i, prior in self._terms for row in prior.squares(float(theta[i]))]
+        slopes = np.zeros((len(rows), self._n))
+        for at, (i, _, slope) in enumerate(rows):
+            slopes[at, i] = slope
+        return np.array([value for _, value, _ in rows]), slopes
 
 
 class Prior:
-    """A prior of one parameter.
-
-    Parameters
-    ----------
-    row : PriorRow
-        Its type and parameters.
-    estimated : Estimated
-        The parameter.
-    """
+    """A prior of one parameter."""
 
     def __init__(self, row: PriorRow, estimated: Estimated) -> None:
         self._kind, self._a, self._b = row.kind, row.first, row.second

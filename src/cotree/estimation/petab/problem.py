@@ -16,8 +16,9 @@ from cotree.arguments import check_whole
 from cotree.ensemble.batch import load_batch
 from cotree.errors import SolveError
 from cotree.estimation.conditions import MOST_STEPS
+from cotree.estimation.estimated import Estimated
 from cotree.estimation.multistart import Search, StartRecord, minimise_from_starts
-from cotree.estimation.petab.model import Mapped, mapped
+from cotree.estimation.petab.model import mapped
 from cotree.estimation.petab.priors import Priors, sample_starts
 from cotree.estimation.petab.tables import Tables, read_tables
 from cotree.estimation.problem import Problem
@@ -26,13 +27,16 @@ from cotree.scene.settings import Settings
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
     from typing import Unpack
 
     from cotree.api import Scene
     from cotree.compiled import Model
+    from cotree.estimation.conditions import Condition, Measured
     from cotree.estimation.estimated import Array
     from cotree.estimation.likelihood import Predictions
+    from cotree.estimation.petab.tables import ParameterRow
     from cotree.scene.settings import SettingsDict
 
 
@@ -74,12 +78,12 @@ def read_petab(
     -138.22199
     """
     given: dict[str, Any] = {"max_steps": MOST_STEPS, **settings}
-    found, tables = Settings(method=method, **given), read_tables(path)
+    shared, tables = Settings(method=method, **given), read_tables(path)
     # The compiler builds the engines while Python reads and forms the model; most models are
     # stiff, and runs to a steady state are done by rodas5.
     engines = ("dop853", "rodas5") if method == "auto" else (method,)
     build_ahead(*engines, then=[load_batch])
-    return PetabProblem(tables, mapped(tables), found)
+    return PetabProblem(tables, *mapped(tables), shared)
 
 
 class PetabProblem(Problem):
@@ -104,12 +108,19 @@ class PetabProblem(Problem):
         Objective priors of the estimated parameters.
     """
 
-    def __init__(self, tables: Tables, found: Mapped, settings: Settings) -> None:
-        super().__init__(found.estimated, found.conditions, found.measured, settings)
-        self._tables, self._mapped = tables, found
-        self.nominal = found.nominal
-        self._rows = [tables.parameters[row.name] for row in found.estimated]
-        self.priors = Priors(found.estimated, [row.objective_prior for row in self._rows])
+    def __init__(
+        self,
+        tables: Tables,
+        scene: Scene,
+        conditions: Sequence[Condition],
+        measured: Measured,
+        settings: Settings,
+    ) -> None:
+        rows = tables.estimated
+        super().__init__([_estimated(row) for row in rows], conditions, measured, settings)
+        self._tables, self.scene = tables, scene
+        self.nominal = {row.name: row.nominal for row in rows if row.nominal is not None}
+        self.priors = Priors(self.estimated, [row.objective_prior for row in rows])
 
     def __repr__(self) -> str:
         return (
@@ -121,11 +132,6 @@ class PetabProblem(Problem):
     def names(self) -> tuple[str, ...]:
         """The estimated parameters."""
         return self.scaled.names
-
-    @property
-    def scene(self) -> Scene:
-        """The model with the outputs that were measured."""
-        return self._mapped.scene
 
     @property
     def model(self) -> Model:
@@ -141,7 +147,8 @@ class PetabProblem(Problem):
             As of :func:`cotree.read_petab`; by default those of this problem.
         """
         given: dict[str, Any] = {"method": method or self.settings.method, **settings}
-        return PetabProblem(self._tables, self._mapped, replace(self.settings, **given))
+        own = replace(self.settings, **given)
+        return PetabProblem(self._tables, self.scene, self.conditions, self.measured, own)
 
     def theta(self, parameters: Any = None) -> Array:
         """Convert values of the estimated parameters to their scales, shape (n_estimated,).
@@ -272,7 +279,7 @@ class PetabProblem(Problem):
         """
         n = check_whole(n, "n", 1)
         seed = None if seed is None else check_whole(seed, "seed")
-        rows = [row.initialization_prior for row in self._rows]
+        rows = [row.initialization_prior for row in self._tables.estimated]
         return sample_starts(self.estimated, rows, n, seed)
 
     def fit(
@@ -332,3 +339,9 @@ class PetabProblem(Problem):
         if found.message:
             raise SolveError(found.message)
         return found
+
+
+def _estimated(row: ParameterRow) -> Estimated:
+    # Rounding may put nominal values slightly out of bounds; starts must be within them.
+    start = None if row.nominal is None else min(max(row.nominal, row.lower), row.upper)
+    return Estimated(row.name, row.lower, row.upper, row.scale, start)

@@ -12,7 +12,8 @@ import csv
 import io
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,7 +22,7 @@ from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, SourceLine
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -113,6 +114,11 @@ class ParameterRow:
     objective_prior: PriorRow | None
     initialization_prior: PriorRow | None
 
+    @property
+    def value(self) -> float:
+        """The nominal value, or one if there is none."""
+        return 1.0 if self.nominal is None else self.nominal
+
 
 @dataclass(frozen=True)
 class ObservableRow:
@@ -151,16 +157,35 @@ class ConditionRow:
 
 @dataclass(frozen=True)
 class Tables:
-    """All tables of a problem."""
+    """All tables of a problem; rows of the first three by name."""
 
     file: str  # the YAML file
     model: Path  # the SBML file
-    measurement_files: tuple[Path, ...]  # the measurement tables, in order
-    #: Rows of the tables, the first three by name.
-    parameters: dict[str, ParameterRow] = field(default_factory=dict)
-    observables: dict[str, ObservableRow] = field(default_factory=dict)
-    conditions: dict[str, ConditionRow] = field(default_factory=dict)
-    measurements: list[MeasurementRow] = field(default_factory=list)
+    measurement_files: Sequence[Path]  # the measurement tables, in order
+    parameters: Mapping[str, ParameterRow]
+    observables: Mapping[str, ObservableRow]
+    conditions: Mapping[str, ConditionRow]
+    measurements: Sequence[MeasurementRow]
+
+    @cached_property
+    def columns(self) -> frozenset[str]:
+        """The quantities that some condition sets."""
+        return frozenset(name for row in self.conditions.values() for name in row.cells)
+
+    @cached_property
+    def settable(self) -> frozenset[str]:
+        """The quantities that the condition table or the parameter table sets."""
+        return self.columns | self.parameters.keys()
+
+    @cached_property
+    def estimated(self) -> list[ParameterRow]:
+        """The parameters that are estimated."""
+        found = [row for row in self.parameters.values() if row.is_estimated]
+        if not found:
+            raise SceneError(
+                f"{self.file}: no parameter is estimated: set 'estimate' to 1 in a row"
+            )
+        return found
 
 
 _SCALES = ("lin", "log", "log10")
@@ -168,6 +193,15 @@ _PRIORS = (
     *("parameterScaleUniform", "parameterScaleNormal", "parameterScaleLaplace"),
     *("uniform", "normal", "laplace", "logNormal", "logLaplace"),
 )
+
+
+#: Columns that each table must have.
+_COLUMNS = {
+    "parameter": ("parameterId", "parameterScale", "nominalValue"),
+    "observable": ("observableId", "observableFormula", "noiseFormula"),
+    "condition": ("conditionId",),
+    "measurement": ("observableId", "simulationConditionId", "measurement", "time"),
+}
 
 
 def as_number(text: str) -> float | None:
@@ -180,59 +214,47 @@ def as_number(text: str) -> float | None:
     return None if math.isnan(value) else value
 
 
-def fill_tables(tables: Tables, files: Mapping[str, Iterable[Path]]) -> None:
-    """Read all tables."""
-    for row in _rows(files["parameter"], "parameterId", "parameterScale", "nominalValue"):
-        _put(tables.parameters, _parameter(row), "parameter")
-    for row in _rows(files["observable"], "observableId", "observableFormula", "noiseFormula"):
-        _put(tables.observables, _observable(row), "observable")
-    for row in _rows(files["condition"], "conditionId"):
-        _put(tables.conditions, _condition(row), "condition")
-    wanted = ("observableId", "simulationConditionId", "measurement", "time")
-    for row in _rows(files["measurement"], *wanted):
-        tables.measurements.append(_measurement(row, tables))
-    if not tables.measurements:
-        raise SceneError(f"{tables.file}: the measurement table has no rows: add measured values")
-
-
-def _put(known: dict[str, _Named], found: _Named, what: str) -> None:
-    """Store a row by its name, which must be unique."""
-    if found.name in known:
-        line = known[found.name].row.line
-        raise found.row.error(f"{what} '{brief(found.name)}' is defined twice, first in {line}")
-    known[found.name] = found
+def _by_name(read: Callable[[Row], _Named], rows: Iterable[Row], what: str) -> dict[str, _Named]:
+    """Read rows whose names must be unique."""
+    known: dict[str, _Named] = {}
+    for row in rows:
+        found = read(row)
+        if found.name in known:
+            line = known[found.name].row.line
+            raise row.error(f"{what} '{brief(found.name)}' is defined twice, first in {line}")
+        known[found.name] = found
+    return known
 
 
 def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
-    """Read the rows of tables that have the required columns."""
+    """Read the rows that are not empty of tables that have the required columns."""
     for path in paths:
         # With `newline=""` the csv module receives the line ends of the file unchanged.
         text = io.StringIO(read_text(path, LARGEST_FILE), newline="")
         reader = csv.DictReader(text, delimiter="\t")
         try:
-            yield from _checked_rows(path, reader, wanted)
+            columns = reader.fieldnames or []
+            for name in wanted:
+                if name not in columns:
+                    hint = nearest(name, columns) if columns else ""
+                    raise SceneError(f"{path}:1: no column '{name}'{hint}")
+            for name in columns:
+                if columns.count(name) > 1:
+                    raise SceneError(
+                        f"{path}:1: two columns are named '{brief(name)}': remove one of them"
+                    )
+            for cells in reader:
+                row = Row(SourceLine(str(path), reader.line_num), cells)
+                # The csv module puts cells beyond the header under the key None.
+                if None in cells:
+                    raise row.error(
+                        f"the row has more cells than the {len(columns)} columns of the header"
+                    )
+                if any(row.text(name) for name in columns):
+                    yield row
         except csv.Error as error:
             line = SourceLine(str(path), max(1, reader.line_num))
             raise line.error(f"not a table with tab-separated columns: {error}") from None
-
-
-def _checked_rows(path: Path, reader: csv.DictReader[str], wanted: Sequence[str]) -> Iterable[Row]:
-    """Read the rows of one table that are not empty."""
-    columns = reader.fieldnames or []
-    for name in wanted:
-        if name not in columns:
-            hint = nearest(name, columns) if columns else ""
-            raise SceneError(f"{path}:1: no column '{name}'{hint}")
-    for name in columns:
-        if columns.count(name) > 1:
-            raise SceneError(f"{path}:1: two columns are named '{brief(name)}': remove one of them")
-    for cells in reader:
-        row = Row(SourceLine(str(path), reader.line_num), cells)
-        # The csv module puts cells beyond the header under the key None.
-        if None in cells:
-            raise row.error(f"the row has more cells than the {len(columns)} columns of the header")
-        if any(row.text(name) for name in columns):
-            yield row
 
 
 def _parameter(row: Row) -> ParameterRow:
@@ -316,22 +338,22 @@ def _condition(row: Row) -> ConditionRow:
     return ConditionRow(row.identifier("conditionId"), row, cells)
 
 
-def _measurement(row: Row, tables: Tables) -> MeasurementRow:
+def _measurement(
+    row: Row, observables: Mapping[str, ObservableRow], conditions: Mapping[str, ConditionRow]
+) -> MeasurementRow:
     observable, before = row.text("observableId"), row.text("preequilibrationConditionId")
     condition = row.text("simulationConditionId")
     for column, name, known in (
-        ("observableId", observable, tables.observables),
-        ("simulationConditionId", condition, tables.conditions),
+        ("observableId", observable, observables),
+        ("simulationConditionId", condition, conditions),
+        ("preequilibrationConditionId", before, conditions if before else {"": None}),
     ):
         if name not in known:
             raise row.error(f"unknown {column} '{brief(name)}'{nearest(name, known)}")
-    if before and before not in tables.conditions:
-        hint = nearest(before, tables.conditions)
-        raise row.error(f"unknown preequilibrationConditionId '{brief(before)}'{hint}")
     value, t = row.number("measurement"), row.number("time")
     if not math.isfinite(value):
         raise row.error(f"the measurement is {value}: remove the row")
-    if tables.observables[observable].transformation != "lin" and not value > 0.0:
+    if observables[observable].transformation != "lin" and not value > 0.0:
         raise row.error(f"the measurement {value:g} of '{brief(observable)}' has no logarithm")
     if not t >= 0.0:
         raise row.error(f"the time is {t:g}: times must not be negative")
@@ -375,9 +397,16 @@ def read_tables(path: str | Path) -> Tables:
             f"{path}: mapping_files are not supported: use names of the model in the tables"
         )
     model = _existing(path, folder, _model(path, problem))
-    tables = Tables(str(path), model, tuple(files["measurement"]))
-    fill_tables(tables, files)
-    return tables
+    rows = {kind: _rows(files[kind], *wanted) for kind, wanted in _COLUMNS.items()}
+    parameters = _by_name(_parameter, rows["parameter"], "parameter")
+    observables = _by_name(_observable, rows["observable"], "observable")
+    conditions = _by_name(_condition, rows["condition"], "condition")
+    measurements = [_measurement(row, observables, conditions) for row in rows["measurement"]]
+    if not measurements:
+        raise SceneError(f"{path}: the measurement table has no rows: add measured values")
+    return Tables(
+        str(path), model, files["measurement"], parameters, observables, conditions, measurements
+    )
 
 
 def _parsed(path: str | Path) -> dict[str, Any]:
