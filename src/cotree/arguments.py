@@ -22,6 +22,14 @@ def check_whole(value: object, what: str, least: int = 0) -> int:
     return int(value)
 
 
+def check_choice(value: object, what: str, known: Sequence[str]) -> str:
+    """Accept one of several words."""
+    if not isinstance(value, str) or value not in known:
+        words = f"{', '.join(map(repr, known[:-1]))} or {known[-1]!r}"
+        raise ParameterError(f"{what} is {brief(repr(value))}: give {words}")
+    return value
+
+
 def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
     """Accept a name, or several; ``kind`` says what the texts are, for the message."""
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)

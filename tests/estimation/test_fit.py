@@ -290,11 +290,11 @@ RUN = {"t": T, "C.v": decay(T, 3.0, 4.0)}
         ),
         (
             {"experiments": cotree.Experiment(RUN, noise=-0.1)},
-            "the noise of column 'C.v' of the data: a standard deviation of -0.1 is not positive",
+            "the noise of column 'C.v' of the data is -0.1: give a positive number",
         ),
         (
             {"experiments": cotree.Experiment({**RUN, "s": 0 * T}, noise="s")},
-            "the data, row 0, column 's': a standard deviation of 0 is not positive",
+            "the data, row 0, noise 's' is 0: give a positive number",
         ),
     ],
 )

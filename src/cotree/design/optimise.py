@@ -23,7 +23,7 @@ from cotree.design.search import (
 )
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.start import scene_start
-from cotree.scene.expressions import check_number
+from cotree.scene.expressions import check_positive
 from cotree.scene.settings import settings_from
 
 if TYPE_CHECKING:
@@ -129,10 +129,8 @@ def optimise(
     """
     described, method = scene_of(system), check_method(method)
     texts = check_names(subject_to, "subject_to", "conditions in quotes")
-    tolerance, max_iterations = (
-        _positive(tolerance),
-        check_whole(max_iterations, "max_iterations", 1),
-    )
+    tolerance = check_positive(tolerance, "tolerance")
+    max_iterations = check_whole(max_iterations, "max_iterations", 1)
     names = list(over) if isinstance(over, Mapping) else []
     for name in names:
         # Names with a dot may be states, which are known only after compilation.
@@ -180,13 +178,6 @@ def optimise(
     order = sorted(range(len(searches)), key=lambda i: searches[i].rank)
     best = order[0]
     return _design(evaluation, searches, best, ends[best], len(failures), max_iterations)
-
-
-def _positive(tolerance: object) -> float:
-    found = check_number(tolerance, "tolerance")
-    if not found > 0.0:
-        raise ParameterError(f"tolerance is {found:g}: give a positive number")
-    return found
 
 
 def _scenarios(

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.arguments import check_choice
 from cotree.errors import ParameterError, nearest
+from cotree.estimation.estimated import SCALES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,9 +23,6 @@ if TYPE_CHECKING:
     from cotree.compiled import Model
     from cotree.estimation.estimated import Array
 
-
-#: Transformations under which measured and computed values are compared.
-TRANSFORMATIONS = ("lin", "log", "log10")
 
 #: Distributions of the difference, with the standard deviation, or the scale, of ``noise``.
 DISTRIBUTIONS = ("normal", "laplace")
@@ -105,7 +104,7 @@ class Measured:
         number, a state or an output of the model, or an estimated parameter, which need not be a
         parameter of the model.
     transformation : sequence of str, n
-        Each one of ``TRANSFORMATIONS``; a single one applies to all values.
+        Each one of ``SCALES``; a single one applies to all values.
     distribution : sequence of str, n
         Each one of ``DISTRIBUTIONS``; a single one applies to all values.
     """
@@ -159,22 +158,12 @@ def check_measured(
 ) -> None:
     """Refuse invalid measured rows."""
     n = len(measured)
-    columns = {
-        "condition": measured.condition,
-        "t": measured.t,
-        "observable": measured.observable,
-        "noise": measured.noise,
-        "transformation": measured.transformation,
-        "distribution": measured.distribution,
-    }
-    for name, values in columns.items():
+    for name, values in vars(measured).items():
         if len(values) != n:
             raise ParameterError(f"there are {n} values, but '{name}' has {len(values)} rows")
-    for name, allowed in (("transformation", TRANSFORMATIONS), ("distribution", DISTRIBUTIONS)):
+    for name, allowed in (("transformation", SCALES), ("distribution", DISTRIBUTIONS)):
         for value in getattr(measured, name):
-            if value not in allowed:
-                listed = ", ".join(map(repr, allowed))
-                raise ParameterError(f"the {name} of a measured value is '{value}': give {listed}")
+            check_choice(value, f"the {name} of a measured value", allowed)
     for i in range(n):
         condition, t = conditions[int(measured.condition[i])], float(measured.t[i])
         where = f"value {i} of '{measured.observable[i]}' in condition '{condition.name}'"

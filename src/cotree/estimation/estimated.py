@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cotree.arguments import check_choice
 from cotree.errors import ParameterError, brief
 from cotree.scene.expressions import check_number
 
@@ -49,10 +50,7 @@ class Estimated:
 
     def __post_init__(self) -> None:
         what = f"estimated parameter '{self.name}'"
-        if self.scale not in SCALES:
-            raise ParameterError(
-                f"the scale of {what} is '{self.scale}': give {', '.join(map(repr, SCALES))}"
-            )
+        check_choice(self.scale, f"the scale of {what}", SCALES)
         # Written so that nan is refused as well.
         if not self.lower < self.upper:
             raise ParameterError(

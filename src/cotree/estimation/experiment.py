@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_choice, check_mapping
 from cotree.errors import ParameterError, brief, nearest
-from cotree.estimation.conditions import TRANSFORMATIONS
+from cotree.estimation.estimated import SCALES
 from cotree.files import is_number, read_rows, read_text
 from cotree.scene.expressions import check_number
 from cotree.units import Unit, check_fits, check_unit
@@ -333,24 +334,15 @@ class Experiment:
         where = "the data" if self.name is None else f"the data of experiment '{self.name}'"
         self.table: Table = read_table(data, where, time)
         self.where = self.table.where
-        for word, given in (("inputs", inputs), ("initial", initial), ("parameters", parameters)):
-            if given is not None and not isinstance(given, Mapping):
-                raise ParameterError(f"{word} of {self.where} must be a mapping of names to values")
-        self.inputs = dict(inputs or {})
-        self.initial = {k: self._value("initial", k, v) for k, v in (initial or {}).items()}
-        self.parameters = {
-            k: self._value("parameters", k, v) for k, v in (parameters or {}).items()
-        }
+        self.inputs = check_mapping(inputs, f"inputs of {self.where}")
+        self.initial = self._values("initial", initial)
+        self.parameters = self._values("parameters", parameters)
         self.observables = self._observed(observables)
         self._noise = self._by_column("noise", noise)
         self._units = self._by_column("units", units)
         self._transform = self._by_column("transform", transform)
         for word in self._transform.values():
-            if word not in TRANSFORMATIONS:
-                listed = ", ".join(map(repr, TRANSFORMATIONS))
-                raise ParameterError(
-                    f"transform of {self.where} is {brief(repr(word))}: give {listed}"
-                )
+            check_choice(word, f"transform of {self.where}", SCALES)
         self.t_start = check_number(t_start, f"t_start of {self.where}")
         early = np.flatnonzero(self.table.t < self.t_start)
         if early.size:
@@ -379,10 +371,13 @@ class Experiment:
         """Return the transformation under which values of a column are compared."""
         return str(self._transform.get(column, self._transform.get("", "lin")))
 
-    def _value(self, what: str, name: object, value: Any) -> float | str:
-        """Check a value: a number, or the name of an estimated parameter."""
-        where = f"'{brief(str(name))}' in {what} of {self.where}"
-        return value if isinstance(value, str) else check_number(value, where)
+    def _values(self, what: str, given: Any) -> dict[str, float | str]:
+        """Check values by name: numbers, or names of estimated parameters."""
+        where = f"{what} of {self.where}"
+        return {
+            name: v if isinstance(v, str) else check_number(v, f"'{brief(name)}' in {where}")
+            for name, v in check_mapping(given, where).items()
+        }
 
     def _observed(self, given: Any) -> dict[str, str] | None:
         """Read what the columns measure; keys are names without units."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.arguments import check_mapping, check_names, check_whole
+from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
@@ -77,9 +77,8 @@ def estimation_problem(
     >>> round(problem.values(best.x)["R"], 4)
     3.0
     """
-    return _Assembly(model, experiments, parameters, shared, per_experiment, noise, start).problem(
-        {"method": method, "max_steps": MOST_STEPS, **settings}
-    )
+    parts = _Assembly(model, experiments, parameters, shared, per_experiment, noise, start)
+    return parts.problem(method=method, **settings)
 
 
 class _Assembly:
@@ -99,8 +98,8 @@ class _Assembly:
         self._ranges = read_ranges(parameters)
         self._apart = _apart(self._ranges, shared, per_experiment)
         self._begin = _starts(start, self._ranges)
-        if noise not in (None, "given", "estimated"):
-            raise ParameterError(f"noise is {brief(repr(noise))}: give 'given' or 'estimated'")
+        if noise is not None:
+            check_choice(noise, "noise", ("given", "estimated"))
         self._noise = noise
         self._observer = Observer(model)
         self._runs = [
@@ -111,10 +110,10 @@ class _Assembly:
         self._equal: dict[Any, dict[str, Any]] = {}  # equal inputs, by their items
         self._check_used()
 
-    def problem(self, given: Mapping[str, Any]) -> Problem:
-        """Compile the models and assemble the problem."""
+    def problem(self, **given: Any) -> Problem:
+        """Compile the models and assemble the problem, for runs with some settings."""
         scene = self._observer.scene
-        settings = settings_from(scene.defaults, given)
+        settings = settings_from(scene.defaults, {"max_steps": MOST_STEPS, **given})
         new = set().union(*(run.new for run in self._runs))
         wanted = [n for n in self._ranges if n in scene.parameters or n in new]
         wanted += [n for n in self._ranges if "." in n and n not in wanted]
@@ -340,10 +339,6 @@ def _ends(row: Estimated) -> tuple[float, float]:
     return start - (abs(start) or 1.0), start + (abs(start) or 1.0)
 
 
-_LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
-_OPTIMISERS = ("trf", "dogbox", "lm")
-
-
 def fit(
     model: Model | Scene,
     experiments: Experiment | Sequence[Experiment],
@@ -441,29 +436,11 @@ def fit(
     >>> {name: round(value, 4) for name, value in result.parameters.items()}
     {'R': 3.0, 'C.v': 5.0}
     """
-    if loss not in _LOSSES:
-        raise ParameterError(f"loss is {brief(repr(loss))}: give {_either(_LOSSES)}")
-    if optimiser not in _OPTIMISERS:
-        raise ParameterError(f"optimiser is {brief(repr(optimiser))}: give {_either(_OPTIMISERS)}")
-    starts, seed = check_whole(starts, "starts", 1), check_whole(seed, "seed")
-    if max_evaluations is not None:
-        max_evaluations = check_whole(max_evaluations, "max_evaluations", 1)
-    f_scale = check_number(f_scale, "f_scale")
-    if not f_scale > 0.0:
-        raise ParameterError(f"f_scale is {f_scale:g}: give a positive number")
-    problem = estimation_problem(
-        model,
-        experiments,
-        parameters,
-        shared=shared,
-        per_experiment=per_experiment,
-        noise=noise,
-        start=start,
-        method=method,
-        **settings,
-    )
-    _check_search(problem, loss, optimiser)
     search = Search(optimiser, loss, f_scale, max_evaluations=max_evaluations)
+    starts, seed = check_whole(starts, "starts", 1), check_whole(seed, "seed")
+    parts = _Assembly(model, experiments, parameters, shared, per_experiment, noise, start)
+    problem = parts.problem(method=method, **settings)
+    _check_search(problem, search)
     return solve(problem, search, starts, seed, progress=progress)
 
 
@@ -509,20 +486,16 @@ def sized(problem: Problem, points: Array) -> Array:
     return np.clip(points, problem.scaled.lower, problem.scaled.upper)
 
 
-def _check_search(problem: Problem, loss: str, optimiser: str) -> None:
+def _check_search(problem: Problem, search: Search) -> None:
     """Refuse a loss or an optimiser that does not support the problem."""
     unknown = [name for name in problem.measured.noise if isinstance(name, str)]
-    if loss != "linear" and unknown:
+    if search.loss != "linear" and unknown:
         raise ParameterError(
-            f"loss='{loss}' needs a given noise, but '{unknown[0]}' is estimated: give the "
+            f"loss='{search.loss}' needs a given noise, but '{unknown[0]}' is estimated: give the "
             "standard deviation of every measured column"
         )
-    if optimiser == "lm":
-        _check_minpack(problem, loss, len(unknown))
-
-
-def _check_minpack(problem: Problem, loss: str, n_unknown: int) -> None:
-    """Refuse what MINPACK does not support: bounds, robust losses, fewer rows than parameters."""
+    if search.optimiser != "lm":
+        return
     bounded = [
         row.name for row in problem.estimated if row.lower > -math.inf or row.upper < math.inf
     ]
@@ -531,10 +504,10 @@ def _check_minpack(problem: Problem, loss: str, n_unknown: int) -> None:
             f"optimiser='lm' does not support bounds, but '{bounded[0]}' has some: use 'trf', "
             "or give (None, None)"
         )
-    if loss != "linear":
-        raise ParameterError(f"optimiser='lm' does not support loss '{loss}': use 'trf'")
+    if search.loss != "linear":
+        raise ParameterError(f"optimiser='lm' does not support loss '{search.loss}': use 'trf'")
     # Each value with estimated noise contributes a second row.
-    if len(problem.measured) + n_unknown < len(problem.estimated):
+    if len(problem.measured) + len(unknown) < len(problem.estimated):
         raise ParameterError(
             "optimiser='lm' needs at least as many measured values as parameters, of which there "
             f"are {len(problem.estimated)}: use 'trf'"
@@ -550,7 +523,3 @@ def _check_determined(problem: Problem, theta: Array) -> None:
             f"no measured value depends on {names}: measure other quantities, or estimate "
             "other parameters"
         )
-
-
-def _either(words: Sequence[str]) -> str:
-    return f"{', '.join(map(repr, words[:-1]))} or {words[-1]!r}"

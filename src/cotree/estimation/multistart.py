@@ -23,8 +23,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_choice, check_whole
 from cotree.ensemble.run import stopped_by_interrupt
-from cotree.errors import ParameterError
+from cotree.report import counted
+from cotree.scene.expressions import check_positive
 from cotree.solvers.budgets import CountingBar
 
 if TYPE_CHECKING:
@@ -48,13 +50,9 @@ class Rendezvous:
     """Computes the requests of threads in batches, each when all active ones are waiting.
 
     Starts one after another would take 20 to 45 % more processor time for small models, and leave
-    processors idle where a fit has few experiments.
-
-    Parameters
-    ----------
-    compute : callable
-        Computes the predictions of a batch, an array with a row for each request. It is called in
-        the thread that called :meth:`meet`, which receives Ctrl-C.
+    processors idle if a fit has few experiments. ``compute`` returns the predictions of a batch, an
+    array with a row for each request; it runs in the thread that :meth:`meet` was called in, which
+    receives Ctrl-C.
     """
 
     def __init__(self, compute: Callable[[Any], Sequence[Predictions]]) -> None:
@@ -74,20 +72,10 @@ class Rendezvous:
         return found
 
     def meet(self, works: Sequence[Callable[[], None]], report: Callable[[int, int], None]) -> bool:
-        """Run functions, each in its own thread, until all have returned.
+        """Run functions, each in its own thread; return whether Ctrl-C has stopped them.
 
-        Parameters
-        ----------
-        works : sequence of callable
-            The functions, which call :meth:`ask` with their number.
-        report : callable
-            Called after each batch with the numbers of functions that have returned and of
-            predictions computed.
-
-        Returns
-        -------
-        bool
-            Whether Ctrl-C was pressed, upon which all functions were stopped.
+        They call :meth:`ask` with their number. ``report`` is called after each batch with the
+        numbers of functions that have returned and of predictions computed.
         """
         n_computed, self._n_working = 0, len(works)
         with stopped_by_interrupt() as stop, ThreadPoolExecutor(len(works)) as pool:
@@ -239,10 +227,12 @@ class Search:
     scale: str = "jacobian"
 
     def __post_init__(self) -> None:
-        if self.scale not in ("jacobian", "bounds"):
-            raise ParameterError(
-                f"the scale of a search is '{self.scale}': give 'jacobian' or 'bounds'"
-            )
+        check_choice(self.optimiser, "optimiser", ("trf", "dogbox", "lm"))
+        check_choice(self.loss, "loss", ("linear", "soft_l1", "huber", "cauchy", "arctan"))
+        check_positive(self.f_scale, "f_scale")
+        if self.max_evaluations is not None:
+            check_whole(self.max_evaluations, "max_evaluations", 1)
+        check_choice(self.scale, "the scale of a search", ("jacobian", "bounds"))
 
 
 def minimise_from_starts(
@@ -353,7 +343,7 @@ class Start:
             )
         except Stopped:
             if self._n_evaluations:
-                self._message = f"interrupted after {_counted(self._n_evaluations)}"
+                self._message = f"interrupted after {counted(self._n_evaluations, 'evaluation')}"
 
     def record(self) -> StartRecord:
         """Return the outcome."""
@@ -414,9 +404,9 @@ class Start:
         """Return the reason for termination."""
         if ended.status < 1:
             return (
-                f"it stopped after {_counted(self._n_evaluations)}, the limit, with an optimality "
-                f"of {ended.optimality:.1e}, more than {self._search.gtol:.0e}: raise "
-                "max_evaluations"
+                f"it stopped after {counted(self._n_evaluations, 'evaluation')}, the limit, with "
+                f"an optimality of {ended.optimality:.1e}, more than {self._search.gtol:.0e}: "
+                "raise max_evaluations"
             )
         return f"converged: {_CONVERGED[int(ended.status)]}"
 
@@ -443,7 +433,3 @@ def _robust(rows: Array, search: Search) -> float:
         f_scale=search.f_scale,
     )
     return float(there.cost)
-
-
-def _counted(n: int) -> str:
-    return f"{n} evaluation{'s' if n != 1 else ''}"

@@ -8,7 +8,6 @@ its outputs. Experiments whose inputs have the same expressions share one model.
 from __future__ import annotations
 
 import keyword
-import math
 import re
 import warnings
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import Array, Estimated
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.naming import RESERVED
-from cotree.scene.expressions import parse
+from cotree.scene.expressions import check_positive, parse
 from cotree.scene.variants import expressions_among, new_names, with_inputs
 
 if TYPE_CHECKING:
@@ -307,15 +306,13 @@ def _given_noise(
     row, table = run.experiment, run.experiment.table
     if not isinstance(given, str):
         where = f"the noise of column '{name}' of {row.where}"
-        return [_positive(given * factor, where)] * len(there)
+        return [check_positive(given * factor, where)] * len(there)
     column = table.columns[given]
     unit = table.unit(column, "", row.unit_of(given))
     # A column of standard deviations without a unit has the unit of the measured column.
     scale = factor if unit is None else float(unit.factor)
     return [
-        _positive(
-            float(column.values[i]) * scale, f"{row.where}, {table.rows[i]}, column '{given}'"
-        )
+        check_positive(column.values[i] * scale, f"{row.where}, {table.rows[i]}, noise '{given}'")
         for i in there.tolist()
     ]
 
@@ -339,9 +336,3 @@ def _unit(model: Model, name: str) -> str:
     """Return the unit of a state or output, or an empty string."""
     layout = model.kernels.layout
     return next((row.unit for row in (*layout.states, *layout.outputs) if row.name == name), "")
-
-
-def _positive(value: float, where: str) -> float:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ParameterError(f"{where}: a standard deviation of {value:g} is not positive")
-    return value

@@ -508,6 +508,14 @@ def check_number(value: object, what: str) -> float:
     return number
 
 
+def check_positive(value: object, what: str) -> float:
+    """Accept a finite number above zero."""
+    number = check_number(value, what)
+    if not number > 0.0:
+        raise ParameterError(f"{what} is {number:g}: give a positive number")
+    return number
+
+
 def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
     """Turn a checked tree into a node."""
     match tree:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.errors import Error, SceneError, brief, nearest
+from cotree.estimation.estimated import SCALES
 from cotree.files import read_text
 from cotree.readers.names import LARGEST_FILE, SourceLine
 
@@ -188,7 +189,6 @@ class Tables:
         return found
 
 
-_SCALES = ("lin", "log", "log10")
 _PRIORS = (
     *("parameterScaleUniform", "parameterScaleNormal", "parameterScaleLaplace"),
     *("uniform", "normal", "laplace", "logNormal", "logLaplace"),
@@ -258,7 +258,7 @@ def _rows(paths: Iterable[Path], *wanted: str) -> Iterable[Row]:
 
 
 def _parameter(row: Row) -> ParameterRow:
-    name, scale = row.identifier("parameterId"), row.choice("parameterScale", _SCALES)
+    name, scale = row.identifier("parameterId"), row.choice("parameterScale", SCALES)
     estimate = row.text("estimate")
     if estimate not in ("0", "1", "0.0", "1.0"):
         raise row.error(f"'estimate' is '{brief(estimate)}': give 0 or 1")
@@ -322,7 +322,7 @@ def _observable(row: Row) -> ObservableRow:
         row,
         formula,
         noise,
-        row.choice("observableTransformation", _SCALES),
+        row.choice("observableTransformation", SCALES),
         row.choice("noiseDistribution", ("normal", "laplace")),
     )
 
