@@ -8,14 +8,16 @@ dark or light.
 from __future__ import annotations
 
 import html
+import math
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
 #: Rows and columns of a table that HTML shows, characters of a cell, width of a line of text, and
 #: lines that a long text takes.
@@ -255,8 +257,8 @@ class Listing(Reported, dict[str, Any]):
     __str__ = __repr__
 
 
-def frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> Any:
-    """Return a pandas DataFrame.
+def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | None = None) -> Any:
+    """Return a pandas DataFrame of rows or of columns.
 
     Raises
     ------
@@ -266,9 +268,20 @@ def frame(rows: Sequence[Mapping[str, Any]], index: str | None = None) -> Any:
     try:
         import pandas as pd
     except ImportError as error:
-        raise Error("tables need pandas: run `pip install cotree[ensembles]`") from error
-    table = pd.DataFrame(list(rows))
+        raise Error("tables need pandas: run `pip install pandas`") from error
+    table = pd.DataFrame(data)
     return table.set_index(index) if index and len(table) else table
+
+
+def json_values(value: Any) -> Any:
+    """Turn numbers, arrays and tables into those that JSON has; None if one is not finite."""
+    if isinstance(value, Mapping):
+        return {key: json_values(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # NumPy's arrays and numbers
+        return json_values(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [json_values(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def matrix(caption: str, rows: Sequence[str], columns: Sequence[str], values: Any) -> Table:

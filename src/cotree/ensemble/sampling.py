@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_whole
-from cotree.errors import Error, ParameterError, brief, nearest
+from cotree.errors import ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
+from cotree.report import frame
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
 
@@ -151,13 +152,7 @@ class Samples(Mapping[str, "FloatArray"]):
         Error
             If pandas is not installed.
         """
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise Error(
-                "to_dataframe() needs pandas: run `pip install cotree[ensembles]`"
-            ) from error
-        return pd.DataFrame(dict(self.columns))
+        return frame(dict(self.columns))
 
 
 def sample(

@@ -69,9 +69,7 @@ class Band:
 
     def to_dataframe(self) -> Any:
         """Return a pandas DataFrame with the columns t, value, error, lower and upper."""
-        names = ("t", "value", "error", "lower", "upper")
-        rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
-        return frame([dict(zip(names, row, strict=True)) for row in rows])
+        return frame({n: getattr(self, n) for n in ("t", "value", "error", "lower", "upper")})
 
     def plot(self, ax: Any = None) -> Any:
         """Plot the value and the interval over time."""

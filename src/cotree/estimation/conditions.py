@@ -194,11 +194,8 @@ MOST_STEPS = 100_000
 class Columns:
     """The parameters and initial values that a member sets for one condition.
 
-    Attributes
-    ----------
-    through : ndarray, shape (n_sensitivities, n_estimated)
-        Incidence matrix: one where a sensitivity parameter of the model is tied to an estimated
-        parameter.
+    ``through``, shape (n_sensitivities, n_estimated), is one where a sensitivity parameter of the
+    model is tied to an estimated parameter, and zero elsewhere.
     """
 
     def __init__(self, condition: Condition, columns: Sequence[str], names: Sequence[str]) -> None:

@@ -140,19 +140,9 @@ def estimated(
 ) -> Estimated:
     """Read the range of one parameter.
 
-    Parameters
-    ----------
-    name : str
-        Its name.
-    given : tuple, Estimated or None
-        ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound; or None: from a
-        hundredth to a hundred times the initial guess, on a logarithmic scale.
-    start : float or None
-        The user's initial guess.
-    nominal : float or None
-        The model's value, which is the default guess if it is within the bounds.
-    unit : str
-        Its unit.
+    A range is ``(lower, upper)`` or ``(lower, upper, scale)``, where None means no bound; or None:
+    from a hundredth to a hundred times the initial guess, on a logarithmic scale. ``start`` is the
+    user's guess; the model's value, ``nominal``, is the default if it is within the bounds.
     """
     what = f"estimated parameter '{name}'"
     if isinstance(given, Estimated):

@@ -72,16 +72,10 @@ class Table:
 
 
 def read_table(data: Any, where: str, time: str | None = None) -> Table:
-    """Read measured data.
+    """Read measured data: a file, a DataFrame, or a mapping of columns, including one of times.
 
-    Parameters
-    ----------
-    data : path, DataFrame, or mapping of str to array_like
-        Columns of equal length, including one of times.
-    where : str
-        Origin of the data, for messages; for files, their name is used.
-    time : str, optional
-        The time column; by default ``t`` or ``time``, in lower or upper case.
+    ``where`` is the origin of the data in messages; files have their name. The time column is
+    ``t`` or ``time``, in lower or upper case, by default.
     """
     if isinstance(data, (str, os.PathLike)):
         where = Path(data).name

@@ -71,10 +71,7 @@ class SteadyStates:
     def through(self, own: Sequence[Array]) -> list[Array]:
         """Map sensitivities to estimated parameters for runs that begin at the steady states.
 
-        Parameters
-        ----------
-        own : sequence of ndarray, shapes (n_sensitivities, n_estimated)
-            The maps of the later runs alone; see :class:`Columns`.
+        ``own`` are the maps of the later runs alone; see :class:`Columns`.
         """
         model, found = self._model, []
         earlier = [item.through for item in self._maps]
@@ -98,27 +95,10 @@ class SteadyStates:
     def begin(
         self, columns: Sequence[str], rows: Array, values: Array, *, slopes: bool
     ) -> tuple[tuple[str, ...], Array, list[str]]:
-        """Add the steady states to the columns of members.
+        """Add the steady states to the columns and rows of members, (n_thetas * n_conditions, ...).
 
-        Parameters
-        ----------
-        columns : sequence of str
-            Columns that members set already; initial values among them are kept.
-        rows : ndarray, shape (n_thetas * n_conditions, n_columns)
-            Their values.
-        values : ndarray, shape (n_thetas, n_estimated)
-            Values of the estimated parameters.
-        slopes : bool
-            Whether sensitivities are wanted.
-
-        Returns
-        -------
-        columns : tuple of str
-            More columns.
-        rows : ndarray
-            More values.
-        failed : list of str
-            For each member the reason why there is no steady state, or an empty string.
+        Initial values that members set already are kept. The reasons why a member has no steady
+        state, or empty strings, are returned, too.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
         its, said = self._columns, [""] * len(own)
@@ -187,13 +167,7 @@ _SHORTEST = 1.0
 
 
 class Group:
-    """Conditions that run in one block, with their measured rows.
-
-    Attributes
-    ----------
-    rows : ndarray of int
-        The measured rows of these conditions.
-    """
+    """Conditions that run in one block, with the numbers of their measured rows, ``rows``."""
 
     def __init__(
         self,
@@ -255,15 +229,9 @@ class Group:
     ) -> tuple[Array, Array, Array, Array, tuple[str, ...]]:
         """Run all conditions for each row of parameter values.
 
-        Returns
-        -------
-        ndarray, ndarray
-            Observables, and their derivatives with respect to the values of the estimated
-            parameters, not their logarithms; empty if not requested.
-        ndarray, ndarray
-            Standard deviations, likewise; given numbers are passed through.
-        tuple of str
-            For each row, why a run failed, or an empty string.
+        Observables and standard deviations are returned, each with their derivatives with respect
+        to the values of the estimated parameters, not their logarithms, which are empty if not
+        requested; then the reasons why the runs of a row failed, or empty strings.
         """
         n, n_rows = len(values), len(self.rows)
         rows = np.array([item.row(theta) for theta in values for item in self._maps])

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.estimation.bands import title_of
-from cotree.plot.fits import Course, Residuals, draw_overview, draw_profiles, draw_waterfall
+from cotree.plot.fits import Course, Residuals, draw_overview
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.figure import Figure
 
     from cotree.estimation.result import FitResult
@@ -39,9 +37,8 @@ def courses(result: FitResult, *, noise: bool = False, most: int = _MOST) -> lis
 
 def residuals(result: FitResult) -> list[Residuals]:
     """Return the residuals of each quantity in each experiment."""
-    likelihood, found = result.problem.likelihood, result.predictions
-    values = result.residuals
-    computed = likelihood.transformed(found.values)
+    likelihood, values = result.problem.likelihood, result.residuals
+    computed = likelihood.transformed(result.predictions.values)
     target = likelihood.transformed(likelihood.value)
     has_several = len(result.problem.conditions) > 1
     return [
@@ -57,31 +54,10 @@ def residuals(result: FitResult) -> list[Residuals]:
     ]
 
 
-def waterfall(result: FitResult) -> Figure:
-    """Plot the objectives of the starts."""
-    return draw_waterfall(*_starts(result))
-
-
-def profiles(result: FitResult, names: Sequence[str] | None, level: float) -> Figure:
-    """Compute profiles and plot them."""
-    found = result.profiles(names, level=level)
-    return draw_profiles(list(found.values()), result.standard_errors)
-
-
 def overview(result: FitResult) -> Figure:
     """Plot time courses, residuals, and starts or correlations."""
-    return draw_overview(
-        courses(result, most=_MOST_IN_OVERVIEW),
-        residuals(result),
-        _starts(result),
-        result.names,
-        result.correlation,
-    )
-
-
-def _starts(result: FitResult) -> tuple[np.ndarray, list[bool]]:
-    objectives = np.array([row.objective for row in result.starts])
-    return objectives, [row.is_converged for row in result.starts]
+    shown = courses(result, most=_MOST_IN_OVERVIEW)
+    return draw_overview(shown, residuals(result), result.starts, result.names, result.correlation)
 
 
 def _measured_parts(result: FitResult) -> list[tuple[int, str, np.ndarray]]:

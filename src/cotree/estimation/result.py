@@ -12,7 +12,7 @@ import numpy as np
 
 from cotree.arguments import check_names
 from cotree.errors import ParameterError, nearest
-from cotree.report import Report, Reported, Table, counted, frame, matrix
+from cotree.report import Report, Reported, Table, counted, frame, json_values, matrix
 
 if TYPE_CHECKING:
     import os
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Width of sentences, the smallest correlation that is listed, and the largest number of them.
 _WIDTH, _CORRELATED, _MOST_CORRELATED = 96, 0.5, 8
+
+# Arrays in JSON.
+_ARRAYS = ("theta", "covariance", "correlation", "fisher", "eigenvalues")
 
 _HEAD = ("parameter", "estimate", "std. error", "relative", "lower", "upper", "unit", "")
 
@@ -393,17 +396,13 @@ class FitResult(Reported):
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON-compatible values; numbers that are not finite are None."""
-        found: dict[str, Any] = _plain(
+        found: dict[str, Any] = json_values(
             {
                 "parameters": self._estimates(),
                 "agreement": self._agreement(),
                 "names": list(self.names),
                 "scales": [row.scale for row in self.problem.estimated],
-                "theta": self.theta,
-                "covariance": self.covariance,
-                "correlation": self.correlation,
-                "fisher": self.fisher,
-                "eigenvalues": self.eigenvalues,
+                **{name: getattr(self, name) for name in _ARRAYS},
                 "starts": self._starts(),
                 "findings": list(self.findings),
             }
@@ -450,15 +449,16 @@ class FitResult(Reported):
 
     def plot_waterfall(self) -> Figure:
         """Plot the objectives of all starts in ascending order."""
-        from cotree.estimation.pictures import waterfall
+        from cotree.plot.fits import draw_waterfall
 
-        return waterfall(self)
+        return draw_waterfall(self.starts)
 
     def plot_profiles(self, names: Sequence[str] | None = None, *, level: float = 0.95) -> Figure:
         """Compute and plot profile likelihoods."""
-        from cotree.estimation.pictures import profiles
+        from cotree.plot.fits import draw_profiles
 
-        return profiles(self, names, level)
+        curves = list(self.profiles(names, level=level).values())
+        return draw_profiles(curves, self.standard_errors)
 
     def plot_correlation(self) -> Figure:
         """Plot the correlation matrix of the estimates as a heat map."""
@@ -610,15 +610,3 @@ def _shown(number: float, form: str = "{:.6g}") -> str:
 
 def _wrapped(sentence: str, later: str = "") -> str:
     return textwrap.fill(sentence, _WIDTH, subsequent_indent=later)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -136,16 +136,19 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
     _label(ax, "normal quantile", "ordered residual", "normal probability plot")
 
 
-def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None = None) -> Figure:
-    """Draw the objectives of all starts above the least one, in their order."""
+def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
+    """Draw the objectives of starts, the best one first, above that of the first.
+
+    ``starts`` are those of a fit; see :class:`cotree.estimation.multistart.StartRecord`.
+    """
     from matplotlib.ticker import MaxNLocator
 
     if ax is None:
         figure = figure_for_people(5.2, 3.8)
         ax = figure.subplots()
-    is_finite = np.isfinite(objectives)
-    above = objectives[is_finite] - objectives[0]
-    rank, done = np.arange(1, len(above) + 1), np.array(converged)[is_finite]
+    ended = [row for row in starts if math.isfinite(row.objective)]
+    above = np.array([row.objective - starts[0].objective for row in ended])
+    rank, done = np.arange(1, len(above) + 1), np.array([row.is_converged for row in ended], bool)
     style: dict[str, Any] = {"ls": "none", "ms": 5}
     if done.any():
         ax.plot(rank[done], above[done], marker="o", color=_CURVE, label="converged", **style)
@@ -156,7 +159,7 @@ def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None
     ax.set_yscale("symlog", linthresh=1e-2)
     ax.set_ylim(-2e-3, max(1.0, 2.0 * float(above.max(initial=0.0))))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    n_failed = int(np.sum(~is_finite))
+    n_failed = len(starts) - len(ended)
     title = "starts" + (f", {n_failed} failed" if n_failed else "")
     _label(ax, "start, best first", "objective minus the best one", title)
     ax.legend(fontsize=8, frameon=False)
@@ -164,14 +167,9 @@ def draw_waterfall(objectives: Array, converged: Sequence[bool], ax: Axes | None
 
 
 def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
-    """Draw profile likelihoods, with the parabola that standard errors stand for.
+    """Draw profiles, each with the parabola of its standard error, which is infinite for none.
 
-    Parameters
-    ----------
-    curves : sequence of cotree.estimation.profiles.Profile
-        The profiles.
-    errors : mapping of str to float
-        Standard errors by name, in units; infinite for none.
+    ``curves`` are of the class :class:`cotree.estimation.profiles.Profile`.
     """
     figure, panels = _panels(len(curves))
     for k, (ax, curve) in enumerate(zip(panels, curves, strict=True)):
@@ -231,7 +229,7 @@ def draw_correlation(names: Sequence[str], correlation: Array, ax: Axes | None =
 def draw_overview(
     courses: Sequence[Course],
     parts: Sequence[Residuals],
-    starts: tuple[Array, Sequence[bool]],
+    starts: Sequence[Any],
     names: Sequence[str],
     correlation: Array,
 ) -> Figure:
@@ -248,8 +246,8 @@ def draw_overview(
     last = [figure.add_subplot(grid[n_rows, 2 * j : 2 * j + 2]) for j in range(_COLUMNS)]
     draw_residuals_over_time(last[0], parts)
     draw_normal(last[1], parts)
-    if len(starts[0]) > 1:
-        draw_waterfall(*starts, ax=last[2])
+    if len(starts) > 1:
+        draw_waterfall(starts, last[2])
     else:
         draw_correlation(names, correlation, last[2])
     return figure

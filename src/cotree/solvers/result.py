@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import Error, ModelError, nearest
+from cotree.errors import ModelError, nearest
 from cotree.files import write_csv
 from cotree.records import Deferring
-from cotree.report import Report, Reported, Values, counted
+from cotree.report import Report, Reported, Values, counted, frame
 from cotree.units import quotient
 
 if TYPE_CHECKING:
@@ -252,14 +252,7 @@ class RunRecord(Reported, Deferring):
         Error
             If pandas is not installed.
         """
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise Error(
-                "to_dataframe() needs pandas: run `pip install pandas` (the extra cotree[data]), "
-                "or use to_csv()."
-            ) from error
-        table = pd.DataFrame(self.columns())
+        table = frame(self.columns())
         own = {"t": "s", **self.units}
         table.attrs["units"] = {name: own[name] for name in table.columns if own.get(name)}
         return table

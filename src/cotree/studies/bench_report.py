@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cotree.files import written_whole
-from cotree.report import Report, Reported, Table
+from cotree.report import Report, Reported, Table, json_values
 from cotree.studies.accuracy import ERROR, OWN_ERROR, BenchRow, fastest
 
 if TYPE_CHECKING:
@@ -126,31 +126,34 @@ class BenchReport(Reported):
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the trajectories as numbers, texts, lists and dicts for JSON."""
         pair = self.reference
-        return {
-            "scene": self.scene,
-            "sensitivities": list(self.sensitivities),
-            "n_states": self.n_states,
-            "n_points": self.n_points,
-            "t_end": self.t_end,
-            "repeats": self.repeats,
-            "error": ERROR,
-            "own_error": OWN_ERROR,
-            "machine": dict(self.machine),
-            "reference": {
-                "method": pair.solution.method,
-                "rtol": pair.solution.rtol,
-                "confirmed_by": pair.other.method,
-                "confirmed_at_rtol": pair.other.rtol,
-                "agreement_states": _number(pair.agreement_states),
-                "agreement_sensitivities": _number(pair.agreement_sensitivities),
-                "own_agreement": _number(pair.own_agreement),
-            },
-            "rows": [_row_dict(row) for row in self.rows],
-            "recommended": {
-                f"{target:.0e}": _advice(self.tied(target), self.judges_own(target))
-                for target in TARGETS
-            },
-        }
+        found: dict[str, Any] = json_values(
+            {
+                "scene": self.scene,
+                "sensitivities": list(self.sensitivities),
+                "n_states": self.n_states,
+                "n_points": self.n_points,
+                "t_end": self.t_end,
+                "repeats": self.repeats,
+                "error": ERROR,
+                "own_error": OWN_ERROR,
+                "machine": dict(self.machine),
+                "reference": {
+                    "method": pair.solution.method,
+                    "rtol": pair.solution.rtol,
+                    "confirmed_by": pair.other.method,
+                    "confirmed_at_rtol": pair.other.rtol,
+                    "agreement_states": pair.agreement_states,
+                    "agreement_sensitivities": pair.agreement_sensitivities,
+                    "own_agreement": pair.own_agreement,
+                },
+                "rows": [{**dataclasses.asdict(r), "stand_in": r.stand_in} for r in self.rows],
+                "recommended": {
+                    f"{target:.0e}": _advice(self.tied(target), self.judges_own(target))
+                    for target in TARGETS
+                },
+            }
+        )
+        return found
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write ``to_dict()``, whole or not at all.
@@ -219,15 +222,3 @@ def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | No
         return None
     first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)
     return {**first, "tied": others, "judged_by_own_size": judges_own}
-
-
-def _row_dict(row: BenchRow) -> dict[str, Any]:
-    fields = {key: value for key, value in vars(row).items() if key != "statistics"}
-    numbers = {k: _number(v) if isinstance(v, float) else v for k, v in fields.items()}
-    work = None if row.statistics is None else dataclasses.asdict(row.statistics)
-    return {**numbers, "stand_in": row.stand_in, "statistics": work}
-
-
-def _number(value: float) -> float | None:
-    """Turn a number that is not finite into null, for JSON."""
-    return value if math.isfinite(value) else None
