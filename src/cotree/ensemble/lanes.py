@@ -12,7 +12,7 @@ import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cotree.build import BuildOptions, find_toolchain, obtain_library
+from cotree.build import BuildOptions, find_toolchain
 from cotree.build.compile import cpu_features
 from cotree.codegen.lanes import (
     Lanes,
@@ -21,23 +21,20 @@ from cotree.codegen.lanes import (
     lanes_refusal,
     render_lanes,
 )
-from cotree.errors import BuildError, SolveError
+from cotree.errors import SolveError
+from cotree.model.kernels import load_kernels
 from cotree.sharing import forming
-from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.ensemble.pattern import Pattern
     from cotree.model.model import CompiledModel
-    from cotree.program import Program
 
-# What models have loaded, one thread at a time.
-_loaded: weakref.WeakKeyDictionary[CompiledModel, dict[Any, LoadedLanes | str]] = (
+# What models have loaded, by method, vectors and sensitivities, one thread at a time.
+_loaded: weakref.WeakKeyDictionary[CompiledModel, dict[tuple[Any, ...], LoadedLanes | str]] = (
     weakref.WeakKeyDictionary()
 )
 _building = threading.Lock()
-# What was found for a pattern: its blocks ask again and again.
-_found: weakref.WeakKeyDictionary[Pattern, LoadedLanes | str] = weakref.WeakKeyDictionary()
 
 # How many numbers the members of a vector integrate at most where a second vector gains.
 _FEW = 48
@@ -57,58 +54,58 @@ class LoadedLanes:
 
 
 def find_lanes(pattern: Pattern) -> LoadedLanes | str:
-    """Find or build the lanes that members run in.
+    """Find or build the lanes that members run in, or return why they run in none.
 
     Which they are depends on the plan and the processor alone, not on the number of members:
     results are then the same whatever else is in a block.
-
-    Returns
-    -------
-    LoadedLanes or str
-        A reason is a sentence without a capital and an end.
     """
-    if pattern not in _found:
-        _found[pattern] = _find(pattern)
-    return _found[pattern]
+    why = refusal_of(pattern)
+    if why:
+        return why
+    key = _key(pattern)
+    with _building:
+        loaded = _loaded.setdefault(pattern.plan.model, {})
+        if key not in loaded:
+            loaded[key] = _load(pattern, *key)
+        return loaded[key]
 
 
 def refusal_of(pattern: Pattern) -> str:
     """Return why members do not run in lanes, or an empty string.
 
-    A reason has no capital and no full stop. Whether a compiler has vectors is known once lanes
+    A reason has no capital and no full stop. That a compiler has no vectors is known once lanes
     were built.
-
-    That a compiler has no vectors is known once lanes were asked for.
     """
-    found = _found.get(pattern)
+    plan, problem = pattern.plan, pattern.problem
+    if plan.lanes is not None and plan.lanes not in WIDTHS:
+        raise SolveError(
+            f"lanes is {plan.lanes}; give one of {', '.join(map(str, WIDTHS))}, or None"
+        )
+    if plan.lanes == 1:
+        return "one lane is asked for"
+    found = _loaded.get(plan.model, {}).get(_key(pattern))
     if found is not None:
         return found if isinstance(found, str) else ""
-    wanted, problem = pattern.plan.lanes, pattern.problem
-    if wanted is not None and wanted not in WIDTHS:
-        raise SolveError(f"lanes is {wanted}; give one of {', '.join(map(str, WIDTHS))}, or None")
-    if wanted == 1:
-        return "one lane is asked for"
-    program = pattern.plan.model.program
-    has_sensitivities = problem.n_sensitivities > 0
-    why = lanes_refusal(program, pattern.row.name, has_sensitivities=has_sensitivities)
-    return why or _refusal(pattern)
-
-
-def _find(pattern: Pattern) -> LoadedLanes | str:
-    why = refusal_of(pattern)
+    why = lanes_refusal(
+        plan.model.program, pattern.row.name, has_sensitivities=problem.n_sensitivities > 0
+    )
     if why:
         return why
-    wanted, problem = pattern.plan.lanes, pattern.problem
-    has_sensitivities = problem.n_sensitivities > 0
-    model = pattern.plan.model
-    program = model.program
-    lanes = lanes_of(cpu_features().split(), wanted, problem.size)
-    key = (pattern.row.name, lanes, has_sensitivities)
-    with _building:
-        loaded = _loaded.setdefault(model, {})
-        if key not in loaded:
-            loaded[key] = _load(program, *key)
-        return loaded[key]
+    if pattern.signals.by_position:
+        return "inputs are given in place of the scene's"
+    if problem.settings.t_eval is None or not len(problem.settings.t_eval):
+        return "no times are wanted"
+    if len(problem.breakpoints):
+        return "rates have kinks or jumps at known times"
+    if pattern.is_searched:
+        return "the start of each member is searched for, or it has corners of its own"
+    return ""
+
+
+def _key(pattern: Pattern) -> tuple[str, Lanes, bool]:
+    """Return the parts of a pattern that the code of lanes depends on."""
+    lanes = lanes_of(cpu_features().split(), pattern.plan.lanes, pattern.problem.size)
+    return pattern.row.name, lanes, pattern.problem.n_sensitivities > 0
 
 
 def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int = 64) -> Lanes:
@@ -130,46 +127,20 @@ def lanes_of(features: list[str], wanted: int | None = None, n_integrated: int =
     return Lanes(width, wanted // width, ",".join(instructions), is_fused)
 
 
-def _refusal(pattern: Pattern) -> str:
-    """Return why the settings of a run exclude lanes, or an empty string."""
-    problem = pattern.problem
-    if pattern.signals.by_position:
-        return "inputs are given in place of the scene's"
-    if problem.settings.t_eval is None or not len(problem.settings.t_eval):
-        return "no times are wanted"
-    if len(problem.breakpoints):
-        return "rates have kinks or jumps at known times"
-    if pattern.is_searched:
-        return "the start of each member is searched for, or it has corners of its own"
-    return ""
-
-
 def _load(
-    program: Program,
-    method: str,
-    lanes: Lanes,
-    has_sensitivities: bool,
+    pattern: Pattern, method: str, lanes: Lanes, has_sensitivities: bool
 ) -> LoadedLanes | str:
     """Build and load lanes."""
-    toolchain = find_toolchain()
-    if toolchain is None:
+    if find_toolchain() is None:
         return "no compiler is found"
     # Columns of maps that are written out are new nodes of the model's arena.
     with forming:
+        program = pattern.plan.model.program
         model = lanes_context(program, method, lanes, has_sensitivities=has_sensitivities)
         files = render_lanes(model, method)
-    try:
-        _, library = obtain_library(
-            files,
-            lanes_declarations(model),
-            abi_version=ABI_VERSION,
-            n_operations=model.n_written,
-            n_all=model.n_written_in_all,
-            # What is common to kernels and steps is found by this level only.
-            options=BuildOptions("-O3"),
-            toolchain=toolchain,
-        )
-    except BuildError:
+    # What is common to kernels and steps is found by this level only.
+    library = load_kernels(model, files, lanes_declarations(model), BuildOptions("-O3"))
+    if library is None:
         return "the compiler has no vectors"
     found = getattr(library.lib, f"{model.prefix}_lanes")()
     work = int(library.ffi.cast("uintptr_t", found.work))

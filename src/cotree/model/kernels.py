@@ -12,6 +12,7 @@ In: files and declarations. Out: a library, or None where no compiler can build 
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -35,6 +36,7 @@ from cotree.version import ABI_VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from cotree.codegen.context import KernelFile
     from cotree.equations import Guard
     from cotree.program import Layout, Program
 
@@ -148,34 +150,39 @@ def load_newton(program: Program) -> Newton | None:
     program : Program
         The program after its passes.
     """
-    toolchain = find_toolchain()
-    if toolchain is None:
+    if find_toolchain() is None:
         return None
     # Explicit methods need nothing of what prints C.
-    from cotree.codegen.newton import (
-        newton_context,
-        newton_declarations,
-        render_newton,
-    )
+    from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 
     # Second derivatives are new nodes of the model's arena, which threads share.
     with forming:
         model = newton_context(program)
         files = render_newton(model)
-    try:
-        _, loaded = obtain_library(
-            files,
-            newton_declarations(model),
-            abi_version=ABI_VERSION,
-            n_operations=model.n_written,
-            n_all=model.n_written_in_all,
-            options=BuildOptions(),
-            toolchain=toolchain,
-        )
-    except BuildError:
+    loaded = load_kernels(model, files, newton_declarations(model), BuildOptions())
+    if loaded is None:
         return None
     address = getattr(loaded.lib, f"{model.prefix}_newton")()
     return Newton(int(loaded.ffi.cast("uintptr_t", address)), loaded)
+
+
+def load_kernels(
+    model: KernelFile, files: Mapping[str, str], declarations: str, options: BuildOptions
+) -> LoadedLibrary | None:
+    """Build and load further functions of a model; None where no compiler can."""
+    toolchain = find_toolchain()
+    with contextlib.suppress(BuildError):
+        if toolchain is not None:
+            return obtain_library(
+                files,
+                declarations,
+                abi_version=ABI_VERSION,
+                n_operations=model.n_written,
+                n_all=model.n_written_in_all,
+                options=options,
+                toolchain=toolchain,
+            )[1]
+    return None
 
 
 @dataclass(frozen=True)
