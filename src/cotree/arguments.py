@@ -6,7 +6,7 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeGuard
 
-from cotree.errors import ParameterError, brief
+from cotree.errors import ParameterError, brief, nearest
 
 # Larger integers are not all exact as doubles.
 _LARGEST_INTEGER = 2**53
@@ -25,8 +25,10 @@ def check_whole(value: object, what: str, least: int = 0) -> int:
 def check_choice(value: object, what: str, known: Sequence[str]) -> str:
     """Accept one of several words."""
     if not isinstance(value, str) or value not in known:
-        words = f"{', '.join(map(repr, known[:-1]))} or {known[-1]!r}"
-        raise ParameterError(f"{what} is {brief(repr(value))}: give {words}")
+        hint = nearest(value, known)
+        if "did you mean" not in hint:
+            hint = f": give {', '.join(map(repr, known[:-1]))} or {known[-1]!r}"
+        raise ParameterError(f"{what} is {brief(repr(value))}{hint}")
     return value
 
 

@@ -18,7 +18,7 @@ from cotree import BuildError, SolveError
 from cotree.ensemble import executors, run
 from cotree.ensemble import executors as parcel
 from cotree.ensemble.batch import run_block
-from cotree.ensemble.executors import AdaptiveRanges, read_executor, run_on
+from cotree.ensemble.executors import AdaptiveRanges, ExecutorRun, read_executor
 from cotree.ensemble.plan import Plan
 from cotree.ensemble.run import EnsembleProgress
 from cotree.scene.settings import Settings
@@ -56,7 +56,7 @@ def gathered(plan, executor, ranges=None, each=lambda i: None):
     found = {}
     stop = threading.Event()
     ranges = AdaptiveRanges(len(ROWS), 8) if ranges is None else ranges
-    for i, (first, block) in enumerate(run_on(executor, plan, ROWS, ranges, threads=1, stop=stop)):
+    for i, (first, block) in enumerate(ExecutorRun(executor, plan, ROWS, 1, stop).run(ranges)):
         assert first not in found
         found[first] = block
         each(i)
@@ -247,7 +247,7 @@ def test_a_stopped_ensemble_gives_what_is_done(plan):
     stop, firsts = threading.Event(), []
     with futures.ThreadPoolExecutor(1) as pool:
         ranges = ((i, i + 1) for i in range(len(ROWS)))
-        for first, _ in run_on(pool, plan, ROWS, ranges, threads=1, stop=stop):
+        for first, _ in ExecutorRun(pool, plan, ROWS, 1, stop).run(ranges):
             firsts.append(first)
             stop.set()
     assert 1 <= len(firsts) <= 1 + executors.AHEAD

@@ -144,7 +144,7 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
         (["--sample", "k=normal:1", "--members", "8"], "--sample: the distribution of 'k'"),
         (["--sample", "k=gauss:1:2", "--members", "8"], "unknown kind 'gauss'"),
         (["--sample", "k=relative:0.1", "--members", "0"], "number of members is 0"),
-        (["--sample", "k=relative:0.1", "--members", "8", "--sampling", "x"], "no way 'x'"),
+        (["--sample", "k=relative:0.1", "--members", "8", "--sampling", "x"], "drawing is 'x'"),
         (["--grid", "L=1", "-o", "out.txt"], "unknown suffix '.txt'"),
         (["--grid", "L=1", "-o", "no/out.nc"], "there is no folder 'no'"),
         (["--grid", "L=1", "-o", "folder.nc"], "folder of other things"),

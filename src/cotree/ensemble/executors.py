@@ -179,8 +179,8 @@ class _Share:
     has_lost: bool = False  # whether its worker died
 
 
-class _ExecutorRun:
-    """Shares under way on an executor, and those to submit once more.
+class ExecutorRun:
+    """Shares of rows under way on an executor, and those to submit once more.
 
     A broken pool of processes is replaced by a new one of the same size.
     """
@@ -202,7 +202,16 @@ class _ExecutorRun:
         self._again: deque[_Share] = deque()
 
     def run(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
-        """Return blocks as they are done."""
+        """Return blocks as they are done; at the end a pool that was made here is shut down."""
+        try:
+            yield from self._blocks(ranges)
+        finally:
+            for future in self._flying:
+                future.cancel()
+            if self._is_own:
+                self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def _blocks(self, ranges: Iterable[tuple[int, int]]) -> Iterator[tuple[int, Block]]:
         source, learn, end = iter(ranges), getattr(ranges, "learn", None), math.inf
         while True:
             if self._stop.is_set():
@@ -226,13 +235,6 @@ class _ExecutorRun:
             if learn and seconds:
                 learn(share.end - share.first, seconds)
             yield share.first, block
-
-    def close(self) -> None:
-        """Cancel what has not begun, and end a pool that was made here."""
-        for future in self._flying:
-            future.cancel()
-        if self._is_own:
-            self._executor.shutdown(wait=False, cancel_futures=True)
 
     def _fill(self, source: Iterator[tuple[int, int]], ranges: Any) -> None:
         """Submit as many shares as are to be under way: one, if it may have killed a worker."""
@@ -351,26 +353,6 @@ class _ExecutorRun:
         if now - self._counted > _COUNTED_FOR:
             self._n_workers, self._counted = max(1, count_workers(self._executor)), now
         return self._n_workers
-
-
-def run_on(
-    executor: Any,
-    plan: Plan,
-    rows: FloatArray,
-    ranges: Iterable[tuple[int, int]],
-    *,
-    threads: int,
-    stop: threading.Event,
-) -> Iterator[tuple[int, Block]]:
-    """Run ranges of rows on an executor; parameters as of :func:`cotree.ensemble.run.run_blocks`.
-
-    A pool of processes that loses one is of no use any more: a new one is shut down at the end.
-    """
-    run = _ExecutorRun(executor, plan, rows, threads, stop)
-    try:
-        yield from run.run(ranges)
-    finally:
-        run.close()
 
 
 def count_workers(executor: Any) -> int:

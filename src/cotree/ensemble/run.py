@@ -11,7 +11,6 @@ import contextlib
 import signal
 import threading
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,25 +20,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cotree.arguments import check_names
 from cotree.ensemble.batch import run_block, usable_cores
 from cotree.ensemble.dataset import Collected, DatasetSchema, check_xarray, member_bytes
 from cotree.ensemble.executors import (
     AHEAD,
     PIECE,
     AdaptiveRanges,
+    ExecutorRun,
     count_workers,
     read_executor,
     run_here,
-    run_on,
 )
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Plan
 from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
-from cotree.errors import SceneError, SolveError, brief, nearest
+from cotree.errors import SceneError, SolveError, nearest
 from cotree.quiet import level_of_user
 from cotree.solvers.budgets import CountingBar
 
 if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
     from types import FrameType
 
     from cotree.ensemble.members import Members
@@ -158,11 +159,8 @@ def run_ensemble(
 ) -> Any:
     """Run members and put their results into a Dataset."""
     check_xarray()
-    n, schema, pace = (
-        len(members.rows),
-        DatasetSchema(plan, members, attributes),
-        BlockSizes(plan, execution),
-    )
+    n, schema = len(members.rows), DatasetSchema(plan, members, attributes)
+    pace = BlockSizes(plan, execution)
     with (
         stopped_by_interrupt() as stop,
         EnsembleProgress(n, execution.progress) as bar,
@@ -222,7 +220,7 @@ def run_blocks(
     Threads are those of this machine, or of each worker of an executor.
     """
     if executor is not None:
-        yield from run_on(executor, plan, rows, ranges, threads=threads, stop=stop)
+        yield from ExecutorRun(executor, plan, rows, threads, stop).run(ranges)
         return
     learn = getattr(ranges, "learn", None)
     for first, end in ranges:
@@ -298,9 +296,7 @@ def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, 
     """Read the outputs that are wanted; all of them where nothing is said."""
     if outputs is None:
         return model.outputs
-    if not isinstance(outputs, (str, Iterable)):
-        raise SceneError(f"outputs is {brief(repr(outputs))}: give a list of names")
-    names = (outputs,) if isinstance(outputs, str) else tuple(dict.fromkeys(outputs))
+    names = tuple(dict.fromkeys(check_names(outputs, "outputs")))
     for name in names:
         if name in model.states:
             raise SceneError(f"outputs name '{name}', a state: results have all states")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.arguments import check_whole
+from cotree.arguments import check_choice, check_whole
 from cotree.errors import ParameterError, brief, nearest
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
@@ -213,10 +213,7 @@ def sample(
         raise ParameterError(
             f"the number of members is {brief(repr(n))}: give a whole number of at least 1"
         )
-    if method not in METHODS:
-        raise ParameterError(
-            f"there is no way {method!r} to draw members{nearest(method, METHODS)}"
-        )
+    check_choice(method, "the method of drawing", METHODS)
     if seed is None:  # one is drawn that can be given again
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     seed = check_whole(seed, "the seed")

@@ -94,28 +94,19 @@ def tried_settings(model: CompiledModel, settings: Settings, members: Members) -
     settings = replace(settings, throw=False)
     if settings.method != "auto":
         method_row(settings.method)
-    base = _first_success(model, _short(settings), members)
+    most = probe_steps(settings.rtol) + _TRIAL_STEPS
+    short = replace(settings, max_steps=min(settings.max_steps or most, most))
+    base = _first_success(model, short, members)
     if settings.method != "auto":
         return settings
-    runs = [base, *_runs(model, _short(settings), members)] if base else []
+    runs = [base] if base else []
+    for row in _extremes(members) if base else ():
+        # Members that are refused fail later, with a sentence.
+        with contextlib.suppress(Error), without_warnings():
+            runs.append(simulate(model, settings_of(model, short, members.columns, row)))
     begun = [run.statistics.began_with or run.statistics.method for run in runs]
     stiff = [method for method in begun if METHODS[method].implicit]
     return replace(settings, method=[*stiff, *begun, _OTHERWISE][0])
-
-
-def _runs(model: CompiledModel, settings: Settings, members: Members) -> list[RunRecord]:
-    """Run extreme members, without those that are refused: they fail later, with a sentence."""
-    found = []
-    for row in _extremes(members):
-        with contextlib.suppress(Error), without_warnings():
-            found.append(simulate(model, settings_of(model, settings, members.columns, row)))
-    return found
-
-
-def _short(settings: Settings) -> Settings:
-    """Bound the steps of a trial."""
-    most = probe_steps(settings.rtol) + _TRIAL_STEPS
-    return replace(settings, max_steps=min(settings.max_steps or most, most))
 
 
 def _first_success(model: CompiledModel, settings: Settings, members: Members) -> RunRecord | None:
