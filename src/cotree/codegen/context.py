@@ -244,7 +244,7 @@ def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
 
 
 #: What stands in the place of ``kind`` for a kink, see ``cotree_jumps.h``.
-_KINK = 11
+_KINK, _STEEP_KINK = 11, 12
 
 
 @dataclass(frozen=True)
@@ -450,8 +450,19 @@ def _hybrid_context(layout: Layout) -> HybridContext:
         for row, place in zip(layout.events, places, strict=False)
     ]
     events += [
-        EventContext(c_string(""), direction, False, _KINK, False, 0, 0, [], piece, place)
-        for (piece, direction), place in zip(
+        EventContext(
+            c_string(""),
+            direction,
+            False,
+            _STEEP_KINK if is_steep else _KINK,
+            False,
+            0,
+            0,
+            [],
+            piece,
+            place,
+        )
+        for (piece, direction, is_steep), place in zip(
             layout.corners, places[len(layout.events) :], strict=True
         )
     ]

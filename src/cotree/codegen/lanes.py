@@ -74,7 +74,7 @@ class LanesContext(KernelFile):
     has_outputs: bool
     n_outputs: int
     n_sensitivities: int
-    corners: tuple[tuple[int, int], ...]
+    corners: tuple[tuple[int, int, bool], ...]
     n_pieces: int
     ranges: tuple[int, ...]
     n_quantities: int

@@ -152,6 +152,11 @@ EVENT_STATUSES = (
     Status(
         "EVENTS_LOSSY_IMPACT", 52, "an impact passes a gear with losses, which has no law of impact"
     ),
+    Status(
+        "EVENTS_LEAVES_ROOT",
+        53,
+        "a value rests at zero, and a root with an infinite slope drives it away",
+    ),
     Status("EVENTS_BELOW_TOLERANCE", 48, "its impacts are too small for the tolerance"),
 )
 

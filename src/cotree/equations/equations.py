@@ -30,6 +30,8 @@ class CornerRow:
     #: Zero where the piece is the sign of the value; else what is added to its number where the
     #: value passes through zero in that direction.
     direction: int
+    #: Whether the piece is the width of a band around zero within which roots are replaced.
+    is_steep: bool = False
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:

@@ -287,11 +287,16 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.put([row.value for row in equations.corners])
+    # Nothing jumps at a corner, whenever it is; where the slope is infinite, its value at rest
+    # depends on no parameter.
+    looked_at = [
+        value if row.is_steep else dag.zero
+        for row, value in zip(equations.corners, corners, strict=True)
+    ]
     # What decides whether an impact ends in rest is read at impacts only.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
     found_ranges = find_ranges(equations, [*crossed, *corners])
     seed_of_motion = _along_the_motion(equations)
-    still = [dag.zero] * len(corners)
 
     def derivatives(
         changes: Mapping[int, Node], seed: Mapping[Node, Node], of_corners: Sequence[Node]
@@ -318,10 +323,9 @@ def event_kernels(
         ],
         "jumps": jumps,
         "event_sensitivity": [
-            # Nothing jumps at a corner, whenever it is.
             node
             for row, own in directions
-            for node in derivatives(row.outputs, own.seed, still)
+            for node in derivatives(row.outputs, own.seed, tangents(looked_at, own.seed))
         ],
         "event_rates": [
             *derivatives(motion.outputs, seed_of_motion, tangents(corners, seed_of_motion)),

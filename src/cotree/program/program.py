@@ -110,9 +110,9 @@ class Layout:
     sensitivity_rows: tuple[int, ...] = ()
     #: Parameters that follow from these, and are no arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: What that kernel gives next: of each corner the piece that ends there, and the direction, as
-    #: of :class:`cotree.equations.CornerRow`.
-    corners: tuple[tuple[int, int], ...] = ()
+    #: What that kernel gives next: of each corner the piece that ends there, the direction, and
+    #: whether it is steep, as of :class:`cotree.equations.CornerRow`.
+    corners: tuple[tuple[int, int, bool], ...] = ()
     #: Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states

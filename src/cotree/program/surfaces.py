@@ -14,10 +14,10 @@ held where it is constant, as that of ``sqrt(max(x, 0))`` is.
 
 Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
 those that are known functions of time, where integration stops anyway; conditions within roots
-and the like whose readers are twice differentiable, as in the law of an orifice; corners with an
-infinite slope on both sides, as of ``sqrt(abs(x))``, since there is no Jacobian to go on with;
-corners within masses and constraints; tables within roots and the like; and tables with very many
-points, whose corners are small.
+and the like whose readers are twice differentiable, as in the law of an orifice; corners within
+masses and constraints; tables within roots and the like; and tables with very many points, whose
+corners are small. Where the slope is infinite on both sides, as of ``sqrt(abs(x))``, the argument
+decides, and roots are replaced near zero (:mod:`cotree.program.steep`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from cotree.dag.clips import SINGULAR, is_singular
+from cotree.dag.clips import SINGULAR
 from cotree.dag.continuity import meets, ways_to_zero
 from cotree.dag.derivative import tangent
 from cotree.dag.lookup import HeldPlane, HeldTable, PlaneTable
@@ -45,9 +45,10 @@ from cotree.dag.nodes import (
 )
 from cotree.dag.switching_times import stops_within
 from cotree.equations import CornerRow
+from cotree.program.steep import SteepRoots, ends, find_roots
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.equations import Equations
@@ -74,7 +75,7 @@ _MOST_TERMS = 64
 def hold_pieces(equations: Equations) -> Equations:
     """Return the equations whose steps hold the pieces of what has corners."""
     found = _find(equations)
-    if not found.conditions and not found.tables:
+    if not found.conditions and not found.tables and not found.steep.signed:
         return equations
     new, held = _held(equations, found)
 
@@ -125,6 +126,7 @@ class _Found:
     #: The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
     conditions: dict[_Key, frozenset[int]]
     tables: set[Node]  # the tables, whose pieces steps hold
+    steep: SteepRoots
 
 
 def _find(equations: Equations) -> _Found:
@@ -154,10 +156,17 @@ def _find(equations: Equations) -> _Found:
     tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
     known = stops_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
-    located = {k: v for k, v in conditions.items() if v is not None and v.steep != _BOTH}
+    located = {k: v for k, v in conditions.items() if v is not None and looked_at[k] not in timed}
+    signed: dict[Node, Node] = {}
+    for key in [key for key, sides in located.items() if sides.steep == _BOTH]:
+        del located[key]
+        steep = find_roots(order, looked_at[key], lambda node: keys.of(node)[0] == key)  # noqa: B023
+        if steep is not None and heavy.isdisjoint(steep):
+            signed |= steep
     return _Found(
-        {k: sides.held for k, sides in located.items() if looked_at[k] not in timed},
+        {k: sides.held for k, sides in located.items()},
         {node for node in tables if _n_points(node) <= _MOST_POINTS and not timed >= {*node.args}},
+        SteepRoots(signed),
     )
 
 
@@ -351,7 +360,7 @@ def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
     """Return how roots and the like among some values end where a condition is zero."""
     roots = [node for node in nodes if node.op in SINGULAR]
     try:
-        ending = [node for node in roots for way in ways if _ends(node, way)]
+        ending = [node for node in roots for way in ways if ends(node, way)]
     except (ArithmeticError, ValueError):  # it has no value there
         return _STEEP
     if not ending:
@@ -363,14 +372,6 @@ def _is_flat(node: Node) -> bool:
     """Return whether the slope of an operation is finite where its value ends."""
     power = node.args[-1].value
     return node.op == "pow" and power is not None and power > 1.0
-
-
-def _ends(node: Node, way: Mapping[Node, Node]) -> bool:
-    """Return whether a root or a power has no value beyond where its condition is zero."""
-    first, *others = substitute(node.args, way)
-    if node.op == "pow":
-        return first.value is not None and first.value <= 0.0
-    return is_singular(node.op, (first, *others))
 
 
 def _moving(order: Iterable[Node], equations: Equations) -> list[Node]:
@@ -490,6 +491,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
     new: dict[Node, Node] = {}
     keys = _Keys()
     signs: dict[_Key, tuple[Node, float]] = {}
+    widths: dict[_Key, tuple[Node, float]] = {}
     slots: dict[tuple[object, Node], Node] = {}
     motion = [] if equations.motion is None else [equations.motion]
     motion += [] if equations.direction is None else [equations.direction]
@@ -519,6 +521,19 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)
         return decides
+
+    def steep(node: Node, root: Node) -> Node:
+        signed = found.steep.signed[root]
+        key, scale = keys.of(signed)
+        distance = substitute([signed], new)[0]
+        if key not in widths:
+            widths[key] = slot(), scale
+            held.rows.append(CornerRow(distance, widths[key][0].data[1], 0, is_steep=True))
+        width, first = widths[key]
+        given = [of(arg) for arg in node.args]
+        if node.op == "div":
+            given[1] = of(root.args[0])
+        return found.steep.replaced(node, tuple(given), distance, abs(scale / first) * width)
 
     def piece_of(axis: tuple[float, ...], at: Node) -> Node:
         if (axis, at) not in slots:
@@ -554,7 +569,10 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
             new[node] = results[node.args[0]][node.data]
             continue
         key, scale = keys.of(node.args[0]) if node.op in _BRANCHING else ((), 0.0)
-        if key and key in found.conditions:
+        root = found.steep.root_of(node)
+        if root is not None:
+            made = steep(node, root)
+        elif key and key in found.conditions:
             own = sign(node.args[0], key, scale)
             if not found.conditions[key]:
                 # The step ends there, but its values decide by themselves.

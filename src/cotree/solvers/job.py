@@ -480,7 +480,8 @@ class Job:
         # Kinks of laws are located as events are, and have no names.
         rows = problem.events.rows if problem.events is not None else ()
         fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
-        events = blamed(name, rows[c.event].name, fired) if rows else ["kink of a law"]
+        event = rows[c.event].name if c.event < len(rows) else "kink of a law"
+        events = blamed(name, event, fired)
         said = verdict(name, events, float(c.event_time), float(c.event_detail))
         if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
             return f"{said}, '{problem.constraints[int(c.event_detail)]}' first of all"

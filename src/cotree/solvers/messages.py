@@ -234,6 +234,11 @@ VERDICTS = {
         "at t = {t:.10g} an impact passes the gear with losses {event}, whose laws are those of "
         "steady forces: let the gear be ideal, or put an elastic shaft between it and the stop"
     ),
+    "EVENTS_LEAVES_ROOT": (
+        "at t = {t:.10g} the argument of a root rests at zero, and the root, whose slope is "
+        "infinite there, drives it away: when it leaves is not unique; begin aside of zero, or "
+        "write a law with a finite slope there"
+    ),
     "EVENTS_BELOW_TOLERANCE": (
         "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
         "too small for the tolerances; give a larger rest_speed, or smaller tolerances"

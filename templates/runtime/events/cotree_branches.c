@@ -9,11 +9,14 @@
 #include <math.h>
 #include <stddef.h>
 
-/* Release all branches: each follows from the value. */
+/* Release all branches: each follows from the value. The band of a steep kink remains: it belongs
+ * to both sides. */
 void cotree_release_branches(cotree_events *e)
 {
-    int k;
-    for (k = 0; k < e->n_branches && e->branches != NULL; ++k) e->branches[k] = COTREE_F(0.0);
+    int i;
+    for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
+        if (e->rows[i].kind == COTREE_KINK) e->branches[e->rows[i].branch] = COTREE_F(0.0);
+    }
 }
 
 /* Return the distance from zero at which a value counts as at its kink. */
@@ -23,17 +26,165 @@ static cotree_real band_at_kink(const cotree_events *e, int i, cotree_real t)
                        COTREE_F(4.0) * cotree_spacing(t) * COTREE_FABS(e->jumps.rates[i]));
 }
 
+/* The width of a band, as a multiple of a value within it, that suppresses the root there. */
+#define SUPPRESSING_RATIO COTREE_SELECT(1e15, 1e10f)
+
+/* The width of a band, as a share of the tolerance, that keeps the slope at zero finite and has no
+ * other effect. */
+#define NARROW_SHARE COTREE_F(1e-8)
+
+/* Sweeps of the Gauss-Seidel method over the steep kinks at which a point rests. */
+#define MAX_SWEEPS 20
+
+/* Roots whose slopes are infinite on both sides drive a value to zero, away from it, or neither. */
+enum { DRIVES_NEITHER, DRIVES_TO_ZERO, DRIVES_AWAY };
+
+/* Write to point a point aside of w, with the modes of jumps that belong to it. */
+static int step_aside(cotree_events *e, cotree_real t, const cotree_real *w, cotree_real far)
+{
+    cotree_real share = COTREE_F(0.0);
+    int k, is_known = 0, status;
+    cotree_copy(e->n, w, e->point);
+    for (k = 0; k < e->run->n_rates; ++k) {
+        /* By different shares (of the golden ratio), so that differences of states change. */
+        share += COTREE_F(0.618034);
+        if (share > COTREE_F(1.0)) share -= COTREE_F(1.0);
+        e->point[k] += far * (COTREE_F(1.0) + share) * (e->rtol * COTREE_FABS(w[k]) + e->atol);
+    }
+    status = cotree_compute_values(e, t, e->point);
+    for (k = 0; k < e->n_events && status == 0; ++k) {
+        const cotree_event *const row = e->rows + k;
+        if (row->kind != COTREE_JUMP ||
+            !((cotree_real)row->direction * e->jumps.values[k] > COTREE_F(0.0)))
+            continue;
+        if (!is_known) status = cotree_jumps_compute_new_values(&e->jumps, t, e->point);
+        is_known = 1;
+        e->point[row->targets[0]] = cotree_jumps_new_value(&e->jumps, k);
+    }
+    return status;
+}
+
+/* Compute the effect of the roots of a steep kink at a point aside of w: on the rates of the
+ * states, in sum, and on the rate of the value. Its roots remain suppressed. */
+static int compute_effect(cotree_events *e, int i, cotree_real t, const cotree_real *w,
+                          cotree_real far, cotree_real *value, cotree_real *effect)
+{
+    cotree_real *const width = e->branches + e->rows[i].branch;
+    int k, status = step_aside(e, t, w, far);
+    *value = e->jumps.values[i];
+    *width = -COTREE_F(1.0);
+    if (status == 0) status = cotree_compute_rates(e, t, e->point);
+    *effect = e->jumps.rates[i];
+    cotree_copy(e->run->n_rates, e->jumps.state_rates, e->sum);
+    *width = SUPPRESSING_RATIO * (COTREE_FABS(*value) + cotree_tolerance(e, i));
+    if (status == 0) status = cotree_compute_rates(e, t, e->point);
+    *effect -= e->jumps.rates[i];
+    for (k = 0; k < e->run->n_rates; ++k) e->sum[k] -= e->jumps.state_rates[k];
+    return status;
+}
+
+/* Compute what the roots of a steep kink do to its value, from points on both sides of w. */
+static int classify_roots(cotree_events *e, int i, cotree_real t, const cotree_real *w, int *found)
+{
+    int side, status = 0;
+    *found = DRIVES_NEITHER;
+    for (side = -1; side <= 1 && status == 0; side += 2) {
+        cotree_real value, effect;
+        status = compute_effect(e, i, t, w, ASIDE_TOLERANCES * (cotree_real)side, &value, &effect);
+        if (effect * value > COTREE_F(0.0)) *found = DRIVES_AWAY;
+        if (effect * value < COTREE_F(0.0) && *found == DRIVES_NEITHER) *found = DRIVES_TO_ZERO;
+    }
+    return status;
+}
+
+/* Return whether the value of a steep kink rests at zero, now and shortly later, where its roots
+ * are suppressed. */
+static int is_at_rest(cotree_events *e, int i, cotree_real t, const cotree_real *w)
+{
+    return cotree_compute_curvature(e, t, w) == 0 &&
+           e->span * COTREE_FABS(e->jumps.rates[i]) <= cotree_zero_band(e, i);
+}
+
+/* Set the band of a steep kink near zero: its roots are replaced within the tolerance if they
+ * drive the value to zero from both sides. If they drive it away from a side, and no other term
+ * of its rate does, the motion is not unique. */
+static int set_band(cotree_events *e, int i, cotree_real t, const cotree_real *w)
+{
+    int found, status = classify_roots(e, i, t, w, &found);
+    if (status == 0 && found == DRIVES_AWAY && is_at_rest(e, i, t, w))
+        return cotree_fail(e, i, t, COTREE_EVENTS_LEAVES_ROOT);
+    e->failure = 0; /* aside, equations may have no solution */
+    e->branches[e->rows[i].branch] =
+        (status == 0 && found == DRIVES_TO_ZERO ? COTREE_F(1.0) : NARROW_SHARE) *
+        cotree_zero_band(e, i);
+    return 0;
+}
+
+/* Move the sensitivities along the effect of the roots of a steep kink until its value depends on
+ * no parameter: their infinite slope does so at once. */
+static int settle_at(cotree_events *e, int i, cotree_real t, cotree_real *w)
+{
+    cotree_real *const width = e->branches + e->rows[i].branch, band = *width;
+    cotree_real value, effect = COTREE_F(0.0);
+    int status = compute_effect(e, i, t, w, ASIDE_TOLERANCES, &value, &effect);
+    if (effect == COTREE_F(0.0))
+        status = compute_effect(e, i, t, w, -ASIDE_TOLERANCES, &value, &effect);
+    *width = band;
+    if (status != 0 || effect == COTREE_F(0.0)) return status;
+    return cotree_jumps_move_sensitivities(&e->jumps, i, e->sum, effect, t, w);
+}
+
+/* Settle the sensitivities at all steep kinks at which the point of the last selection rests. */
+void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w)
+{
+    const int first = COTREE_EVENTS_OF(e->run->model->hybrid);
+    int i, sweep, n_at_rest = 0, status = 0;
+    if (e->branches == NULL || e->run->n_blocks == 1) return;
+    for (i = first; i < e->n_events; ++i) {
+        cotree_real *const width = e->branches + e->rows[i].branch, band = *width;
+        e->is_near[i] = e->is_near[i] && e->rows[i].kind == COTREE_STEEP_KINK &&
+                        band > COTREE_SQRT(NARROW_SHARE) * cotree_zero_band(e, i);
+        if (!e->is_near[i]) continue;
+        *width = SUPPRESSING_RATIO * band;
+        e->is_near[i] = is_at_rest(e, i, t, w);
+        *width = band;
+        n_at_rest += e->is_near[i];
+    }
+    for (sweep = 0; sweep < (n_at_rest > 1 ? MAX_SWEEPS : n_at_rest); ++sweep) {
+        for (i = first; i < e->n_events && status == 0; ++i) {
+            if (e->is_near[i]) status = settle_at(e, i, t, w);
+        }
+    }
+    e->failure = 0;
+}
+
 /* Freeze the branch on one side of a kink; side 0 releases it. */
 static void freeze_branch(cotree_events *e, int i, cotree_real side)
 {
     const cotree_event *const row = e->rows + i;
-    if (row->direction == 0) {
+    if (row->kind == COTREE_STEEP_KINK) {
+        e->side[i] = side;
+        e->branches[row->branch] = -COTREE_F(1.0);
+    } else if (row->direction == 0) {
         e->side[i] = e->branches[row->branch] = side;
     } else if (side == COTREE_F(0.0)) {
         e->branches[row->branch] = COTREE_F(0.0);
     } else if (side == (cotree_real)row->direction) {
         e->branches[row->branch] += side;
     }
+}
+
+/* Compute the errors of the values of steep kinks by the tolerances of the states. */
+static int set_state_errors(cotree_events *e, cotree_real t, const cotree_real *w)
+{
+    int i, status;
+    cotree_copy(e->n_events, e->jumps.values, e->g);
+    status = step_aside(e, t, w, COTREE_F(1.0));
+    for (i = 0; i < e->n_events; ++i) {
+        if (e->rows[i].kind == COTREE_STEEP_KINK)
+            e->state_error[i] = COTREE_FABS(e->jumps.values[i] - e->g[i]);
+    }
+    return status == 0 ? cotree_compute_values(e, t, w) : status;
 }
 
 /* Select the branches of the motion that leaves a point. Those of values with zero rate stay
@@ -47,6 +198,7 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     e->branch_time = t;
     cotree_release_branches(e);
     status = cotree_compute_values(e, t, w);
+    if (status == 0 && e->has_steep) status = set_state_errors(e, t, w);
     if (status == 0) {
         for (k = 0; k < e->n_branches; ++k) e->branches[k] = e->jumps.values[e->n_events + k];
         status = cotree_compute_rates(e, t, w);
@@ -59,6 +211,12 @@ int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w
     /* The rate of a value may depend on the branches of earlier values. */
     for (i = first; i < e->n_events && status == 0; ++i) {
         if (!e->is_near[i]) continue;
+        if (e->rows[i].kind == COTREE_STEEP_KINK) {
+            e->side[i] = COTREE_F(0.0);
+            status = set_band(e, i, t, w);
+            is_known = 0;
+            continue;
+        }
         if (!is_known) status = cotree_compute_rates(e, t, w);
         is_known = 0;
         freeze_branch(e, i, is_again ? COTREE_F(0.0) : cotree_sign_of(e->jumps.rates[i]));
@@ -84,13 +242,14 @@ int cotree_are_only_kinks(const cotree_events *e)
 }
 
 /* Enter the next branches where no other event is due. */
-int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w)
+int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i;
     e->n_fired = e->n_found;
     e->is_mode_changed = 0;
     for (i = 0; i < e->n_events; ++i) e->has_fired[i] = e->is_found[i];
     if (cotree_select_branches(e, t, w) != 0) return e->failure;
+    cotree_settle_sensitivities(e, t, w);
     for (i = 0; i < e->n_events; ++i) {
         e->recent_scale[i] = COTREE_FABS(e->g[i]);
         if (!cotree_is_kink(e, i) && e->recent_scale[i] > cotree_rounding_band(e, i))
@@ -98,6 +257,21 @@ int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w)
     }
     return 0;
 }
+
+/* Return whether a step ended in the band of a steep kink that it came to from one side. */
+int cotree_enters_band(const cotree_events *e, const cotree_real *g)
+{
+    int i;
+    for (i = COTREE_EVENTS_OF(e->run->model->hybrid); i < e->n_events && e->branches != NULL; ++i) {
+        if (e->rows[i].kind == COTREE_STEEP_KINK && e->side[i] != COTREE_F(0.0) &&
+            COTREE_FABS(g[i]) <= cotree_zero_band(e, i))
+            return 1;
+    }
+    return 0;
+}
+
+/* A value leaves the band of a steep kink at this multiple of its width. */
+#define LEAVING_RATIO COTREE_F(4.0)
 
 /* Return whether a step ended beyond a held branch, within the tolerance, or held none. */
 int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
@@ -107,7 +281,11 @@ int cotree_has_left_branch(const cotree_events *e, const cotree_real *g)
         if (e->side[i] * g[i] < COTREE_F(0.0)) return 1;
         /* A table that is not held is never beyond its branch. */
         if (e->rows[i].direction != 0 && e->branches[e->rows[i].branch] == COTREE_F(0.0)) return 1;
-        if (e->side[i] == COTREE_F(0.0) && COTREE_FABS(g[i]) > cotree_zero_band(e, i)) return 1;
+        if (e->side[i] == COTREE_F(0.0) &&
+            COTREE_FABS(g[i]) >
+                (e->rows[i].kind == COTREE_STEEP_KINK ? LEAVING_RATIO : COTREE_F(1.0)) *
+                    cotree_zero_band(e, i))
+            return 1;
     }
     return 0;
 }

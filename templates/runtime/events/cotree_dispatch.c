@@ -381,6 +381,7 @@ int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_f
     }
     cotree_update_mode_sides(e, w);
     if (status == 0) status = cotree_select_branches(e, t, w);
+    if (status == 0) cotree_settle_sensitivities(e, t, w);
     if (status == 0 && e->n_fired > 0) {
         for (i = 0; i < e->n_events; ++i) e->recent_scale[i] = COTREE_FABS(e->g[i]);
     }

@@ -33,6 +33,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     e->g = cotree_arena_reals(arena, n_events);
     e->side = cotree_arena_reals(arena, n_events);
     e->value_scale = cotree_arena_reals(arena, n_events);
+    e->state_error = cotree_arena_reals(arena, n_events);
     e->recent_scale = cotree_arena_reals(arena, n_events);
     e->crossing_sign = cotree_arena_reals(arena, n_events);
     e->rate_before = cotree_arena_reals(arena, n_events);
@@ -111,6 +112,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     e->n_events = n_events;
     e->n_kinks = model->hybrid->n_kinks;
     e->n_branches = model->hybrid->n_branches;
+    e->has_steep = 0;
     e->branches = NULL;
     e->branch_time = COTREE_INFINITY;
     e->n = n;
@@ -151,6 +153,8 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     for (i = 0; i < n_frictions; ++i) e->slide_start[i] = -COTREE_INFINITY;
     for (i = 0; i < n_events; ++i) {
         e->g[i] = e->side[i] = e->value_scale[i] = e->recent_scale[i] = COTREE_F(0.0);
+        e->state_error[i] = COTREE_F(0.0);
+        e->has_steep = e->has_steep || e->rows[i].kind == COTREE_STEEP_KINK;
         e->mean_rate[i] = COTREE_INFINITY;
         e->n_event_times[i] = 0;
         e->has_fired[i] = 0;
@@ -506,6 +510,11 @@ static int find_first_event(cotree_events *e)
         e->side[i] = cotree_sign_of(g[i]);
         if (e->n_modes > 0) e->stays_at_zero[i] = 0;
     }
+    if (cotree_enters_band(e, g)) {
+        e->t = e->t_after;
+        cotree_copy(e->n, e->end, e->w);
+        return COTREE_EVENTS_FOUND;
+    }
     if (cotree_has_left_branch(e, g) && cotree_select_branches(e, e->t_after, e->end) != 0)
         return e->failure;
     return COTREE_EVENTS_NONE;
@@ -613,6 +622,8 @@ const char *cotree_events_message(int status)
         return "friction allows a contact both to stay closed and to open";
     case COTREE_EVENTS_LOSSY_IMPACT:
         return "an impact passes a gear with losses, which has no law of impact";
+    case COTREE_EVENTS_LEAVES_ROOT:
+        return "a value rests at zero, and a root with an infinite slope drives it away";
     case COTREE_EVENTS_BELOW_TOLERANCE:
         return "its impacts are too small for the tolerance";
     }

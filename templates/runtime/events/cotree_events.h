@@ -50,7 +50,8 @@ typedef enum cotree_events_status {
     COTREE_EVENTS_ENERGY_GAIN = 49,      /* an impact would gain energy */
     COTREE_EVENTS_NOT_UNIQUE = 50,       /* friction allows a contact to close and to open */
     COTREE_EVENTS_INDETERMINATE = 51,    /* losses depend on indeterminate forces of friction */
-    COTREE_EVENTS_LOSSY_IMPACT = 52      /* an impact passes a gear with losses */
+    COTREE_EVENTS_LOSSY_IMPACT = 52,     /* an impact passes a gear with losses */
+    COTREE_EVENTS_LEAVES_ROOT = 53       /* a root of infinite slope drives a value from zero */
 } cotree_events_status;
 
 /* The number of events without kinks, which are not recorded. */
@@ -93,6 +94,7 @@ typedef struct cotree_events {
     const cotree_event *rows;
     int n_events, n; /* n: entries of w */
     int n_kinks, n_branches;
+    int has_steep;             /* 1: there are steep kinks */
     cotree_real branch_time;   /* of the last selection of branches */
     cotree_real history_error; /* of interpolation within the step, in tolerances */
     cotree_real *mean_rate;    /* |change| of each event function per time in the last step */
@@ -126,6 +128,7 @@ typedef struct cotree_events {
     cotree_real *g;             /* event functions at the start of the step */
     cotree_real *side;          /* the side of zero: -1, 1, or 0 if not known */
     cotree_real *value_scale;   /* largest |g| of the run */
+    cotree_real *state_error;   /* of a steep kink: its error by those of the states */
     cotree_real *recent_scale;  /* largest |g| since the last event */
     cotree_real *samples;       /* SAMPLES rows: event functions in a step; row 0 is scratch, too */
     cotree_real *crossing_sign; /* the sign of the rate at the event */

@@ -168,7 +168,9 @@ COTREE_PRIVATE int cotree_refine_root(cotree_events *e, cotree_real t, int i, co
 COTREE_PRIVATE void cotree_release_branches(cotree_events *e);
 COTREE_PRIVATE int cotree_select_branches(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_are_only_kinks(const cotree_events *e);
-COTREE_PRIVATE int cotree_pass_kinks(cotree_events *e, cotree_real t, const cotree_real *w);
+COTREE_PRIVATE void cotree_settle_sensitivities(cotree_events *e, cotree_real t, cotree_real *w);
+COTREE_PRIVATE int cotree_pass_kinks(cotree_events *e, cotree_real t, cotree_real *w);
+COTREE_PRIVATE int cotree_enters_band(const cotree_events *e, const cotree_real *g);
 COTREE_PRIVATE int cotree_has_left_branch(const cotree_events *e, const cotree_real *g);
 COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 

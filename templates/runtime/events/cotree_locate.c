@@ -51,15 +51,15 @@ int cotree_is_of_friction(const cotree_events *e, int i)
     return e->rows[i].kind >= COTREE_FRICTION_SLIP && e->rows[i].kind <= COTREE_FRICTION_LOAD;
 }
 
-int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind == COTREE_KINK; }
+int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind >= COTREE_KINK; }
 
 /* Return the value from which an event function counts as nonzero. At a kink, or at a continuous
  * jump, errors within the tolerance have no effect. */
 cotree_real cotree_zero_band(const cotree_events *e, int i)
 {
-    const int is_continuous = cotree_is_kink(e, i) || e->is_continuous[i];
-    return is_continuous ? COTREE_FMAX(cotree_rounding_band(e, i), cotree_tolerance(e, i))
-                         : cotree_rounding_band(e, i);
+    const cotree_real rounding = cotree_rounding_band(e, i);
+    if (!cotree_is_kink(e, i) && !e->is_continuous[i]) return rounding;
+    return COTREE_FMAX(COTREE_FMAX(rounding, e->state_error[i]), cotree_tolerance(e, i));
 }
 
 /* Return the accuracy to which a kink is located: the remaining error has effects of second
@@ -119,7 +119,7 @@ static int compare_sides(cotree_events *e, int i, cotree_real t, const cotree_re
     int k, status;
     /* Branches belong to one side. */
     cotree_copy(n_pieces, e->branches, held);
-    for (k = 0; k < n_pieces; ++k) e->branches[k] = COTREE_F(0.0);
+    cotree_release_branches(e);
     status = cotree_jumps_sides(&e->jumps, i, t, w, x, change, size);
     cotree_copy(n_pieces, held, e->branches);
     for (k = 0; k < e->run->n_rates; ++k) {

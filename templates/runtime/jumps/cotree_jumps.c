@@ -233,6 +233,23 @@ static int evaluate_before(cotree_jumps *j, cotree_real t, cotree_real *w)
     return MODEL->event_sensitivity(t, x, x + N_STATES, run->u, run->p, run->k, j->value_slopes);
 }
 
+int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_real *direction,
+                                    cotree_real slope, cotree_real t, cotree_real *w)
+{
+    const int n_values = N_EVENTS + N_JUMPS;
+    cotree_run *const run = j->run;
+    int i, n, status;
+    t = cotree_run_inside(run, t);
+    status = evaluate_before(j, t, w);
+    for (n = 0; n < N_SENSITIVITIES && status == 0; ++n) {
+        const cotree_real share = j->value_slopes[n * n_values + event] / slope;
+        cotree_real *const own = j->before + (1 + n) * N_STATES;
+        for (i = 0; i < run->n_rates; ++i) own[i] -= share * direction[i];
+    }
+    if (status == 0) cotree_run_narrow(run, t, j->before, w);
+    return status;
+}
+
 int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                        int *is_dependent)
 {

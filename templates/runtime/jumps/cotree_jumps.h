@@ -31,10 +31,11 @@ typedef struct cotree_jumps {
     cotree_real *values; /* event functions, then the branch of each piecewise function, then the
                             quantities of ranges */
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
+    cotree_real *state_rates;
     cotree_real *before, *after;   /* all states and sensitivities at the last event */
     cotree_real *time_sensitivity; /* of the time of the event */
     /* The rest is private. */
-    cotree_real *state_rates, *value_slopes, *new_values;
+    cotree_real *value_slopes, *new_values;
     /* Of impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
 #if COTREE_HAS_CONSTRAINTS
@@ -95,6 +96,11 @@ int cotree_jumps_compute_new_values(cotree_jumps *j, cotree_real t, const cotree
  * present value. */
 cotree_real cotree_jumps_new_value(const cotree_jumps *j, int event);
 int cotree_jumps_changes_value(const cotree_jumps *j, int event);
+
+/* Move the sensitivities in w along a direction of the states, along which an event function has
+ * a slope, until it depends on no parameter. */
+int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_real *direction,
+                                    cotree_real slope, cotree_real t, cotree_real *w);
 
 /* Find whether an event function depends on a parameter of sensitivity. Return the status of the
  * kernels. */

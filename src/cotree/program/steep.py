@@ -1,0 +1,135 @@
+"""Roots whose slope is infinite on both sides of zero, and their replacement near zero.
+
+A flow that follows ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, where its law has no
+derivative. Within a band of width b around zero the root r(z) becomes ``r(b)*(z/b)**3``, with a
+slope of zero at rest. Where the law drives the state to zero from both sides, the solutions of
+both laws remain within the band, so that they differ by no more than b. The engine sets b to the
+tolerance of z while it is near zero (``templates/runtime/events/cotree_branches.c``); anywhere
+else b is zero or negative, and the root is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from cotree.dag.clips import SINGULAR, is_singular
+from cotree.dag.continuity import ways_to_zero
+from cotree.dag.derivative import tangent
+from cotree.dag.nodes import substitute
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from cotree.dag.nodes import Node
+
+
+def find_roots(
+    nodes: Iterable[Node], condition: Node, is_same: Callable[[Node], bool]
+) -> dict[Node, Node] | None:
+    """Return the roots that end where a condition is zero, each with its signed argument.
+
+    Parameters
+    ----------
+    nodes : iterable of Node
+        The values among which they are.
+    condition : Node
+        The condition.
+    is_same : callable
+        Whether a value is zero where the condition is, and changes its sign with it.
+
+    Returns
+    -------
+    dict of Node to Node or None
+        None if another operation ends there, or an argument touches zero with a slope of zero.
+    """
+    found: dict[Node, Node] = {}
+    for way in ways_to_zero(condition):
+        moved = next(reversed(way))
+        for node in nodes:
+            if node.op not in SINGULAR or node in found or not ends(node, way):
+                continue
+            if node.op not in ("sqrt", "pow"):
+                return None
+            signed = _signed(node.args[0], is_same)
+            slope = tangent(signed, {moved: condition.dag.one})
+            if substitute([slope], way)[0].is_zero:
+                return None
+            found[node] = signed
+    return found or None
+
+
+def ends(node: Node, way: Mapping[Node, Node]) -> bool:
+    """Return whether an operation has no value beyond where a condition is zero."""
+    first, *others = substitute(node.args, way)
+    if node.op == "pow":
+        return first.value is not None and first.value <= 0.0
+    return is_singular(node.op, (first, *others))
+
+
+def _signed(value: Node, is_same: Callable[[Node], bool]) -> Node:
+    """Write a value without the absolute value of a condition."""
+    known: dict[Node, Node] = {}
+    stack = [value]
+    while stack:
+        node = stack.pop()
+        if node.op == "abs" and is_same(node.args[0]):
+            known[node] = node.args[0]
+        else:
+            stack += node.args
+    return substitute([value], known)[0]
+
+
+def _exponent(root: Node) -> Node:
+    return root.dag.constant(0.5) if root.op == "sqrt" else root.args[1]
+
+
+@dataclass(frozen=True)
+class SteepRoots:
+    """Roots with their signed arguments."""
+
+    signed: Mapping[Node, Node]
+
+    @cached_property
+    def _slopes(self) -> dict[Node, Node]:
+        """Return the powers that occur in derivatives of the roots."""
+        return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
+
+    def root_of(self, node: Node) -> Node | None:
+        """Return the root that a value is, or that its slope is formed of."""
+        if node.op == "div" and node.args[1].op == "sqrt":
+            node = node.args[1]
+        node = self._slopes.get(node, node)
+        return node if node in self.signed else None
+
+    def replaced(self, node: Node, args: tuple[Node, ...], distance: Node, width: Node) -> Node:
+        """Form a root, or its slope, within the band and outside.
+
+        Parameters
+        ----------
+        node : Node
+            The root, a quotient by it, or a power in its slope.
+        args : tuple of Node
+            What takes the place of its arguments; of a quotient by it, the dividend and z.
+        distance : Node
+            The argument z with its sign.
+        width : Node
+            The width b of the band.
+        """
+        dag, root = node.dag, self.root_of(node)
+        assert root is not None
+        z = args[0] if node.op != "div" else args[1]
+        exponent = _exponent(root)
+        share = z / width
+        inside = dag.pow(width, exponent) * share * share
+        if node is root:
+            exact = dag.rebuild(node, args)
+            inside = inside * share
+        elif node.op == "div":  # c/r is 2 c r'
+            exact = args[0] / dag.function("sqrt", z)
+            inside = args[0] * (6.0 * inside / width)
+        else:  # z**(e - 1) is r'/e
+            exact = dag.rebuild(node, args)
+            inside = 3.0 * inside / (exponent * width)
+        return dag.select(dag.function("abs", distance) - width, exact, inside)
