@@ -29,7 +29,7 @@ extensions = [
     "sphinx-mathjax-offline",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["gallery", "_templates", "readme_pictures.py", "sg_execution_times.rst"]
+exclude_patterns = ["gallery", "_templates", "readme_picture.py", "sg_execution_times.rst"]
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 nitpicky = False
