@@ -128,7 +128,7 @@ def test_notes_and_names(read):
     assert origin.names["joint", "shoulder joint"] == "shoulder_joint"
     assert origin.names["link", "upper-arm"] == "upper_arm"
     assert "not read: 1 <gazebo>, 1 <material>, 1 <transmission>" in origin.notes
-    assert any("joint 'shoulder joint' as 'shoulder_joint'" in note for note in origin.notes)
+    assert any("joint 'shoulder joint' is 'shoulder_joint'" in note for note in origin.notes)
     assert "note: not read: 1 <gazebo>" in read().summary()
 
 

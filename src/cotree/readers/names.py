@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import keyword
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from cotree.errors import SceneError
+from cotree.errors import ModelError, SceneError, brief, listed
 from cotree.naming import RESERVED
 from cotree.scene.expressions import FUNCTIONS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 _STRANGE = re.compile(r"[^A-Za-z0-9_]")
 _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a scene allows
@@ -47,6 +52,18 @@ class Namer:
         return found
 
 
+def scene_name(wish: str, kind: str) -> str:
+    """Name a scene, as close to the wish as a name that begins with a letter can be."""
+    stem = Namer().own(wish).lstrip("_") or kind
+    return stem if stem[0].isalpha() else f"{kind}_{stem}"
+
+
+def renaming_notes(changed: Mapping[tuple[str, str], str]) -> list[str]:
+    """Write a note on the names that had to change; see :attr:`Namer.changed`."""
+    pairs = [f"{kind} '{brief(old)}' is '{new}'" for (kind, old), new in changed.items()]
+    return [f"renamed: {listed(pairs)}"] if pairs else []
+
+
 #: Bytes that a file may have: it may come from a stranger.
 LARGEST_FILE = 20_000_000
 
@@ -64,3 +81,14 @@ class SourceLine:
     def error(self, message: str) -> SceneError:
         """Make the error that something is wrong on this line."""
         return SceneError(f"{self}: {message}")
+
+
+@contextmanager
+def located(at: SourceLine) -> Iterator[None]:
+    """Begin error messages of the scene with file and line, unless they begin with the file."""
+    try:
+        yield
+    except ModelError as error:
+        if str(error).startswith(f"{at.file}:"):
+            raise
+        raise at.error(" ".join(str(error).split())) from None

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import Error, ExpressionError, ModelError, brief
+from cotree.errors import Error, ExpressionError, brief
 from cotree.readers.names import SourceLine
 from cotree.readers.xml_tree import parse_xml
 
@@ -55,24 +55,13 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Part:
-    """A reactant or product of a reaction.
+    """A reactant or product of a reaction."""
 
-    Attributes
-    ----------
-    species : str
-        Its identifier.
-    sign : int
-        -1 for a reactant, 1 for a product.
-    stoichiometry : float or str or Formula
-        Its stoichiometry: a number, the identifier of a quantity, or a formula.
-    at : SourceLine
-        Its file and line.
-    """
-
-    species: str
-    sign: int
+    species: str  # its identifier
+    sign: int  # -1 for a reactant, 1 for a product
+    #: Its stoichiometry: a number, the identifier of a quantity, or a formula.
     stoichiometry: float | str | Formula
-    at: SourceLine
+    at: SourceLine  # its file and line
 
 
 @dataclass(frozen=True)
@@ -378,14 +367,3 @@ def explained(formula: Formula) -> Iterator[None]:
         yield
     except ExpressionError as error:
         raise formula.at.error(f"the {formula.what} {error}") from None
-
-
-@contextmanager
-def located(at: SourceLine) -> Iterator[None]:
-    """Begin error messages of the scene with file and line."""
-    try:
-        yield
-    except ModelError as error:
-        if str(error).startswith(f"{at.file}:"):
-            raise
-        raise at.error(str(error)) from None

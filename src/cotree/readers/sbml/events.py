@@ -12,7 +12,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from cotree.errors import brief
-from cotree.readers.sbml.document import SbmlContent, SbmlEvent, located
+from cotree.readers.names import located
 from cotree.readers.sbml.formulas import RELATIONS, FormulaReader, children, kind_of
 from cotree.readers.sbml.roles import TIME, Role, Roles, names_of, rate_dependencies
 from cotree.scene.parameters import make_parameter, parameter_values
@@ -20,6 +20,7 @@ from cotree.scene.parameters import make_parameter, parameter_values
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from cotree.readers.sbml.document import SbmlContent, SbmlEvent
     from cotree.scene.description import SceneDescription
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from cotree.errors import ExpressionError, SceneError, brief, nearest
 from cotree.files import read_text
-from cotree.readers.names import Namer, SourceLine
+from cotree.readers.names import Namer, SourceLine, located, renaming_notes, scene_name
 from cotree.readers.sbml.document import (
     Formula,
     Quantity,
@@ -22,7 +22,6 @@ from cotree.readers.sbml.document import (
     SbmlContent,
     SbmlEvent,
     explained,
-    located,
     read_document,
 )
 from cotree.readers.sbml.events import (
@@ -92,9 +91,7 @@ class SceneWriter(Generic[_Scene]):
         values: Mapping[str, float],
     ) -> None:
         self.content, self.file, self.values = content, file, values
-        # A scene's name begins with a letter; a model's may begin with an underscore or be missing.
-        stem = Namer().own(content.id or Path(file).stem).lstrip("_") or "model"
-        self.scene = scene_type(stem if stem[0].isalpha() else f"model_{stem}")
+        self.scene = scene_type(scene_name(content.id or Path(file).stem, "model"))
         self.namer = Namer()
         self.roles = roles_of(content)
         # Identifiers of the model keep their names; names that the reader adds must differ.
@@ -140,8 +137,8 @@ class SceneWriter(Generic[_Scene]):
                 "rules, no species that reactions change and no events"
             )
         changed = dict(self.namer.changed)
-        renamed = (f"renamed: {k} '{brief(old)}' is '{new}'" for (k, old), new in changed.items())
-        self.scene.origin = Origin(self.file, (*self.notes, *renamed), changed)
+        notes = (*self.notes, *renaming_notes(changed))
+        self.scene.origin = Origin(self.file, notes, changed)
         return SbmlModel(self.scene, self._symbols(), dict(self.local), frozenset(self.assumed))
 
     # Symbols of formulas.

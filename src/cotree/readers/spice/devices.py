@@ -146,14 +146,11 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
 def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     """Leave the second of two coefficients of temperature out, of no effect at 27 degrees."""
     # TC=1m,2u is split into words: what stands behind the first value is a number.
-    at = (
-        [word.lower() for word in rest[:-3]].index("tc")
-        if "tc" in map(str.lower, rest[:-3])
-        else -1
-    )
-    if at < 0 or read_number(rest[at + 3]) is None:
+    words = [word.lower() for word in rest[:-3]]
+    after = words.index("tc") + 3 if "tc" in words else 0
+    if not after or read_number(rest[after]) is None:
         return rest
-    return rest[: at + 3] + rest[at + 4 :]
+    return rest[:after] + rest[after + 1 :]
 
 
 #: Component, field and unit of the elements of one value, and their settings besides it.
@@ -466,7 +463,7 @@ def _inner(
     """Put a resistance between a terminal and the channel, where the model has one."""
     if is_zero(model.values[name]):
         return node
-    inner = place.inner_node(line, name)
+    inner = place.sheet.names.own(place.label(f"{line.words[0]}_{name}"))
     value = {"resistance": scaled(model.values[name], count, "/")}
     place.add(f"{line.words[0]}_{name}", "resistor", (node, inner), value)
     return inner

@@ -6,13 +6,12 @@ their elements. See docs/spice.md for what is read and what becomes of it.
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from cotree.errors import brief, check_known, listed
+from cotree.errors import brief, check_known
 from cotree.files import read_text
-from cotree.readers.names import LARGEST_FILE, Namer, SourceLine
+from cotree.readers.names import LARGEST_FILE, SourceLine, located, renaming_notes, scene_name
 from cotree.readers.spice.devices import DEVICES, find_couplings
 from cotree.readers.spice.laws import has_signals
 from cotree.readers.spice.netlist import (
@@ -53,9 +52,7 @@ class Writer(Sheet[_Scene]):
     """Adds a netlist's elements to a scene."""
 
     def __init__(self, scene_type: type[_Scene], netlist: Netlist, file: str) -> None:
-        # A scene's name begins with a letter; the file's may begin with anything.
-        stem = Namer().own(Path(file).stem[:40]).lstrip("_") or "netlist"
-        super().__init__(scene_type(stem if stem[0].isalpha() else f"netlist_{stem}"), file)
+        super().__init__(scene_type(scene_name(Path(file).stem[:40], "netlist")), file)
         self.netlist = netlist
         self.count = 0
 
@@ -91,7 +88,10 @@ class Writer(Sheet[_Scene]):
                 raise at.error(f"'{brief(written)}' is no node of the circuit")
         self._begin()
         changed = {**self.names.changed, **self.parameter_names.changed}
-        notes = [*self._notes(changed), *top.remarks]
+        notes = [*renaming_notes(changed), *top.remarks]
+        if self.netlist.passed_over:
+            passed_over = ", ".join(dict.fromkeys(self.netlist.passed_over))
+            notes.insert(0, f"not read: {brief(passed_over, 200)}")
         self.scene.origin = Origin(self.file, tuple(notes), changed)
         return self.scene
 
@@ -172,7 +172,8 @@ class Writer(Sheet[_Scene]):
             return
         held = {known[name]: value for name, value in self.voltages.items()}
         start = "operating point"
-        self.guarded(at, lambda: self.scene.simulation(start=start, held=held))
+        with located(at):
+            self.scene.simulation(start=start, held=held)
 
     def _circuit(self, circuit: Circuit, place: Instance, depth: int) -> None:
         """Add the elements of a circuit or of an instance."""
@@ -187,7 +188,8 @@ class Writer(Sheet[_Scene]):
         find_couplings(place, rest)
         for line in sorted(rest, key=_turn):
             place.check_name(line)
-            self.guarded(line.at, partial(DEVICES[line.key[0]], place, line))
+            with located(line.at):
+                DEVICES[line.key[0]](place, line)
 
     def _instance(self, line: Line, outer: Instance, depth: int) -> None:
         words, given = split_settings(line.words[1:])
@@ -222,17 +224,6 @@ class Writer(Sheet[_Scene]):
         seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
         self._parameters(rows, inner, path, seen)
         self._circuit(circuit, place, depth + 1)
-
-    def _notes(self, changed: dict[tuple[str, str], str]) -> list[str]:
-        notes = []
-        if self.netlist.passed_over:
-            notes.append(
-                f"not read: {brief(', '.join(dict.fromkeys(self.netlist.passed_over)), 200)}"
-            )
-        if changed:
-            pairs = [f"{kind} {brief(old)} is {new}" for (kind, old), new in changed.items()]
-            notes.append(f"names that had to change: {listed(pairs)}")
-        return notes
 
 
 def _turn(line: Line) -> int:

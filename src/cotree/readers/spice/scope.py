@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cotree.dag.nodes import Dag
-from cotree.errors import ExpressionError, ModelError, ParameterError, brief, nearest
-from cotree.readers.names import Namer, SourceLine
+from cotree.errors import ExpressionError, ParameterError, brief, nearest
+from cotree.readers.names import Namer, SourceLine, located
 from cotree.readers.spice.models import DeviceModel, read_model
 from cotree.readers.spice.sources import Times
 from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import Expression, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from cotree.dag.nodes import Node
     from cotree.readers.spice.netlist import Circuit, Line
@@ -26,39 +26,19 @@ _GMIN = 1e-12  # S, as ngspice has it
 
 
 class Sheet(Generic[_Scene]):
-    """A scene with the names and settings of the netlist that is written to it.
-
-    Attributes
-    ----------
-    uses_initial : bool
-        Whether the run begins at initial values, as ``uic`` demands.
-    gmin : float
-        Conductance beside each junction, [S].
-    voltages : dict of str to Value
-        Voltages that ``.ic`` gives, by node.
-    named : list of (str, str, SourceLine)
-        Nodes whose voltages are named, as in the scene and as written, and where.
-    """
+    """A scene with the names and settings of the netlist that is written to it."""
 
     def __init__(self, scene: _Scene, file: str) -> None:
-        self.scene, self.file = scene, file
-        self.times, self.uses_initial, self.gmin = Times(), False, _GMIN
+        self.scene, self.file, self.times = scene, file, Times()
+        self.uses_initial = False  # whether the run begins at initial values, as ``uic`` demands
+        self.gmin = _GMIN  # conductance beside each junction, [S]
         # Parameters have names of their own in a scene: an element and its value may share one.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
-        self.voltages: dict[str, Value] = {}
+        self.voltages: dict[str, Value] = {}  # that ``.ic`` gives, by node
+        #: Nodes whose voltages are named, as in the scene and as written, and where.
         self.named: list[tuple[str, str, SourceLine]] = []
         self._shorts: dict[str, str] = {}
-
-    def guarded(self, at: SourceLine, act: Callable[[], Any]) -> Any:
-        """Apply a change to the scene; refusals are reported with the line."""
-        try:
-            return act()
-        except ModelError as error:
-            # A message that begins with the file names its line already.
-            if str(error).startswith(f"{self.file}:"):
-                raise
-            raise at.error(" ".join(str(error).split())) from None
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
         """Make a parameter of a number, and return its name; expressions stay as they are."""
@@ -66,7 +46,8 @@ class Sheet(Generic[_Scene]):
         if isinstance(value, str):
             return value
         own = self.parameter_names.give("parameter", name)
-        self.guarded(at, lambda: self.scene.parameter(own, value, unit=unit))
+        with located(at):
+            self.scene.parameter(own, value, unit=unit)
         return own
 
     def amount(self, value: Value) -> float | None:
@@ -201,10 +182,6 @@ class Instance:
     def node(self, word: str) -> str:
         """Return the node of a name."""
         return self.sheet.node(self.path, word)
-
-    def inner_node(self, line: Line, name: str) -> str:
-        """Make a node within an element."""
-        return self.sheet.names.own(self.label(f"{line.words[0]}_{name}"))
 
     def add(
         self,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cotree.errors import ModelError, SceneError, brief, listed
 from cotree.files import read_text
-from cotree.readers.names import LARGEST_FILE, Namer
+from cotree.readers.names import LARGEST_FILE, Namer, renaming_notes, scene_name
 from cotree.readers.urdf.robot import (
     MOMENTS,
     Inertial,
@@ -122,13 +122,10 @@ class _SceneWriter(Generic[_Scene]):
         self.fixed_mimics: list[str] = []
         self.free_mimics: list[str] = []
         self.visuals: list[Visual] = []
-        # A name for a scene begins with a letter.
-        name = Namer().own(robot.name).lstrip("_") or "robot"
         self.gravity = self.namer.own("g")
         # The z axis of a robot's root points up by convention.
-        self.scene = scene_type(
-            name if name[0].isalpha() else f"robot_{name}", gravity=[0.0, 0.0, f"-{self.gravity}"]
-        )
+        gravity: list[float | str] = [0.0, 0.0, f"-{self.gravity}"]
+        self.scene = scene_type(scene_name(robot.name, "robot"), gravity=gravity)
 
     def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
@@ -307,9 +304,7 @@ class _SceneWriter(Generic[_Scene]):
             yield f"fixed, so that they follow nothing: joints {_quoted(self.fixed_mimics)}"
         if self.free_mimics:
             yield f"free to move, as mimic is False: joints {_quoted(self.free_mimics)}"
-        if self.namer.changed:
-            names = (f"{k} '{name}' as '{new}'" for (k, name), new in self.namer.changed.items())
-            yield f"renamed: {_quoted(names)}"
+        yield from renaming_notes(self.namer.changed)
 
 
 def _quoted(items: Iterable[str]) -> str:
