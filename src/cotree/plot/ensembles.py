@@ -236,9 +236,6 @@ def bands(
     SceneError
         If there is nothing of a name.
     """
-    variables = [
-        read_variable(dataset, name, over_time=True) for name in chosen_variables(dataset, names)
-    ]
 
     def draw(where: Axes, row: Variable, color: Any) -> None:
         low, middle, high = _quantiles(row.flat())
@@ -250,7 +247,7 @@ def bands(
         _label_time(where, row)
         where.legend(loc="best", fontsize=8, frameon=False, title=_counted(row), title_fontsize=8)
 
-    return _panels(variables, draw, ax, make)
+    return _panels(dataset, names, draw, ax, make)
 
 
 def curves(
@@ -283,10 +280,6 @@ def curves(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 
-    variables = [
-        read_variable(dataset, name, over_time=True) for name in chosen_variables(dataset, names)
-    ]
-
     def draw(where: Axes, row: Variable, _: Any) -> None:
         title, values = row.column(color_by)
         is_log = _is_logarithmic(values)
@@ -298,7 +291,7 @@ def curves(
         bar = where.figure.colorbar(shown, ax=where, label=title)
         _tick_plainly(bar.ax.yaxis)
 
-    return _panels(variables, draw, ax, make)
+    return _panels(dataset, names, draw, ax, make)
 
 
 def heat_map(
@@ -394,12 +387,15 @@ def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure
 
 
 def _panels(
-    variables: Sequence[Variable],
+    dataset: Any,
+    names: str | Sequence[str] | None,
     draw: Callable[[Axes, Variable, Any], None],
     ax: Axes | None,
     make: Make,
 ) -> Figure:
     """Draw a panel for each variable, or one into given axes."""
+    chosen = chosen_variables(dataset, names)
+    variables = [read_variable(dataset, name, over_time=True) for name in chosen]
     if ax is not None:
         if len(variables) != 1:
             raise SceneError(

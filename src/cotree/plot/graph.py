@@ -5,7 +5,7 @@ In: a `LinearGraph` with its `Tree`. Out: a matplotlib `Figure`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -105,16 +105,18 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
 
 def _draw_parts(drawing: GraphDrawing, parts: Sequence[str], ax: Axes) -> None:
     """Draw broad pale strokes under the edges of each part, whose names begin with the part's."""
+    for number, part in enumerate(parts):
+        for curve in drawing.curves:
+            if curve.edge.name.startswith(f"{part}."):
+                _draw_curve(ax, curve, lw=22, ec=f"C{number % 10}", alpha=0.15, zorder=0)
+
+
+def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
     codes = [Outline.MOVETO, Outline.CURVE4, Outline.CURVE4, Outline.CURVE4]
-    for number, part in enumerate(parts):
-        own = [curve for curve in drawing.curves if curve.edge.name.startswith(f"{part}.")]
-        color = f"C{number % 10}"
-        for curve in own:
-            outline = Outline(curve.points, codes)
-            ax.add_patch(PathPatch(outline, fill=False, lw=22, ec=color, alpha=0.15, zorder=0))
+    ax.add_patch(PathPatch(Outline(curve.points, codes), fill=False, **style))
 
 
 def _freest(directions: Sequence[Array], n: int) -> Array:
@@ -131,12 +133,10 @@ def _freest(directions: Sequence[Array], n: int) -> Array:
 
 
 def _draw_edge(ax: Axes, curve: Curve, label: Array, *, bold: bool) -> None:
-    from matplotlib.patches import PathPatch, Polygon
-    from matplotlib.path import Path as Outline
+    from matplotlib.patches import Polygon
 
-    codes = [Outline.MOVETO, Outline.CURVE4, Outline.CURVE4, Outline.CURVE4]
     width, color = (3.0, "black") if bold else (1.1, "0.25")
-    ax.add_patch(PathPatch(Outline(curve.points, codes), fill=False, lw=width, ec=color, zorder=1))
+    _draw_curve(ax, curve, lw=width, ec=color, zorder=1)
     along = curve.at(0.78) - curve.at(0.70)
     along /= np.linalg.norm(along)
     normal = np.array([-along[1], along[0]])

@@ -7,6 +7,7 @@ all these where they are available.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from cotree.components import Acts, Role
 from cotree.watch import shapes
 from cotree.watch.draft import Drafter
-from cotree.watch.shapes import DAMPER, FORCE, JOINT, RAIL, SPRING, Array, Mesh
+from cotree.watch.shapes import DAMPER, FORCE, JOINT, RAIL, SPRING, Array, Color, Mesh
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -28,7 +29,7 @@ def arm(draft: Drafter, edge: BoundEdge) -> None:
     """Show an arm as a bar, thin where it only leads to a centre of mass."""
     one, two = draft.places[edge.first], draft.places[edge.second]
     if one.cluster != two.cluster:  # held by multipliers
-        draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.7 * draft.w), RAIL)
+        strut(draft, edge, shapes.rod, 0.7, RAIL)
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
@@ -54,8 +55,11 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
         return
     at = place.local + draft.raised(cluster)
     has_bars = cluster in draft.stage.reach
-    tensor = _inertia(draft, edge)
-    mass = float(draft.values.numbers([edge.scalars["mass"]])[0])
+    tensor = None
+    if edge.inertia is not None:
+        tensor = draft.values.matrix(edge.inertia)
+    elif "inertia" in edge.scalars:
+        tensor = _number(draft, edge, "inertia") * np.eye(3)
     # In a plane bars show the body, and a dot suffices for its centre of mass.
     if draft.stage.is_flat and has_bars:
         dot = shapes.cylinder(0.42 * w, 0.9 * w)
@@ -63,7 +67,7 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
             edge.name, cluster, dot.placed(at, shapes.axes_along(draft.towards(cluster))), JOINT
         )
         return
-    found = None if tensor is None else body_box(mass, tensor)
+    found = None if tensor is None else body_box(_number(draft, edge, "mass"), tensor)
     if found is None or (has_bars and edge.inertia is None):
         draft.solid(edge.name, cluster, shapes.sphere((1.3 if has_bars else 2.4) * w).placed(at))
         return
@@ -79,15 +83,6 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
         lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
     mesh = shapes.box(*lengths).placed(at, place.turn @ axes)
     draft.solid(edge.name, cluster, mesh, label=not has_bars)
-
-
-def _inertia(draft: Drafter, edge: BoundEdge) -> Array | None:
-    """Return the inertia tensor in the node's axes."""
-    if edge.inertia is not None:
-        return draft.values.matrix(edge.inertia)
-    if "inertia" in edge.scalars:
-        return float(draft.values.numbers([edge.scalars["inertia"]])[0]) * np.eye(3)
-    return None
 
 
 def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
@@ -207,19 +202,15 @@ def spring(draft: Drafter, edge: BoundEdge) -> None:
         draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)
 
 
-def damper(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a piston in a barrel."""
-    draft.strut(edge.name, edge.first, edge.second, shapes.piston(1.1 * draft.w), DAMPER)
+def strut(
+    draft: Drafter, edge: BoundEdge, mesh: Callable[[float], Mesh], width: float, color: Color
+) -> None:
+    """Show a shape between both nodes, of a width in that of bars."""
+    draft.strut(edge.name, edge.first, edge.second, mesh(width * draft.w), color)
 
 
-def distance(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a rod."""
-    draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.5 * draft.w), JOINT)
-
-
-def line_force(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a thin red line."""
-    draft.strut(edge.name, edge.first, edge.second, shapes.rod(0.3 * draft.w), FORCE)
+#: A force along a line: a thin red line.
+LINE_FORCE = partial(strut, mesh=shapes.rod, width=0.3, color=FORCE)
 
 
 def bushing(draft: Drafter, edge: BoundEdge) -> None:
@@ -310,7 +301,7 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
     place = draft.places[edge.second]
     if place.cluster in draft.clothed:
         return
-    radius = float(draft.values.numbers([edge.scalars["radius"]])[0])
+    radius = _number(draft, edge, "radius")
     axes = shapes.axes_along(draft.axis(edge, "axis", edge.second))
     wheel = shapes.wheel(radius, 0.12 * radius)
     draft.solid(edge.name, place.cluster, wheel.placed(place.local, axes), label=True)
@@ -342,9 +333,9 @@ SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
     "rolling_ellipsoid": contact,
     "knife_edge": blade,
     "spring": spring,
-    "damper": damper,
-    "distance": distance,
-    "line_force": line_force,
+    "damper": partial(strut, mesh=shapes.piston, width=1.1, color=DAMPER),
+    "distance": partial(strut, mesh=shapes.rod, width=0.5, color=JOINT),
+    "line_force": LINE_FORCE,
     "bushing": bushing,
     "contact_geometry": contact,
 }
@@ -366,7 +357,7 @@ def draft_scene(
         show = SHOWN.get(edge.component.name)
         # Registered types have names that the table cannot know.
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = line_force  # a law of a user's own
+            show = LINE_FORCE  # a law of a user's own
         if show is not None:
             show(draft, edge)
     for networked in first.scene.edges.values():

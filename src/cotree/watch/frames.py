@@ -18,7 +18,7 @@ import numpy as np
 from cotree.components import FreeRotation
 from cotree.dag.vector import quaternion_rates
 from cotree.errors import Error, SceneError
-from cotree.scene.expressions import check_number
+from cotree.scene.expressions import check_number, check_positive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -51,17 +51,7 @@ class WatchedModel(Protocol):
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
-        """Evaluate the rates of the states.
-
-        Parameters
-        ----------
-        t : float
-            Time, [s].
-        y : ndarray, shape (n_states,)
-            States.
-        p, u : ndarray, optional
-            Parameters and inputs; those of the scene where absent.
-        """
+        """Evaluate the rates of the states; see :meth:`cotree.Model.rhs`."""
         ...
 
 
@@ -95,8 +85,8 @@ def choose_frames(
     if speed is None:
         is_comfortable = span == 0.0 or _SHORTEST <= span <= _LONGEST
         speed = 1.0 if is_comfortable else _round(span / _COMFORTABLE)
-    elif check_number(speed, "speed") <= 0.0:
-        raise SceneError(f"speed is {speed:g}: give a positive number")
+    else:
+        check_positive(speed, "speed")
     lasting = span / speed
     if lasting > _PATIENCE:
         raise SceneError(f"at speed {speed:g} the run lasts {lasting:.3g} s: give a larger one")
