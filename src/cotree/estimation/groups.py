@@ -25,6 +25,7 @@ from cotree.estimation.conditions import Columns, Condition, Measured
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.compiled import Model
     from cotree.ensemble.plan import Block, Plan
     from cotree.estimation.estimated import Array
     from cotree.scene.settings import Settings
@@ -37,6 +38,28 @@ _TIMES = 10.0 ** np.arange(-2, 11)
 # Values are at rest if they change by less than this, in multiples of the tolerances, over a decade
 # of time: within ten times the time an exponential decays to a negligible rest.
 _CHANGE = 10.0
+
+
+class _Runs:
+    """Runs of a model from rows of values, with sensitivities and without."""
+
+    def __init__(self, model: Model, settings: Settings, outputs: Sequence[str] = ()) -> None:
+        self._model, self._settings, self._outputs = model, settings, outputs
+        self._threads = usable_cores()
+        self._plans: dict[bool, Plan] = {}
+
+    def run(self, columns: Sequence[str], rows: Array, n_first: int, *, slopes: bool) -> Block:
+        """Run rows, of which the first belong to the first point."""
+        if slopes not in self._plans:
+            # The method is chosen at the first point. If a distant point turns out to be stiff,
+            # that is detected during its run.
+            members = Members(tuple(columns), rows[:n_first], {MEMBER: np.arange(n_first)})
+            # It is chosen once, so that results do not depend on the history of evaluations.
+            known = next(iter(self._plans.values()), None)
+            own = replace(known.settings if known else self._settings, sensitivities=slopes)
+            plan = make_plan(self._model.kernels, own, members, outputs=self._outputs, lanes=1)
+            self._plans[slopes] = replace(plan, is_chosen=known.is_chosen) if known else plan
+        return run_block(self._plans[slopes], rows, threads=self._threads)
 
 
 class SteadyStates:
@@ -64,8 +87,17 @@ class SteadyStates:
         self._first = (
             SteadyStates(self._distinct, names, settings) if first_runs[0].before else None
         )
-        self._threads = usable_cores()
-        self._plans: dict[bool, Plan] = {}
+        self._runs = _Runs(
+            self._model,
+            replace(
+                settings,
+                t_span=(0.0, float(_TIMES[-1])),
+                t_eval=_TIMES,
+                # Explicit methods would take too many steps to the last of these times.
+                method="rodas5" if settings.method == "auto" else settings.method,
+                inputs=self._distinct[0].inputs,
+            ),
+        )
         self._keeps: list[npt.NDArray[np.bool_]] = []
 
     def through(self, own: Sequence[Array]) -> list[Array]:
@@ -104,7 +136,7 @@ class SteadyStates:
         its, said = self._columns, [""] * len(own)
         if self._first is not None:
             its, own, said = self._first.begin(its, own, values, slopes=slopes)
-        block = run_block(self._plan(its, own, slopes=slopes), own, threads=self._threads)
+        block = self._runs.run(its, own, len(self._distinct), slopes=slopes)
         n, m = len(self._model.states), len(self._model.sensitivities) if slopes else 0
         names = list(self._model.states)
         names += [f"d({x})/d({p})" for p in self._model.sensitivities[:m] for x in names]
@@ -144,23 +176,6 @@ class SteadyStates:
         found = np.flatnonzero(change.all(axis=1))
         return int(found[0]) + 1 if found.size else None
 
-    def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
-        if slopes not in self._plans:
-            own = self._settings
-            settings = replace(
-                own,
-                t_span=(0.0, float(_TIMES[-1])),
-                t_eval=_TIMES,
-                # Explicit methods would take too many steps to the last of these times.
-                method="rodas5" if own.method == "auto" else own.method,
-                inputs=self._distinct[0].inputs,
-                sensitivities=slopes,
-            )
-            members = Members(tuple(columns), rows, {MEMBER: np.arange(len(rows))})
-            kernels = self._model.kernels
-            self._plans[slopes] = make_plan(kernels, settings, members, outputs=(), lanes=1)
-        return self._plans[slopes]
-
 
 # Length of a run for which only the initial time was measured, [s].
 _SHORTEST = 1.0
@@ -194,15 +209,10 @@ class Group:
         times, self._at = np.unique(measured.t[self.rows], return_inverse=True)
         self._times: Array = times
         start, end = first.t_start, float(times[-1])
-        self._threads = usable_cores()
-        self._settings = replace(
-            settings,
-            t_span=(start, end if end > start else start + _SHORTEST),
-            t_eval=times,
-            inputs=first.inputs,
-        )
+        span = (start, end if end > start else start + _SHORTEST)
         self._quantities(measured)
-        self._plans: dict[bool, Plan] = {}
+        own = replace(settings, t_span=span, t_eval=times, inputs=first.inputs)
+        self._runs = _Runs(self._model, own, self._outputs)
 
     def _quantities(self, measured: Measured) -> None:
         """Locate the observables and standard deviations of the rows within a block."""
@@ -238,7 +248,7 @@ class Group:
         columns, failed = self._columns, [""] * len(rows)
         if self._steady is not None:
             columns, rows, failed = self._steady.begin(columns, rows, values, slopes=slopes)
-        block = run_block(self._plan(columns, rows, slopes=slopes), rows, threads=self._threads)
+        block = self._runs.run(columns, rows, len(self._conditions), slopes=slopes)
         found, along = self._read(block, n, slopes=slopes)
         sigma = np.tile(self.numbers, (n, 1))
         sigma[:, self._with_noise] = found[:, n_rows:]
@@ -249,27 +259,6 @@ class Group:
             sigma_along[:, self._direct, self._direct_of] = 1.0
         messages = self._messages(block, failed, n)
         return found[:, :n_rows], along[:, :n_rows], sigma, sigma_along, messages
-
-    def _plan(self, columns: Sequence[str], rows: Array, *, slopes: bool) -> Plan:
-        if slopes not in self._plans:
-            # The method is chosen at the first point. If a distant point turns out to be stiff,
-            # that is detected during its run.
-            first = rows[: len(self._conditions)]
-            members = Members(tuple(columns), first, {MEMBER: np.arange(len(first))})
-            # It is chosen once, so that results do not depend on the history of evaluations.
-            known = next(iter(self._plans.values()), None)
-            settings = self._settings if known is None else known.settings
-            plan = make_plan(
-                self._model.kernels,
-                replace(settings, sensitivities=slopes),
-                members,
-                outputs=self._outputs,
-                lanes=1,
-            )
-            if known is not None:
-                plan = replace(plan, is_chosen=known.is_chosen)
-            self._plans[slopes] = plan
-        return self._plans[slopes]
 
     def _read(self, block: Block, n: int, *, slopes: bool) -> tuple[Array, Array]:
         """Extract values and their derivatives by the estimated parameters from a block."""
