@@ -15,7 +15,7 @@ import cotree
 from cotree import Model, ParameterError, Result, load
 from cotree.cli import main
 from cotree.studies.accuracy import BenchRow, Reference, Solution, fastest
-from cotree.studies.bench import Trial, time_in_rounds
+from cotree.studies.bench import time_in_rounds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +67,7 @@ def test_slow_tasks_leave_the_rounds_and_all_end_with_the_budget() -> None:
 
 
 def timed(method: str, seconds: list[float]) -> BenchRow:
-    return Trial(method, 1e-6, 1e-8, seconds=seconds, status=0).row()
+    return BenchRow(method, 1e-6, 1e-8, times=seconds, status=0)
 
 
 def test_a_method_is_alone_only_where_its_gain_exceeds_the_noise() -> None:

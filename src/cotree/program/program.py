@@ -301,14 +301,13 @@ class Program:
     def summary(self) -> str:
         """Describe the kernels by their operation counts, those that C has."""
         present = {name: k for name, k in self.kernels.items() if k.is_present}
-        width = max(map(len, present))
-        lines = [f"{self.layout.name}: {len(present)} kernels"]
-        for name, kernel in present.items():
-            count = self.operations[name]
-            lines.append(
-                f"  {name:{width}} {len(kernel.results):6} results {count.total:8} "
-                f"operations ({count.kernel} in the kernel, {count.prepare} prepared)"
-            )
+        counts = {name: self.operations[name] for name in present}
+        rows = [
+            (name, len(present[name].results), row.total, row.kernel, row.prepare)
+            for name, row in counts.items()
+        ]
+        head = ("", "results", "operations", "in the kernel", "prepared")
+        lines = [Table(head, rows, f"{self.layout.name}: {len(present)} kernels").text()]
         n_all = len(self.layout.states) * len(self.layout.sensitivities)
         if n_all:
             n_left = len(self.layout.sensitivity_rows)

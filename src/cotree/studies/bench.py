@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 import os
 import platform
-import statistics
 import time
 import warnings
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -42,63 +40,6 @@ if TYPE_CHECKING:
     from cotree.results import Result
     from cotree.scene.graphs import TreeChoice
     from cotree.scene.settings import SettingsDict
-    from cotree.solvers.result import Statistics
-
-
-@dataclass
-class Trial:
-    """A method at a tolerance, with what is known of it so far; see :class:`BenchRow`."""
-
-    method: str
-    rtol: float
-    atol: float
-    seconds: list[float] = field(default_factory=list)
-    tried: float = math.nan  # how long the first run took, [s]
-    errors: tuple[float, float] = (math.nan, math.nan)
-    own_errors: tuple[float, float] = (math.nan, math.nan)
-    statistics: Statistics | None = None
-    status: int = -1
-    message: str = ""
-
-    @property
-    def stood_in(self) -> bool:
-        """Return whether another method computed it."""
-        return self.statistics is not None and self.statistics.method != self.method
-
-    @property
-    def error(self) -> float:
-        """Return the largest of all errors, infinity where none is known."""
-        known = worse(*self.errors, *self.own_errors)
-        return math.inf if math.isnan(known) else known
-
-    def row(self) -> BenchRow:
-        """Return the row."""
-        return BenchRow(
-            method=self.method,
-            rtol=self.rtol,
-            atol=self.atol,
-            # The median passes over single runs that the machine has delayed.
-            seconds=statistics.median(self.seconds) if self.seconds else math.nan,
-            least=min(self.seconds, default=math.nan),
-            noise=_noise(self.seconds),
-            n_runs=len(self.seconds),
-            error_states=self.errors[0],
-            error_sensitivities=self.errors[1],
-            own_error_states=self.own_errors[0],
-            own_error_sensitivities=self.own_errors[1],
-            statistics=self.statistics,
-            status=self.status,
-            message=self.message,
-        )
-
-
-def _noise(seconds: Sequence[float]) -> float:
-    """Return how far the lower quartile lies above the least."""
-    if not seconds:
-        return math.nan
-    times = sorted(seconds)
-    # What disturbs a run only makes it longer: quick ones say how well the least is known.
-    return times[max(1, len(times) // 4) if len(times) > 1 else 0] / times[0] - 1.0
 
 
 class Task(Protocol):
@@ -294,7 +235,7 @@ def bench(
         expected = _warm_up(runner, names, tell)
         tell("a reference", _TO_BUILD)
         reference = runner.reference()
-        trials = [Trial(name, *pair) for name in names for pair in pairs]
+        trials = [BenchRow(name, *pair) for name in names for pair in pairs]
         begun = time.process_time()
         _try_all(runner, trials, reference, expected, begun + _TRIES * budget, tell)
         _time_all(runner, trials, repeats, begun + budget, tell)
@@ -306,7 +247,7 @@ def bench(
         t_end=runner.t_end,
         repeats=repeats,
         reference=reference,
-        rows=tuple(trial.row() for trial in trials),
+        rows=tuple(trials),
         machine={
             **machine(model.kernels.backend),
             "load_at_start": load_before,
@@ -370,14 +311,14 @@ def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str,
     seconds = {}
     for k, method in enumerate(methods):
         tell(f"building {method}", _TO_BUILD * k / len(methods))
-        result = _attempt(runner, Trial(method, *_LOOSE))
+        result = _attempt(runner, BenchRow(method, *_LOOSE))
         seconds[method] = 0.0 if result is None else result.statistics.seconds
     return seconds
 
 
 def _try_all(
     runner: _Runs,
-    trials: Sequence[Trial],
+    trials: Sequence[BenchRow],
     reference: Reference,
     expected: dict[str, float],
     until: float,
@@ -410,32 +351,33 @@ def _try_all(
             waiting[method] = [t for t in waiting[method] if t.rtol == trial.rtol]
 
 
-def _leave_out(trials: Sequence[Trial], why: str) -> None:
+def _leave_out(trials: Sequence[BenchRow], why: str) -> None:
     for trial in trials:
         trial.status, trial.message = _SPENT, f"not run: {why}"
 
 
-def _try(runner: _Runs, trial: Trial, reference: Reference) -> None:
-    result, trial.tried = _timed(runner, trial)
+def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
+    result, trial.first = _timed(runner, trial)
     if result is None:
         return
     trial.statistics, trial.status = result.statistics, result.status
     trial.message = result.message
     if result.success:
-        trial.errors = reference.solution.distance(result)
-        trial.own_errors = reference.own_distance(result)
+        trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
+        own = reference.own_distance(result)
+        trial.own_error_states, trial.own_error_sensitivities = own
     # A first time decides what is timed more often: of short runs one alone says little.
-    for _ in range(_TRIES_OF_SHORT if trial.tried < _SHORT else 0):
-        trial.tried = min(trial.tried, _timed(runner, trial)[1])
+    for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
+        trial.first = min(trial.first, _timed(runner, trial)[1])
 
 
-def _timed(runner: _Runs, trial: Trial) -> tuple[Result | None, float]:
+def _timed(runner: _Runs, trial: BenchRow) -> tuple[Result | None, float]:
     start = time.perf_counter()
     result = _attempt(runner, trial)
     return result, time.perf_counter() - start
 
 
-def _attempt(runner: _Runs, trial: Trial) -> Result | None:
+def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
     """Run a trial; an exception becomes its message, so that the others go on."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
@@ -447,8 +389,8 @@ def _attempt(runner: _Runs, trial: Trial) -> Result | None:
 class _Timed:
     """A trial as a task of rounds."""
 
-    def __init__(self, runner: _Runs, trial: Trial) -> None:
-        self._runner, self._trial, self.seconds = runner, trial, trial.seconds
+    def __init__(self, runner: _Runs, trial: BenchRow) -> None:
+        self._runner, self._trial, self.seconds = runner, trial, trial.times
 
     def run(self) -> bool:
         trial = self._trial
@@ -460,10 +402,10 @@ class _Timed:
 
 
 def _time_all(
-    runner: _Runs, trials: Sequence[Trial], repeats: int, until: float, tell: Progress
+    runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
     """Time the runs that succeed: those that may be recommended first, then the others."""
-    left = [trial for trial in trials if trial.status == 0 and not trial.stood_in]
+    left = [trial for trial in trials if trial.status == 0 and not trial.stand_in]
     contenders = _contenders(left)
     others = [trial for trial in left if trial not in contenders]
     done = _TO_BUILD + _TO_TRY
@@ -479,16 +421,21 @@ def _time_all(
         )
         done += share
     for trial in left:
-        if trial.status == 0 and not trial.seconds:
-            trial.seconds.append(trial.tried)
+        if trial.status == 0 and not trial.times:
+            trial.times.append(trial.first)
 
 
-def _contenders(trials: Sequence[Trial]) -> list[Trial]:
+def _contenders(trials: Sequence[BenchRow]) -> list[BenchRow]:
     """List the trials that are not far slower than another one that is as accurate."""
+
+    def error(row: BenchRow) -> float:
+        known = worse(row.error, row.own_error)
+        return math.inf if math.isnan(known) else known
+
     found = []
     for trial in trials:
-        as_good = (other.tried for other in trials if other.error <= trial.error)
-        if trial.tried <= _FAR * min(as_good, default=trial.tried):
+        as_good = (other.first for other in trials if error(other) <= error(trial))
+        if trial.first <= _FAR * min(as_good, default=trial.first):
             found.append(trial)
     return found
 

@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 #: Errors that methods are recommended for.
 TARGETS = (1e-3, 1e-6, 1e-9)
 
+# Parts of a row in JSON, besides its statistics.
+_OF_ROW = (
+    *("method", "rtol", "atol", "seconds", "least", "noise", "n_runs", "error_states"),
+    *("error_sensitivities", "own_error_states", "own_error_sensitivities", "status", "message"),
+    "stand_in",
+)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BenchReport(Reported):
@@ -146,7 +153,13 @@ class BenchReport(Reported):
                     "agreement_sensitivities": pair.agreement_sensitivities,
                     "own_agreement": pair.own_agreement,
                 },
-                "rows": [{**dataclasses.asdict(r), "stand_in": r.stand_in} for r in self.rows],
+                "rows": [
+                    {
+                        **{name: getattr(row, name) for name in _OF_ROW},
+                        "statistics": row.statistics and dataclasses.asdict(row.statistics),
+                    }
+                    for row in self.rows
+                ],
                 "recommended": {
                     f"{target:.0e}": _advice(self.tied(target), self.judges_own(target))
                     for target in TARGETS
