@@ -97,7 +97,7 @@ def test_summary_names_each_kernel_that_c_has(program_of, scene_name):
     lines = program.summary().splitlines()
     present = [name for name, kernel in program.kernels.items() if kernel.is_present]
     assert lines[0] == f"{scene_name}: {len(present)} kernels"
-    assert [line.split()[0] for line in lines[1:-1]] == present
+    assert [line.split()[0] for line in lines[2:-1]] == present
     assert {name for name, spec in KERNELS.items() if spec.is_required} < {*present}
     n = len(program.layout.states)
     assert lines[-1] == f"sensitivities: {n} of {n} are integrated, the others are zero"
@@ -107,7 +107,8 @@ def test_summary_names_optional_kernels_that_have_results(made_up):
     dag = Dag()
     lines = made_up(dag, constraints=[dag.symbol("x", 0)]).summary().splitlines()
     assert lines[0] == "made-up: 5 kernels"
-    assert lines[-1].split()[:3] == ["constraints", "1", "results"]
+    assert lines[1].split()[0] == "results"
+    assert lines[-1].split()[:2] == ["constraints", "1"]
 
 
 @pytest.mark.compiler
