@@ -107,15 +107,17 @@ def without_corners(program: Program) -> Program:
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
     n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
-    values = kernels["events"].results
-    kernels["events"] = replace(kernels["events"], results=values[:n] + values[n_before:])
     # Ranges are numbered in the order of what they are of, and those of events come first.
     ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
     kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
+    n_quantities = layout.n_quantities if ends else 0
+    values = kernels["events"].results
+    values = values[:n] + values[n_before : n_before + n_quantities]
+    kernels["events"] = replace(kernels["events"], results=values)
     cut("event_rates")
     if kernels["event_sensitivity"].results:
         cut("event_sensitivity", len(layout.sensitivities))
-    layout = replace(layout, corners=(), n_pieces=0, ranges=ranges)
+    layout = replace(layout, corners=(), n_pieces=0, ranges=ranges, n_quantities=n_quantities)
     return replace(program, layout=layout, kernels=kernels)
 
 
