@@ -138,15 +138,22 @@ def _closest(name: str, choices: Sequence[str]) -> str:
     return close[0] if close else ""
 
 
-def check_known(given: Iterable[object], known: Iterable[str], what: str) -> None:
-    """Raise SceneError for the first name that is not known, and suggest one that is.
+def check_known(
+    given: Iterable[object],
+    known: Iterable[str],
+    what: str,
+    after: str = "",
+    error: type[Error] = SceneError,
+) -> None:
+    """Raise an error for the first name that is not known, and suggest one that is.
 
-    ``what`` begins the message, before the name: ``"edge 'k' has no field"``.
+    The message has ``what`` before the name, as in ``"edge 'k' has no field"``, and ``after``
+    behind it.
     """
     names = frozenset(known)
     for name in given:
         if name not in names:
-            raise SceneError(f"{what} '{brief(name)}'{nearest(name, names)}")
+            raise error(f"{what} '{brief(name)}'{after}{nearest(name, names)}")
 
 
 def brief(text: object, longest: int = 60) -> str:

@@ -21,7 +21,7 @@ from cotree.compiled import compile_spec
 from cotree.dag.derivative import adjoints
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
-from cotree.errors import Error, ExpressionError, ParameterError, brief, nearest
+from cotree.errors import Error, ExpressionError, ParameterError, brief, check_known, nearest
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import FUNCTIONS, WHERE, Expression, map_tree, parse, read_tree
 from cotree.scene.settings import OPERATING_POINT
@@ -269,11 +269,8 @@ def variant_of(
     outputs: dict[tuple[bool, str], str] = {}
     for quantity in quantities:
         if quantity.kind == "time":
-            if quantity.text not in scene.events:
-                raise ParameterError(
-                    f"time({quantity.text}): the scene has no event '{quantity.text}'"
-                    f"{nearest(quantity.text, scene.events)}"
-                )
+            what = f"time({quantity.text}): the scene has no event"
+            check_known([quantity.text], scene.events, what, error=ParameterError)
             found[quantity] = quantity.text
             continue
         key = (quantity.kind in SUMMED, quantity.text)

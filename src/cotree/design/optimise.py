@@ -21,7 +21,7 @@ from cotree.design.search import (
     drawn_starts,
     read_scales,
 )
-from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
+from cotree.errors import Error, ParameterError, SolveError, brief, check_known, listed
 from cotree.model.start import scene_start
 from cotree.scene.expressions import check_positive
 from cotree.scene.settings import settings_from
@@ -132,13 +132,9 @@ def optimise(
     tolerance = check_positive(tolerance, "tolerance")
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
     names = list(over) if isinstance(over, Mapping) else []
-    for name in names:
-        # Names with a dot may be states, which are known only after compilation.
-        if "." not in str(name) and name not in described.parameters:
-            raise ParameterError(
-                f"over names '{brief(name)}', which is no parameter of the scene"
-                f"{nearest(name, described.parameters)}"
-            )
+    # Names with a dot may be states, which are known only after compilation.
+    own, after = (n for n in names if "." not in str(n)), ", which is no parameter of the scene"
+    check_known(own, described.parameters, "over names", after, ParameterError)
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
     guess = check_mapping(guess, "guess")
     read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.arguments import check_whole
 from cotree.design.evaluation import Evaluation, Point, trial
-from cotree.errors import Error, ParameterError, brief
+from cotree.errors import Error, ParameterError, brief, check_known
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
@@ -319,9 +319,7 @@ def read_scales(
         raise ParameterError(
             'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
         )
-    for name in guess:
-        if name not in over:
-            raise ParameterError(f"guess names '{brief(name)}', which is not in over")
+    check_known(guess, over, "guess names", ", which is not in over", ParameterError)
     return [_read(name, bounds, known, guess) for name, bounds in over.items()]
 
 

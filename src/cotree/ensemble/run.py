@@ -35,7 +35,7 @@ from cotree.ensemble.executors import (
 from cotree.ensemble.plan import FEW, NOT_RUN, Block, Plan
 from cotree.ensemble.store import Store, read_path
 from cotree.ensemble.trial import tried_settings
-from cotree.errors import SceneError, SolveError, nearest
+from cotree.errors import SceneError, SolveError, check_known
 from cotree.quiet import level_of_user
 from cotree.solvers.budgets import CountingBar
 
@@ -300,11 +300,7 @@ def _outputs(model: CompiledModel, outputs: Sequence[str] | None) -> tuple[str, 
     for name in names:
         if name in model.states:
             raise SceneError(f"outputs name '{name}', a state: results have all states")
-        if name not in model.outputs:
-            raise SceneError(
-                f"outputs name '{name}', but the model has no output of this name"
-                f"{nearest(name, model.outputs)}"
-            )
+    check_known(names, model.outputs, "outputs name", ", but the model has no output of this name")
     return names
 
 

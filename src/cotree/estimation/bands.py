@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_whole
-from cotree.errors import ParameterError, brief, nearest
+from cotree.errors import ParameterError, brief, check_known
 from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import LOGARITHMS, Array
 from cotree.estimation.problem import Problem
@@ -87,8 +87,7 @@ def find_condition(problem: Problem, given: int | str) -> int:
     """Find a condition by its number or its name."""
     names = [condition.name for condition in problem.conditions]
     if isinstance(given, str):
-        if given not in names:
-            raise ParameterError(f"there is no experiment '{given}'{nearest(given, names)}")
+        check_known([given], names, "there is no experiment", error=ParameterError)
         return names.index(given)
     number = check_whole(given, "experiment")
     if number >= len(names):

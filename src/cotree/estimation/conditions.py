@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.arguments import check_choice
-from cotree.errors import ParameterError, nearest
+from cotree.errors import ParameterError, check_known, nearest
 from cotree.estimation.estimated import SCALES
 
 if TYPE_CHECKING:
@@ -134,18 +134,13 @@ def check_condition(condition: Condition, estimated: Sequence[str]) -> None:
         ("parameter", condition.parameters, model.parameters),
         ("state", condition.initial, model.states),
     ):
+        after = f", but the model has no such {kind}"
+        check_known(given, known, f"{what} sets", after, ParameterError)
         for name, value in given.items():
-            if name not in known:
-                raise ParameterError(
-                    f"{what} sets '{name}', but the model has no such {kind}{nearest(name, known)}"
-                )
             if not isinstance(value, str):
                 continue
-            if value not in estimated:
-                raise ParameterError(
-                    f"{what} sets '{name}' to '{value}', which is not an estimated parameter"
-                    f"{nearest(value, estimated)}"
-                )
+            after = ", which is not an estimated parameter"
+            check_known([value], estimated, f"{what} sets '{name}' to", after, ParameterError)
             if name not in model.sensitivities:
                 raise ParameterError(
                     f"{what} estimates '{name}', but the model was compiled without sensitivities "
@@ -177,12 +172,9 @@ def check_measured(
             )
         noise, known = measured.noise[i], (*condition.model.states, *condition.model.outputs)
         is_own = isinstance(noise, str) and noise not in estimated
-        for name in [measured.observable[i], *([str(noise)] if is_own else [])]:
-            if name not in known:
-                raise ParameterError(
-                    f"{where} needs '{name}', but the model has no such state or output"
-                    f"{nearest(name, known)}"
-                )
+        needed = [measured.observable[i], *([str(noise)] if is_own else [])]
+        after = ", but the model has no such state or output"
+        check_known(needed, known, f"{where} needs", after, ParameterError)
         if not isinstance(noise, str) and not (np.isfinite(noise) and noise > 0.0):
             raise ParameterError(f"{where} has the standard deviation {noise}: give a positive one")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.ensemble.sampling import unit_points
-from cotree.errors import ParameterError, SolveError, brief, nearest
+from cotree.errors import ParameterError, SolveError, brief, check_known, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
 from cotree.estimation.estimated import LOGARITHMS, Array, Estimated, estimated, read_ranges
 from cotree.estimation.experiment import Experiment, in_si
@@ -81,6 +81,9 @@ def estimation_problem(
     return parts.problem(method=method, **settings)
 
 
+_NOT_ESTIMATED = ", which is not estimated"
+
+
 class _Assembly:
     """Assembles a problem step by step."""
 
@@ -147,11 +150,9 @@ class _Assembly:
         for row in rows:
             given = (*row.parameters.values(), *row.initial.values())
             texts = {value for value in given if isinstance(value, str)}
-            for text in sorted(texts - self._ranges.keys()):
-                raise ParameterError(
-                    f"{row.where} names '{brief(text)}', which is not estimated"
-                    f"{nearest(text, self._ranges)}"
-                )
+            check_known(
+                sorted(texts), self._ranges, f"{row.where} names", _NOT_ESTIMATED, ParameterError
+            )
             used |= texts
         for name in self._ranges:
             if name not in used and all(
@@ -269,12 +270,8 @@ def _apart(
     """Find the parameters that are estimated separately for each experiment."""
     apart = check_names(per_experiment, "per_experiment")
     alike = None if shared is None else check_names(shared, "shared")
-    for word, names in (("per_experiment", apart), ("shared", alike or ())):
-        for name in names:
-            if name not in ranges:
-                raise ParameterError(
-                    f"{word} names '{brief(name)}', which is not estimated{nearest(name, ranges)}"
-                )
+    check_known(apart, ranges, "per_experiment names", _NOT_ESTIMATED, ParameterError)
+    check_known(alike or (), ranges, "shared names", _NOT_ESTIMATED, ParameterError)
     for name in alike or ():
         if name in apart:
             raise ParameterError(
@@ -286,14 +283,10 @@ def _apart(
 
 def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
     """Read the initial guesses."""
-    found = {}
-    for name, value in check_mapping(start, "start").items():
-        if name.partition("[")[0] not in ranges:
-            raise ParameterError(
-                f"start names '{brief(name)}', which is not estimated{nearest(name, ranges)}"
-            )
-        found[name] = check_number(value, f"start of '{name}'")
-    return found
+    given = check_mapping(start, "start")
+    names = (name.partition("[")[0] for name in given)
+    check_known(names, ranges, "start names", _NOT_ESTIMATED, ParameterError)
+    return {name: check_number(value, f"start of '{name}'") for name, value in given.items()}
 
 
 def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:

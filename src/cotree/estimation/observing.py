@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from cotree.api import Scene
 from cotree.compiled import Model, compile_spec
-from cotree.errors import ParameterError, brief, nearest
+from cotree.errors import ParameterError, brief, check_known, nearest
 from cotree.estimation.conditions import Measured
 from cotree.estimation.estimated import Array, Estimated
 from cotree.estimation.experiment import Experiment, in_si
@@ -94,12 +94,8 @@ class Observer:
         given = experiment.inputs
         found.expressions = expressions_among(given)
         found.inputs |= {k: v for k, v in given.items() if k not in found.expressions}
-        for name in given:
-            if name not in self.scene.inputs:
-                raise ParameterError(
-                    f"inputs of {experiment.where}: the scene has no input '{name}'"
-                    f"{nearest(name, self.scene.inputs)}"
-                )
+        what = f"inputs of {experiment.where}: the scene has no input"
+        check_known(given, self.scene.inputs, what, error=ParameterError)
         found.new |= set(new_names(self.scene, found.expressions, known))
         for measured, text in self._texts(found).items():
             where = f"column '{measured}' of {experiment.where}"
@@ -158,14 +154,10 @@ class Observer:
             return plain
         scene = self.scene
         names = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, *RESERVED}
-        for name in sorted(expression.names):
-            if "." in name or name in names:
-                continue
-            if name not in known:
-                raise ParameterError(
-                    f"{where} uses the unknown name '{name}'{nearest(name, {*names, *known})}"
-                )
-            found.new.add(name)
+        new = sorted(name for name in expression.names - names if "." not in name)
+        what = f"{where} uses the unknown name"
+        check_known(new, {*names, *known}, what, error=ParameterError)
+        found.new.update(new)
         base = re.sub(r"[^A-Za-z0-9_]", "_", column)[:_LONGEST]
         base = base if base[:1].isalpha() and not keyword.iskeyword(base) else f"y_{base}"
         name, n = base, 1

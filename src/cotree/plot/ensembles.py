@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cotree.errors import SceneError, brief, nearest
+from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.plot.figures import figure_for_people
 from cotree.plot.result import curve_colors, draw_grid, new_figure, sensitivity_pair
 from cotree.units import quotient
@@ -77,8 +77,8 @@ class Variable:
         ]
         # The number of a member says nothing where it has columns.
         ordered = sorted(known, key=lambda title: title == "member")
-        if name is not None and name not in known:
-            raise SceneError(f"members have no column '{brief(name)}'{nearest(name, known)}")
+        if name is not None:
+            check_known([name], known, "members have no column")
         if not ordered:
             raise SceneError("members have no columns of numbers to colour them by")
         chosen = ordered[0] if name is None else name
@@ -147,10 +147,7 @@ def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
     unit = str(array.attrs.get("units", ""))
     if pair is not None:
         known = [str(row) for row in dataset["parameter"].values] if "parameter" in dataset else []
-        if pair[1] not in known:
-            raise SceneError(
-                f"there are no sensitivities to '{brief(pair[1])}'{nearest(pair[1], known)}"
-            )
+        check_known([pair[1]], known, "there are no sensitivities to")
         at = known.index(pair[1])
         own = str(dataset[pair[0]].attrs.get("units", "")) if pair[0] in dataset else ""
         unit = quotient(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from cotree.errors import SceneError, brief, nearest
+from cotree.errors import SceneError, check_known
 from cotree.units import quotient
 
 if TYPE_CHECKING:
@@ -72,11 +72,9 @@ def choose_curves(
         if pair is not None:
             _check_pair(pair, known, parameters)
             pairs[pair] = None
-        elif name in known or name in inputs:
-            values[str(name)] = None
         else:
-            hint = nearest(name, (*known, *inputs))
-            raise SceneError(f"cannot plot '{brief(name)}', no state, output or input{hint}")
+            check_known([name], (*known, *inputs), "cannot plot", ", no state, output or input")
+            values[str(name)] = None
     if not values and not pairs:
         raise SceneError("nothing is named that could be plotted")
     if not pairs and not is_alone:
@@ -96,15 +94,9 @@ def sensitivity_pair(name: object) -> tuple[str, str] | None:
 
 
 def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequence[str]) -> None:
-    name, parameter = map(brief, pair)
-    if pair[0] not in known:
-        hint = nearest(name, known)
-        raise SceneError(f"cannot plot a sensitivity of '{name}', no state or output{hint}")
-    if pair[1] not in parameters:
-        hint = nearest(parameter, parameters)
-        raise SceneError(
-            f"cannot plot sensitivities to '{parameter}', which were not asked for{hint}"
-        )
+    check_known(pair[:1], known, "cannot plot a sensitivity of", ", no state or output")
+    after = ", which were not asked for"
+    check_known(pair[1:], parameters, "cannot plot sensitivities to", after)
 
 
 Color = tuple[float, ...]

@@ -7,7 +7,7 @@ from enum import Enum
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
-from cotree.errors import ExpressionError, brief, nearest
+from cotree.errors import ExpressionError, brief, check_known
 from cotree.readers.sbml.document import Formula, Quantity, Reaction, SbmlContent, explained
 from cotree.readers.sbml.formulas import FormulaReader, Term, children, kind_of, name, number
 
@@ -239,11 +239,9 @@ class Rates:
 
     def _formed(self, id: str, reader: FormulaReader) -> Term:
         make, content = reader.make, self._content
-        if id not in content.quantities:
-            raise ExpressionError(
-                f"contains rateOf({brief(id)}), but '{brief(id)}' is not a compartment, species or "
-                f"parameter{nearest(id, content.quantities)}"
-            )
+        what = f"contains rateOf({brief(id)}), but"
+        after = " is not a compartment, species or parameter"
+        check_known([id], content.quantities, what, after, ExpressionError)
         quantity, role = content.quantities[id], self._roles.of[id]
         if id in content.assignments and role is not Role.FIXED:
             raise ExpressionError(

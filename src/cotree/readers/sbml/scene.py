@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from cotree.errors import ExpressionError, SceneError, brief, nearest
+from cotree.errors import ExpressionError, SceneError, brief, check_known
 from cotree.files import read_text
 from cotree.readers.names import Namer, SourceLine, located, renaming_notes, scene_name
 from cotree.readers.sbml.document import (
@@ -144,11 +144,8 @@ class SceneWriter(Generic[_Scene]):
     # Symbols of formulas.
 
     def _known(self, id: str) -> None:
-        if id not in self.names:
-            raise ExpressionError(
-                f"contains '{brief(id)}', which is not a compartment, species, parameter or "
-                f"reaction{nearest(id, self.names)}"
-            )
+        after = ", which is not a compartment, species, parameter or reaction"
+        check_known([id], self.names, "contains", after, ExpressionError)
 
     def _running_symbol(self, id: str) -> Term:
         self._known(id)
