@@ -59,10 +59,12 @@ def outcomes(seed: int) -> list[str]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of runs that stop: they are counted
         try:
-            # The level of a jump on which a run starts, or of an infinite slope, has no derivative.
+            # The level of a jump on which a run starts, or of an infinite slope, has no derivative,
+            # and neither has that of several jumps, which it moves apart.
             has_none = made.n_jumps or "root" in made.law.kinds
             on_jump = made.situation in ("start", "rest") and has_none
-            wanted = ["q"] if on_jump else ["q", "d"]
+            is_common = made.situation != "free" and made.n_jumps > 1
+            wanted = ["q"] if on_jump or is_common else ["q", "d"]
             model = made.scene.compile(wanted, optimize="-O0")
         except Error as error:
             return [f"{_of_refusal(made, reference)}: compile: {error}"]

@@ -8,7 +8,7 @@ of a ``Piecewise`` become events, too, so that each smooth side is integrated as
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import replace
 from functools import partial, reduce
 from typing import TYPE_CHECKING, Any
@@ -58,22 +58,23 @@ def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
     return part.args[0], True
 
 
+def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast.expr], Node]:
+    """Return a function that forms nodes of trees in one arena, where equal values are one node."""
+    dag = Dag()
+    symbols = {
+        name: dag.symbol(PARAMETER if name in parameters else STATE, i)
+        for i, name in enumerate(sorted(names))
+    }
+    return lambda tree: Expression.of_tree(tree).lower(dag, symbols.__getitem__)
+
+
 def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
     """Return whether an expression is continuous wherever a part of it jumps.
 
     The part jumps where its argument is zero. There both values of the whole are compared, for all
     values of the parameters; see :func:`cotree.dag.continuity.meets`.
     """
-    dag = Dag()
-    # In one arena equal values are one node: the difference of both sides folds where they agree.
-    symbols = {
-        name: dag.symbol(PARAMETER if name in parameters else STATE, i)
-        for i, name in enumerate(sorted(names_in(whole)))
-    }
-
-    def lowered(tree: ast.expr) -> Node:
-        return Expression.of_tree(tree).lower(dag, symbols.__getitem__)
-
+    lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
         # Comparing equal numbers folds to the value on either side: >= holds, > does not.
@@ -88,6 +89,43 @@ def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str])
         return meets(above, below, lowered(looked_at))
     except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
         return False
+
+
+def clipped(branch: ast.expr, boundary: ast.expr, parameters: Container[str]) -> ast.expr:
+    """Return a branch whose roots that end at a boundary have values beyond it.
+
+    A step holds the branch on which it begins, and evaluates it slightly beyond the boundary.
+    There the argument of such a root is zero: ``sqrt(x - b)`` becomes ``sqrt(max(x - b, 0))``.
+    """
+    ends = _vanishing(boundary, parameters)
+
+    def change(node: ast.expr) -> ast.expr | None:
+        match node:
+            case ast.Call(func=ast.Name(id="sqrt"), args=[x]) if ends(x):
+                return fill("sqrt(max(a, 0.0))", x)
+            case ast.BinOp(left=x, op=ast.Pow(), right=power) if not _is_whole(power) and ends(x):
+                return fill("max(a, 0.0)**b", x, power)
+        return None
+
+    return map_tree(branch, change)
+
+
+def _vanishing(boundary: ast.expr, parameters: Container[str]) -> Callable[[ast.expr], bool]:
+    """Return a function that decides whether a tree is zero where a boundary is zero."""
+
+    def vanishes_there(tree: ast.expr) -> bool:
+        lowered = _lowering(names_in(tree) | names_in(boundary), parameters)
+        try:
+            value = lowered(tree)
+            return meets(value, value.dag.zero, lowered(boundary))
+        except (ArithmeticError, ValueError):  # it has no value anywhere
+            return False
+
+    return vanishes_there
+
+
+def _is_whole(power: ast.expr) -> bool:
+    return isinstance(power, ast.Constant) and float(power.value).is_integer()  # type: ignore[arg-type]
 
 
 def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
@@ -199,6 +237,7 @@ def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> E
                 rewrite,
                 fields,
                 set() if name in _OF_RATES else _corners(law, names, parameters),
+                parameters,
             )
             for name in _LAWS
             if branches(law := getattr(port, name))
@@ -249,12 +288,13 @@ def _branched(
     rewrite: Rewrite,
     fields: dict[str, Expression],
     kept: set[Any],
+    parameters: Container[str],
 ) -> Law:
     """Write one law anew; its new arguments are added to the fields."""
     import sympy
 
     where = f"the law of edge '{edge.name}'"
-    whole, known = plain_jumps(law.expression), dict(names)
+    whole, known = _clipped_law(plain_jumps(law.expression), names, kept, parameters), dict(names)
     while True:
         found = [
             atom
@@ -289,6 +329,32 @@ def _branched(
             whole = whole.xreplace({atom: sympy.Not(holds) if is_upper else holds})
         else:
             whole = whole.xreplace({atom: symbol})
+
+
+def _clipped_law(
+    whole: Any, names: Mapping[str, ast.expr], kept: set[Any], parameters: Container[str]
+) -> Any:
+    """Clip the roots in the branches of a law that end where one of its comparisons jumps."""
+    import sympy
+
+    relations = whole.atoms(sympy.core.relational.Relational) - kept
+    powers = [
+        power
+        for piecewise in whole.atoms(sympy.Piecewise)
+        for power in piecewise.atoms(sympy.Pow)
+        if not power.exp.is_integer and not power.exp.is_negative
+    ]
+    new = {}
+    for relation in sorted(relations, key=str) if powers else ():
+        boundary = to_tree(relation.lhs - relation.rhs, names)
+        if boundary is None:
+            continue
+        ends = _vanishing(boundary, parameters)
+        for power in powers:
+            base = to_tree(power.base, names)
+            if base is not None and ends(base):
+                new[power] = sympy.Max(power.base, 0) ** power.exp
+    return whole.xreplace(new)
 
 
 def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:

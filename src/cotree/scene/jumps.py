@@ -22,8 +22,10 @@ from typing import TYPE_CHECKING, Any
 from cotree.dag.nodes import Dag
 from cotree.dag.switching_times import is_cut
 from cotree.scene.branches import (
+    boundary_of,
     check_contents,
     check_located,
+    clipped,
     has_only_corner,
     jumps_in,
     may_branch,
@@ -198,6 +200,10 @@ class _Rewriting:
             return False
         return not all(is_cut(self._lowered(tree)) for tree in looked_at)
 
+    def clipped(self, branch: ast.expr, boundary: ast.expr) -> ast.expr:
+        """Clip the roots in a branch that end at its boundary."""
+        return clipped(branch, boundary, self._old.parameters)
+
     def _lowered(self, tree: ast.expr) -> Any:
         """Form the node of an expression of time and parameters."""
         symbols = self._symbols
@@ -282,20 +288,29 @@ class _Tree:
                 return fill("a - b*c", a, b, self._floor(ratio))
         if function == "floor" and self._scene.is_located(args[0]):
             return self._floor(args[0])
+        if function == "where":
+            args[1:] = self._clipped(given.args[0], args[1:])
+            node = ast.Call(given.func, args, [])
         if id(given) not in self._kept and function == "sign" and self._scene.is_located(args[0]):
             rows = [(side, args[0], number_tree(float(side))) for side in (1, -1)]
             return self._scene.mode(ast.unparse(node), node, self._where, tuple(rows))
         return node
 
-    def _floor(self, value: ast.expr) -> ast.expr:
-        """Count up as a value reaches the next whole number, down as it falls below its own.
+    def _clipped(self, condition: ast.expr, branches: list[ast.expr]) -> list[ast.expr]:
+        """Clip the roots in branches at the comparisons among their conditions that jump."""
+        for part in jumps_in(condition):
+            boundary, _ = boundary_of(part)
+            if id(part) not in self._kept and self._scene.is_located(boundary):
+                branches = [self._scene.clipped(branch, boundary) for branch in branches]
+        return branches
 
-        What the count becomes is read from the value, rounded to where it passes.
-        """
-        # At an event the value is a whole number but for rounding errors, hence it is rounded: the
-        # count becomes that number upwards, and one less downwards.
-        up = (1, fill("a - b - 1.0", value, _ITSELF), fill("floor(a + 0.5)", value))
-        down = (-1, fill("a - b", value, _ITSELF), fill("-floor(0.5 - a) - 1.0", value))
+    def _floor(self, value: ast.expr) -> ast.expr:
+        """Count up as a value reaches the next whole number, down as it falls below its own."""
+        # At an event the value is a whole number but for rounding, so that the count changes by one
+        # at least. It changes by more if the value jumps itself.
+        new = "{}(b {} 1.0, floor(a))"
+        up = (1, fill("a - b - 1.0", value, _ITSELF), fill(new.format("max", "+"), value, _ITSELF))
+        down = (-1, fill("a - b", value, _ITSELF), fill(new.format("min", "-"), value, _ITSELF))
         call = fill("floor(a)", value)
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 

@@ -200,18 +200,20 @@ static int apply_jumps(cotree_events *e, cotree_real t, cotree_real *w, int is_r
     return status;
 }
 
-/* Reject simultaneous jumps that do not commute if any depends on a parameter: no sensitivities
- * exist. */
+/* Reject simultaneous jumps that do not commute if a parameter moves their times apart: no
+ * sensitivities exist. */
 static int check_order(cotree_events *e, cotree_real t, cotree_real *w)
 {
-    int i, first = -1, n_jumps = 0, is_dependent = 0;
+    int i, first = -1, are_apart = 0, is_dependent;
     for (i = 0; i < e->n_events && e->run->n_blocks > 1; ++i) {
         if (!e->is_found[i] || e->rows[i].kind != COTREE_JUMP) continue;
-        if (!is_dependent && find_dependence(e, i, t, w, &is_dependent) != 0) return e->failure;
-        if (first < 0) first = i;
-        ++n_jumps;
+        if (first < 0) {
+            first = i;
+            if (find_dependence(e, i, t, w, &is_dependent) != 0) return e->failure;
+        }
+        are_apart = are_apart || !cotree_jumps_share_time(&e->jumps, first, i);
     }
-    if (n_jumps < 2 || !is_dependent) return 0;
+    if (!are_apart) return 0;
     cotree_copy(e->n, w, e->other);
     cotree_copy(e->n, w, e->sum);
     if (apply_jumps(e, t, e->other, 0) != 0 || apply_jumps(e, t, e->sum, 1) != 0) {

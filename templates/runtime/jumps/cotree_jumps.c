@@ -2,6 +2,9 @@
  * Part of the runtime of cotree, the same for every model. */
 #include "cotree_jumps_internal.h"
 
+/* The rounding of the derivatives of a time, as a share. */
+#define SHARED_RTOL COTREE_SELECT(1e-9, 1e-4f)
+
 /* Count the forces evaluated in an impact: one for each stop and load, two for friction at a
  * contact. */
 static int count_impulse_forces(const cotree_hybrid *h)
@@ -262,6 +265,18 @@ int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t
             *is_dependent = 1;
     }
     return status;
+}
+
+int cotree_jumps_share_time(const cotree_jumps *j, int a, int b)
+{
+    int n;
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        const cotree_real *const slopes = j->value_slopes + n * (N_EVENTS + N_JUMPS);
+        const cotree_real of_a = slopes[a] * j->rates[b], of_b = slopes[b] * j->rates[a];
+        if (!(COTREE_FABS(of_a - of_b) <= SHARED_RTOL * (COTREE_FABS(of_a) + COTREE_FABS(of_b))))
+            return 0;
+    }
+    return 1;
 }
 
 int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w, int is_time_fixed)

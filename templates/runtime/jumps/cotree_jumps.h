@@ -107,6 +107,10 @@ int cotree_jumps_move_sensitivities(cotree_jumps *j, int event, const cotree_rea
 int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
                                        int *is_dependent);
 
+/* Return whether the times of two events have the same derivatives by all parameters, at the
+ * point of the last dependence. */
+int cotree_jumps_share_time(const cotree_jumps *j, int a, int b);
+
 /* Compute the rates of the states at w. */
 int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *w,
                              cotree_real *rates);

@@ -104,3 +104,36 @@ def test_trim_of_a_level():
     model = _tank(LAWS[0]).compile(["c"])
     found = model.trim(guess={"C.v": 3.0})
     assert found["C.v"] == pytest.approx(1 + 1 / C**2, rel=1e-8)
+
+
+def _preloaded_law(across, a, b):
+    return sympy.Piecewise((a + sympy.sqrt(across - b), across > b), (0, True))
+
+
+@pytest.mark.parametrize("is_registered", [False, True])
+@pytest.mark.parametrize("method", ["dop853", "dopri5", "rodas5", "cvode", "ida"])
+def test_a_root_ends_where_its_law_jumps(method, is_registered):
+    """C v' = -I - (a + sqrt(v - b)) while v > b, then -I: b is reached at t = 2 - 2 A ln(1 + 1/A).
+
+    With A = I + a and w = sqrt(v - b), 2 w w' = -(A + w), from w = 1. Steps end slightly beyond b.
+    """
+    scene = cotree.Scene("preloaded")
+    scene.parameter("a", 0.3)
+    scene.parameter("b", 0.2)
+    scene.edge("C", "capacitor", "n", "ground", capacitance=1.0, initial={"v": 1.2})
+    scene.edge("I", "current_source", "n", "ground", current=0.5)
+    if is_registered:
+        cotree.register_component(
+            "preloaded_valve", _preloaded_law, domain="electrical", gives="through"
+        )
+        scene.edge("V", "preloaded_valve", "n", "ground", a="a", b="b")
+    else:
+        law = "where(C.v > b, a + sqrt(C.v - b), 0)"
+        scene.edge("V", "current_source", "n", "ground", current=law)
+    result = scene.compile(["a"]).simulate((0, 2), rtol=1e-8, atol=1e-10, method=method)
+    assert result.status == 0, result.message
+    A, way = 0.8, math.log(1.0 + 1.0 / 0.8)
+    # Multistep methods begin anew at the jump: some hundreds of tolerances.
+    assert result["C.v"][-1] == pytest.approx(0.2 - 0.5 * (2.0 - 2.0 * (1.0 - A * way)), abs=1e-6)
+    slope = -0.5 * 2.0 * (way - 1.0 / (A + 1.0))
+    assert result.sensitivity("C.v", "a")[-1] == pytest.approx(slope, abs=1e-5)
