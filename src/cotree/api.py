@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cotree.arguments import check_names
 from cotree.build import BuildOptions
 from cotree.compiled import Model, compile_spec
 from cotree.errors import ParameterError, SingularSystemError, TopologyError
@@ -17,7 +18,7 @@ from cotree.scene.description import SceneDescription
 from cotree.scene.expressions import check_number
 from cotree.scene.methods import PartMethods, TableMethods
 from cotree.scene.part_adding import locating_errors
-from cotree.scene.variants import keep_tunable, listed_names, with_inputs
+from cotree.scene.variants import keep_tunable, with_inputs
 from cotree.spec import BuildSpec
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
             If the C text cannot be compiled.
         """
         begun = time.perf_counter()
-        names = listed_names(sensitivities, "sensitivities")
+        names = check_names(sensitivities, "sensitivities")
         # Parameters that no run may change become numbers, which fold into the code.
         described = keep_tunable(self, tunable, names)
         # At a negative rate violated constraints would be driven further away.
@@ -136,7 +137,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         prepared = time.perf_counter() - begun
         # The model keeps the scene as it is now, whatever is added to it later.
         described = described.copied()
-        spec = BuildSpec(described, tuple(names), tree, options, rate, bool(locate_corners))
+        spec = BuildSpec(described, names, tree, options, rate, bool(locate_corners))
         try:
             with locating_errors(self):
                 model = compile_spec(spec)
@@ -223,7 +224,7 @@ class Scene(SceneDescription, ComponentMethods, PartMethods, TableMethods):
         from cotree.export.symbolic import symbolic_equations
         from cotree.pipeline import formulate
 
-        names = listed_names(sensitivities, "sensitivities")
+        names = check_names(sensitivities, "sensitivities")
         with locating_errors(self):
             return symbolic_equations(formulate(self, names, tree)[1])
 

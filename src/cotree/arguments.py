@@ -33,7 +33,9 @@ def check_choice(value: object, what: str, known: Sequence[str]) -> str:
 
 
 def check_names(value: object, what: str, kind: str = "names") -> tuple[str, ...]:
-    """Accept a name, or several; ``kind`` says what the texts are, for the message."""
+    """Accept a name, several, or none; ``kind`` says what the texts are, for the message."""
+    if value is None:
+        return ()
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
     if not all(isinstance(name, str) for name in found):
         raise ParameterError(f"{what} is {brief(repr(value))}: give a list of {kind}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cotree.errors import Error, ParameterError, nearest
+from cotree.errors import Error, ParameterError, check_known
 from cotree.report import Report, Reported, Table
 
 if TYPE_CHECKING:
@@ -436,11 +436,8 @@ def _checked_names(model: Model, wanted: Sequence[str] | None) -> tuple[str, ...
         raise ParameterError(
             "there is no sensitivity to check: name the parameters when the scene is compiled"
         )
-    for name in names:
-        if name not in model.sensitivities:
-            raise ParameterError(
-                f"the model has no sensitivity to '{name}'{nearest(name, model.sensitivities)}"
-            )
+    what = "the model has no sensitivity to"
+    check_known(names, model.sensitivities, what, error=ParameterError)
     return names
 
 

@@ -268,7 +268,9 @@ def frame(data: Sequence[Mapping[str, Any]] | Mapping[str, Any], index: str | No
     try:
         import pandas as pd
     except ImportError as error:
-        raise Error("tables need pandas: run `pip install pandas`") from error
+        raise Error(
+            "tables need pandas: run `pip install pandas` (the extra cotree[data])"
+        ) from error
     table = pd.DataFrame(data)
     return table.set_index(index) if index and len(table) else table
 

@@ -73,7 +73,7 @@ def test_sizes_may_be_given_and_zero_counts_as_one():
     ("scales", "said"),
     [
         ({"d": 1.0}, "'d', to which no sensitivity was asked for"),
-        ({"c": 0.0}, "the scale of 'c' is 0.0: it must be positive"),
+        ({"c": 0.0}, "the scale of 'c' is 0: give a positive number"),
         ({"c": "1"}, "the scale of 'c' is '1': give a number"),
         ([1.0], "scales is .*mapping"),
     ],

@@ -36,7 +36,7 @@ class Task:
 
     def __init__(self, clock: Clock, name: str, lengths: Any) -> None:
         self.clock, self.name, self.lengths = clock, name, iter(lengths)
-        self.seconds: list[float] = []
+        self.times: list[float] = []
         self.log: list[str] = []
 
     def run(self) -> bool:
@@ -50,20 +50,20 @@ def test_rounds_begin_with_another_task_each() -> None:
     tasks = [Task(clock, name, [1.0] * 9) for name in "abc"]
     for task in tasks:
         task.log = log
-    time_in_rounds(tasks, 3, longest=99.0, until=99.0, clock=clock, spent=clock)
+    time_in_rounds(tasks, Task.run, 3, longest=99.0, until=99.0, clock=clock, spent=clock)
     assert "".join(log) == "abcbcacab"
-    assert [task.seconds for task in tasks] == [[1.0] * 3] * 3
+    assert [task.times for task in tasks] == [[1.0] * 3] * 3
 
 
 def test_slow_tasks_leave_the_rounds_and_all_end_with_the_budget() -> None:
     clock = Clock()
     slow, quick = Task(clock, "slow", [4.0] * 99), Task(clock, "quick", [1.0] * 99)
-    time_in_rounds([slow, quick], 99, longest=7.0, until=20.0, clock=clock, spent=clock)
-    assert len(slow.seconds) == 2  # eight seconds are more than seven
+    time_in_rounds([slow, quick], Task.run, 99, longest=7.0, until=20.0, clock=clock, spent=clock)
+    assert len(slow.times) == 2  # eight seconds are more than seven
     assert clock.now == 16.0  # of quick as many as sum to more than seven
     late = Task(clock, "late", [1.0] * 99)
-    time_in_rounds([late], 99, longest=99.0, until=18.0, clock=clock, spent=clock)
-    assert len(late.seconds) == 3  # the last one begins at 18
+    time_in_rounds([late], Task.run, 99, longest=99.0, until=18.0, clock=clock, spent=clock)
+    assert len(late.times) == 3  # the last one begins at 18
 
 
 def timed(method: str, seconds: list[float]) -> BenchRow:
@@ -98,8 +98,8 @@ def test_benches_on_a_disturbed_machine_agree_or_tell_a_tie(seed: int) -> None:
             yield length * (1.0 + 0.01 * chance.random() + late)
 
     tasks = [Task(clock, name, disturbed(length)) for name, length in lengths.items()]
-    time_in_rounds(tasks, 25, longest=math.inf, until=math.inf, clock=clock, spent=clock)
-    rows = [timed(task.name, task.seconds) for task in tasks]
+    time_in_rounds(tasks, Task.run, 25, longest=math.inf, until=math.inf, clock=clock, spent=clock)
+    rows = [timed(task.name, task.times) for task in tasks]
     assert [row.method for row in fastest(rows)] == ["a", "b"]
 
 

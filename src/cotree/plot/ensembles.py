@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from cotree.arguments import check_names
 from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.plot.figures import figure_for_people
 from cotree.plot.result import curve_colors, draw_grid, new_figure, sensitivity_pair
@@ -119,7 +120,7 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
             f"a {type(dataset).__name__} cannot be drawn: give the Dataset of an ensemble"
         )
     if names is not None:
-        listed = [names] if isinstance(names, str) else list(names)
+        listed = list(check_names(names, "names"))
         if not listed:
             raise SceneError("nothing is named that could be drawn")
         return listed

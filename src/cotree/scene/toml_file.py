@@ -193,11 +193,7 @@ def _named_value(kind: str, name: str, value: Any, extras: tuple[str, ...]) -> d
 def _ports(given: object, scene: SceneDescription) -> list[str]:
     if not isinstance(given, list):
         raise SceneError("ports must be a list of names of nodes")
-    nodes = scene.nodes
-    for port in given:
-        if port not in nodes:
-            hint = nearest(port, nodes)
-            raise SceneError(f"ports names '{brief(port)}', which is no node{hint}")
+    check_known(given, scene.nodes, "ports names", ", which is no node")
     return given
 
 

@@ -16,9 +16,10 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from cotree.arguments import check_names
 from cotree.components import Component, Kind, Law, Role, Terminal, integral_of
 from cotree.components.diodes import symbol
-from cotree.errors import ParameterError, SceneError, brief, nearest
+from cotree.errors import ParameterError, SceneError, brief, check_known, nearest
 from cotree.scene.description import Edge, SceneDescription
 from cotree.scene.expressions import Expression, parse
 from cotree.scene.parameters import sources
@@ -48,9 +49,8 @@ def with_inputs(
     given = dict(parameters or {})
     changed = scene.copied()
     found: dict[str, Any] = {}
+    check_known(inputs, scene.inputs, "the scene has no input", error=ParameterError)
     for name, value in inputs.items():
-        if name not in scene.inputs:
-            raise ParameterError(f"the scene has no input '{name}'{nearest(name, scene.inputs)}")
         if callable(value):
             raise ParameterError(
                 f"input '{name}' is a Python function: give it to a run, simulate(inputs=...)"
@@ -65,10 +65,7 @@ def with_inputs(
                 f"'{brief(name)}' is a parameter of the scene already: give its value to a run, "
                 "simulate(parameters=...)"
             )
-        if name not in used:
-            raise ParameterError(
-                f"no input uses the parameter '{brief(name)}'{nearest(name, used)}"
-            )
+        check_known([name], used, "no input uses the parameter", error=ParameterError)
         changed.parameter(name, number)
     for name, value in found.items():
         if owner_of(changed, name) is not None:
@@ -144,28 +141,16 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
                 waiting.append((other, (*path, other)))
 
 
-def listed_names(names: Sequence[str] | None, what: str) -> list[str]:
-    """Accept one name, several, or none."""
-    if isinstance(names, str):
-        return [names]
-    found = list(names or ())
-    for name in found:
-        if not isinstance(name, str):
-            raise ParameterError(f"{what} holds {name!r}: give names of parameters or states")
-    return found
-
-
 def keep_tunable(
     scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
 ) -> _Scene:
     """Return the scene with only the wanted parameters tunable; None leaves that to the scene."""
     if tunable is None:
         return scene
-    wanted = listed_names(tunable, "tunable")
+    wanted = check_names(tunable, "tunable")
+    after = ", which is no parameter"
+    check_known(wanted, scene.parameters, "tunable names", after, ParameterError)
     for name in wanted:
-        if name not in scene.parameters:
-            hint = nearest(name, scene.parameters)
-            raise ParameterError(f"tunable names '{name}', which is no parameter{hint}")
         row = scene.parameters[name]
         if isinstance(row.value, Expression):
             of = ", ".join(f"'{source}'" for source in sources(scene.parameters, name))

@@ -14,14 +14,14 @@ import numpy as np
 
 from cotree.arguments import check_mapping
 from cotree.dag.switching_times import SAME
-from cotree.errors import ParameterError, SolveError, nearest
+from cotree.errors import ParameterError, SolveError, check_known
 from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, Moment, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.model.unknowns import content_sizes
 from cotree.records import filled
-from cotree.scene.expressions import check_number
+from cotree.scene.expressions import check_number, check_positive
 from cotree.scene.settings import MOST_STEPS, Settings, in_python
 from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.held_constraints import HeldConstraints
@@ -441,14 +441,9 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
     places = {name: i for i, name in enumerate(model.parameters)}
     found: list[float | int] = [places.get(name, 1.0) for name in model.sensitivities]
     for name, value in given.items():
-        if name not in model.sensitivities:
-            raise ParameterError(
-                f"scales names '{name}', to which no sensitivity was asked for"
-                f"{nearest(name, model.sensitivities)}"
-            )
-        size = check_number(value, f"the scale of '{name}'")
-        if size <= 0.0:
-            raise ParameterError(f"the scale of '{name}' is {size}: it must be positive")
+        after = ", to which no sensitivity was asked for"
+        check_known([name], model.sensitivities, "scales names", after, ParameterError)
+        size = check_positive(value, f"the scale of '{name}'")
         found[model.sensitivities.index(name)] = size
     return found
 

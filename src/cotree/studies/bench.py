@@ -11,12 +11,13 @@ import os
 import platform
 import time
 import warnings
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cotree.api import Model, Scene
 from cotree.api import load as load_scene
+from cotree.arguments import check_names
 from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
 from cotree.codegen.integrators import SUNDIALS_VERSION
@@ -42,17 +43,9 @@ if TYPE_CHECKING:
     from cotree.scene.settings import SettingsDict
 
 
-class Task(Protocol):
-    """A task that is timed."""
-
-    seconds: list[float]  # the times taken so far, [s]
-
-    def run(self) -> bool:
-        """Do it once; a time counts where it succeeds."""
-
-
 def time_in_rounds(
-    tasks: Sequence[Task],
+    rows: Sequence[BenchRow],
+    run: Callable[[BenchRow], bool],
     repeats: int,
     *,
     longest: float,
@@ -61,23 +54,23 @@ def time_in_rounds(
     spent: Callable[[], float] = time.process_time,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Run each task once in each round; each round begins with another task.
+    """Run each row once in each round, and take the time of a success; each begins with another.
 
-    A task whose times sum to more than ``longest`` seconds is left out of further rounds, and no
-    run begins after ``until`` by the processor time ``spent``: beside other processes as many
-    rounds are made. ``tell`` is called with the number of each round.
+    A row whose times sum to more than ``longest`` seconds is left out of further rounds, and no run
+    begins after ``until`` by the processor time ``spent``: beside other processes as many rounds
+    are made. ``tell`` is called with the number of each round.
     """
     for k in range(repeats):
         tell(k)
-        first = k % max(1, len(tasks))
-        for task in (*tasks[first:], *tasks[:first]):
-            if sum(task.seconds) > longest:
+        first = k % max(1, len(rows))
+        for row in (*rows[first:], *rows[:first]):
+            if sum(row.times) > longest:
                 continue
             if spent() > until:
                 return
             start = clock()
-            if task.run():
-                task.seconds.append(clock() - start)
+            if run(row):
+                row.times.append(clock() - start)
 
 
 def machine(backend: str) -> dict[str, str]:
@@ -386,32 +379,26 @@ def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
     return None
 
 
-class _Timed:
-    """A trial as a task of rounds."""
-
-    def __init__(self, runner: _Runs, trial: BenchRow) -> None:
-        self._runner, self._trial, self.seconds = runner, trial, trial.times
-
-    def run(self) -> bool:
-        trial = self._trial
-        result = _attempt(self._runner, trial)
-        if result is not None and not result.success and not self.seconds:
-            # It was just below the limit before.
-            trial.status, trial.message = result.status, result.message
-        return result is not None and result.success
-
-
 def _time_all(
     runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
     """Time the runs that succeed: those that may be recommended first, then the others."""
+
+    def run(trial: BenchRow) -> bool:
+        result = _attempt(runner, trial)
+        if result is not None and not result.success and not trial.times:
+            # It was just below the limit before.
+            trial.status, trial.message = result.status, result.message
+        return result is not None and result.success
+
     left = [trial for trial in trials if trial.status == 0 and not trial.stand_in]
     contenders = _contenders(left)
     others = [trial for trial in left if trial not in contenders]
     done = _TO_BUILD + _TO_TRY
     for share, group in ((0.7 * (1.0 - done), contenders), (0.3 * (1.0 - done), others)):
         time_in_rounds(
-            [_Timed(runner, trial) for trial in group],
+            group,
+            run,
             repeats,
             longest=runner.time_limit,
             until=until,
@@ -444,8 +431,7 @@ def _model(
     source: str | Path | Scene | Model, sensitivities: Sequence[str], tree: TreeChoice
 ) -> Model:
     if isinstance(source, Model):
-        # A single name is no sequence of its letters.
-        names = (sensitivities,) if isinstance(sensitivities, str) else tuple(sensitivities)
+        names = check_names(sensitivities, "sensitivities")
         if names and names != source.sensitivities:
             raise ParameterError(
                 "a compiled model has the sensitivities that it was compiled with, "

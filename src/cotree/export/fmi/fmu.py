@@ -13,8 +13,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from cotree.arguments import check_names
 from cotree.codegen.integrators import INTEGRATORS
-from cotree.errors import CodegenError, SolveError, nearest
+from cotree.errors import CodegenError, SolveError, check_known
 from cotree.export.c_checks import check_loops, check_numbers
 from cotree.export.fmi.fmu_variables import list_variables
 from cotree.export.fmi.model_description import Description, xml_text
@@ -67,29 +68,22 @@ def choose(
     CodegenError
         If there is no such version, kind or integrator.
     """
-    wanted = (kinds,) if isinstance(kinds, str) else tuple(kinds)
+    wanted = check_names(kinds, "kinds")
     if version not in VERSIONS or isinstance(version, bool):
         raise CodegenError(f"there is no FMI {version} here: give version 2 or 3")
-    for kind in wanted:
-        if kind not in KINDS:
-            raise CodegenError(f"there is no kind of FMU '{kind}'{nearest(str(kind), KINDS)}")
+    check_known(wanted, KINDS, "there is no kind of FMU", error=CodegenError)
     if not wanted:
         raise CodegenError("an FMU needs a kind: give ModelExchange, CoSimulation or both")
-    if integrator is not None and integrator not in INTEGRATORS:
-        raise CodegenError(
-            f"an FMU cannot have the integrator '{integrator}'{nearest(integrator, INTEGRATORS)}"
-        )
+    if integrator is not None:
+        what = "an FMU cannot have the integrator"
+        check_known([integrator], INTEGRATORS, what, error=CodegenError)
     return FmuChoice(
         version,
         tuple(kind for kind in KINDS if kind in wanted),
         integrator,
-        None if inputs is None else _listed(inputs),
-        None if platforms is None else _listed(platforms),
+        None if inputs is None else check_names(inputs, "inputs"),
+        None if platforms is None else check_names(platforms, "platforms"),
     )
-
-
-def _listed(names: Sequence[str] | str) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names)
 
 
 _REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
@@ -295,8 +289,7 @@ def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
     if wanted is None:
         return tuple(i for i, node in enumerate(own) if node.value is not None)
     for name in wanted:
-        if name not in known:
-            raise CodegenError(f"the scene has no input '{name}'{nearest(name, known)}")
+        check_known([name], known, "the scene has no input", error=CodegenError)
         depends = layout.input_sensitivities[known.index(name)]
         if depends:
             raise CodegenError(

@@ -14,7 +14,7 @@ from cotree.build import BuildOptions, find_toolchain
 from cotree.build.cache import write_files
 from cotree.build.compile import compiler_flags
 from cotree.build.toolchain import Toolchain, run_limited
-from cotree.errors import BuildError, CodegenError, nearest
+from cotree.errors import BuildError, CodegenError, check_known
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -84,8 +84,7 @@ def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform
     if isinstance(names, str):
         names = [names]
     for name in names:
-        if name not in PLATFORMS:
-            raise CodegenError(f"there is no platform '{name}'{nearest(name, PLATFORMS)}")
+        check_known([name], PLATFORMS, "there is no platform", error=CodegenError)
         if not PLATFORMS[name].folder(version):
             raise CodegenError(f"FMI {version} has no platform '{name}': leave it out")
     return [PLATFORMS[name] for name in dict.fromkeys(names)]
