@@ -9,6 +9,7 @@ import pytest
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.build.compile import cpu_features
+from cotree.codegen.lanes import Lanes
 from cotree.codegen.render import render
 from cotree.codegen.runtime import with_runtime
 from cotree.dag.operations import OPERATIONS
@@ -57,9 +58,8 @@ def functions(request):
         pytest.skip("there is no compiler")
     library = {"tanh": "tanh", "floor": "floor", "atan": "atan"}
     width, is_fused = request.param
-    model = SimpleNamespace(
-        library=library, packs_sines=False, tables=[], is_fused=is_fused, width=width
-    )
+    lanes = Lanes(width, 1, "", is_fused)
+    model = SimpleNamespace(library=library, packs_sines=False, tables=[], lanes=lanes)
     text = f"#define LANES {width}\n{_SOURCE}"
     if {"avx2", "fma"} <= set(cpu_features().split()) and not toolchain.is_clang:
         text = f'#pragma GCC target("avx2,fma")\n{text}'

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cotree.codegen.printing import Body
     from cotree.dag.multi_output import LinearMap
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel, Program
+    from cotree.program import Kernel, Layout, Program
 
 #: Functions that are left to the C library, lane by lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
@@ -56,10 +56,8 @@ class Lanes:
 class LanesContext(KernelFile):
     """Data of the template."""
 
-    width: int
-    n_bundles: int
-    instructions: str
-    is_fused: bool
+    lanes: Lanes
+    layout: Layout
     has_sensitivities: bool
     packs_sines: bool
     library: dict[str, str]
@@ -74,10 +72,6 @@ class LanesContext(KernelFile):
     has_outputs: bool
     n_outputs: int
     n_sensitivities: int
-    corners: tuple[tuple[int, int, bool], ...]
-    n_pieces: int
-    ranges: tuple[int, ...]
-    n_quantities: int
     is_packed: bool  # whether some sensitivities vanish
     stiff: LinearSystem | None
 
@@ -89,7 +83,7 @@ class LanesContext(KernelFile):
     @property
     def part(self) -> int:
         """Numbers of a remembered row that are worked at together."""
-        return min(self.block, self.width)
+        return min(self.block, self.lanes.width)
 
     @property
     def point(self) -> int:
@@ -98,22 +92,7 @@ class LanesContext(KernelFile):
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Describe why members of a model do not run in lanes; empty where they can.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes.
-    method : str
-        The method.
-    has_sensitivities : bool
-        Whether sensitivities are integrated.
-
-    Returns
-    -------
-    str
-        A sentence without a capital and an end.
-    """
+    """Describe why members do not run in lanes, without a capital and an end; empty if they can."""
     layout = program.layout
     if method not in INTEGRATORS:
         return f"'{method}' is no method of cotree"
@@ -147,19 +126,7 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
 def lanes_context(
     program: Program, method: str, lanes: Lanes, *, has_sensitivities: bool
 ) -> LanesContext:
-    """Gather what the template needs.
-
-    Parameters
-    ----------
-    program : Program
-        After its passes, one that :func:`lanes_refusal` accepts.
-    method : str
-        The method.
-    lanes : Lanes
-        The vectors.
-    has_sensitivities : bool
-        Whether sensitivities are integrated.
-    """
+    """Gather what the template needs, of a program that :func:`lanes_refusal` accepts."""
     layout, prefix = program.layout, c_identifier(program.layout.name)
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
     outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
@@ -191,10 +158,8 @@ def lanes_context(
     fields["tables"] += tables
     return LanesContext(
         **fields,
-        width=lanes.width,
-        n_bundles=lanes.n_bundles,
-        instructions=lanes.instructions,
-        is_fused=lanes.is_fused,
+        lanes=lanes,
+        layout=layout,
         has_sensitivities=has_sensitivities,
         packs_sines=packs_sines,
         library={op: OPERATIONS[op].c.split("(")[0] for op in _LIBRARY if op in ops},
@@ -209,23 +174,13 @@ def lanes_context(
         has_outputs=has_outputs,
         n_outputs=len(layout.outputs),
         n_sensitivities=n_s,
-        corners=layout.corners,
-        n_pieces=layout.n_pieces,
-        ranges=layout.ranges,
-        n_quantities=layout.n_quantities,
         is_packed=is_packed,
         stiff=stiff,
     )
 
 
 def render_lanes(model: LanesContext, method: str) -> Mapping[str, str]:
-    """Write the file of a model, and the headers that it includes.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
+    """Write the file of a model, and the headers that it includes, by their names."""
     own = INTEGRATORS[method]
     text = render("c/lanes/lanes.c.jinja", model=model, method=own, limits=LIMITS)
     return with_runtime(
