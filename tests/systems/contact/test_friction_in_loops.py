@@ -1,0 +1,207 @@
+"""Dry friction in joints of closed chains: parallelogram and slider-crank, against closed forms."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+from scipy.optimize import brentq
+
+from cotree import Scene
+
+pytestmark = pytest.mark.compiler
+
+TIGHT = {"method": "dop853", "rtol": 1e-11, "atol": 1e-13}
+# Errors of both runs are some hundred tolerances of 1e-11.
+CLOSE = 1e-9
+Z = [0, 0, 1]
+#: The largest torque of friction in each hinge of the parallelogram.
+TORQUES = {1: 0.2, 2: 0.13, 3: 0.17, 4: 0.11}
+G = 9.81
+
+
+def _parallelogram(hinges, torque, start, speed, gravity):
+    """Draw two cranks of length 0.5 and a coupler of length 0.8, which moves without turning."""
+    scene = Scene("parallelogram", gravity=[0, -gravity, 0])
+    initial = {"theta": start, "theta_dot": speed}
+    scene.edge("h1", "revolute", "ground", "A", axis=Z, torque=torque, initial=initial)
+    scene.edge("crank1", "rigid_body", "ground", "A", mass=0.0, inertia=0.05)
+    scene.edge("arm1", "arm", "A", "B", vector=[0.5, 0, 0])
+    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": -start})
+    scene.edge("half", "arm", "C", "M", vector=[0.4, 0, 0])
+    scene.edge("coupler", "rigid_body", "ground", "M", mass=1.3, inertia=0.1)
+    scene.edge("whole", "arm", "C", "E", vector=[0.8, 0, 0])
+    scene.edge("base", "arm", "ground", "Q", vector=[0.8, 0, 0])
+    scene.edge("h4", "revolute", "Q", "R", axis=Z, initial={"theta": start})
+    scene.edge("crank2", "rigid_body", "ground", "R", mass=0.0, inertia=0.05)
+    scene.edge("arm2", "arm", "R", "S", vector=[0.5, 0, 0])
+    scene.edge("h3", "revolute", "E", "S", axis=Z)
+    for k in hinges:
+        scene.parameter(f"F{k}", TORQUES[k])
+        scene.edge(f"f{k}", "rotational_dry_friction", joint=f"h{k}", torque=f"F{k}")
+        scene.output(f"held{k}", f"f{k}.tau")
+    return scene
+
+
+def _one_freedom(hinges, torque, start, speed, gravity):
+    """Draw the shaft that the parallelogram amounts to, whose closed forms are tested elsewhere."""
+    scene = Scene("one")
+    scene.parameter("F", sum(TORQUES[k] for k in hinges))
+    initial = {"theta": start, "w": speed}
+    whole = 2 * 0.05 + 1.3 * 0.5**2
+    scene.edge("J", "rotational_inertia", "ground", "a", inertia=whole, initial=initial)
+    weight = f"{1.3 * gravity * 0.5}*cos(J.theta)"
+    scene.edge("T", "torque_source", "ground", "a", torque=f"{torque} - {weight}")
+    scene.edge("f", "rotational_dry_friction", "ground", "a", torque="F")
+    scene.output("held", "f.tau")
+    return scene
+
+
+#: Torque, angle and speed at the start, gravity.
+MOTIONS = {
+    "at rest": ("0.1", 1.1, 0.0, 0.0),
+    "breaking away": ("0.38*t", 1.1, 0.0, 0.0),
+    "stopping": ("0.1", 1.1, 1.0, 0.0),
+    "to and fro": ("cos(3*t)", 1.1, 0.0, 0.0),
+    "under its weight": ("0", -0.9, 0.0, G),
+}
+ALL_HINGES = [own for n in range(1, 5) for own in combinations(TORQUES, n)]
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("hinges", ALL_HINGES, ids=str)
+def test_a_parallelogram_whose_hinges_rub_moves_as_one_shaft_does(hinges):
+    times = np.linspace(0, 2.2, 23)
+    for given in MOTIONS.values():
+        alone = _one_freedom(hinges, *given).compile(["F"])
+        names = [f"F{k}" for k in hinges]
+        exact = alone.simulate((0, 2.2), t_eval=times, **TIGHT)
+        model = _parallelogram(hinges, *given).compile(names)
+        found = model.simulate((0, 2.2), t_eval=times, **TIGHT)
+        assert found.status == 0, found.message
+        assert found["h1.theta"] == pytest.approx(exact["J.theta"], abs=CLOSE)
+        slope = exact.sensitivity("J.theta", "F")
+        for name in names:
+            assert found.sensitivity("h1.theta", name) == pytest.approx(slope, abs=CLOSE)
+        # Only the second hinge turns backwards as the first one turns forwards.
+        total = sum(found[f"held{k}"] * (-1 if k == 2 else 1) for k in hinges)
+        assert total == pytest.approx(exact["held"], abs=1e-8)
+        for k in hinges:
+            assert np.max(np.abs(found[f"held{k}"])) <= TORQUES[k] + CLOSE
+
+
+R, L, WHEEL, ROD, TURN, SLIDER = 0.2, 0.5, 0.3, 0.4, 0.02, 0.7
+START, SPEED = 0.5, 6.0
+#: The joints of the slider-crank, with the largest force or torque of friction in each.
+JOINTS = {"h1": 0.03, "h2": 0.05, "pin": 0.04, "rail": 0.5}
+
+
+def _slider_crank(joints, **of_crank):
+    scene = Scene("slider-crank")
+    scene.edge("h1", "revolute", "ground", "A", axis=Z, **of_crank)
+    scene.edge("wheel", "rigid_body", "ground", "A", mass=0.0, inertia=WHEEL)
+    scene.edge("crank", "arm", "A", "B", vector=[R, 0, 0])
+    tilt = np.arcsin(R * np.sin(START) / L)
+    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": -START - tilt})
+    scene.edge("half", "arm", "C", "M", vector=[L / 2, 0, 0])
+    scene.edge("rod", "rigid_body", "ground", "M", mass=ROD, inertia=TURN)
+    scene.edge("whole", "arm", "C", "D", vector=[L, 0, 0])
+    along = {"s": R * np.cos(START) + L * np.cos(tilt)}
+    scene.edge("rail", "prismatic", "ground", "E", axis=[1, 0, 0], initial=along)
+    scene.edge("slider", "rigid_body", "ground", "E", mass=SLIDER)
+    scene.edge("pin", "revolute", "E", "D", axis=Z)
+    for joint in joints:
+        scene.parameter(f"F_{joint}", JOINTS[joint])
+        kind, field = ("translational", "force") if joint == "rail" else ("rotational", "torque")
+        law = {field: f"F_{joint}"}
+        scene.edge(f"f_{joint}", f"{kind}_dry_friction", joint=joint, **law)
+        scene.output(f"o_{joint}", f"f_{joint}.{'f' if joint == 'rail' else 'tau'}")
+    return scene
+
+
+def _ratios(q):
+    """Return the speed of each joint for a unit of the crank's."""
+    tilt = np.arcsin(R * np.sin(q) / L)
+    turn = R * np.cos(q) / L / np.cos(tilt)
+    slide = -R * np.sin(q) - L * np.sin(tilt) * turn
+    return {"h1": np.ones_like(q), "h2": -1 - turn, "pin": -turn, "rail": slide}
+
+
+def _inertia(q):
+    """Return the inertia that the crank feels at an angle."""
+    tilt = np.arcsin(R * np.sin(q) / L)
+    own = _ratios(q)
+    x = -R * np.sin(q) + L / 2 * np.sin(tilt) * own["pin"]
+    y = R * np.cos(q) + L / 2 * np.cos(tilt) * own["pin"]
+    return WHEEL + SLIDER * own["rail"] ** 2 + TURN * own["pin"] ** 2 + ROD * (x**2 + y**2)
+
+
+NODES, WEIGHTS = leggauss(12)
+
+
+def _angle(joints, t_end):
+    """Return the angle of the crank at a time, and its derivatives by the forces of friction.
+
+    Work gives the speed at each angle, and its reciprocal the time.
+    """
+    energy = 0.5 * _inertia(np.array(START)) * SPEED**2
+
+    def advance(a, b, before):
+        """Return time, its derivatives and the work of unit forces from angle a to b."""
+        angles, weights = a + (NODES + 1) / 2 * (b - a), WEIGHTS * (b - a) / 2
+        inner = a + np.outer((angles - a) / 2, NODES + 1)
+        shares = np.outer((angles - a) / 2, WEIGHTS)
+        work = {j: before[j] + np.sum(shares * abs(_ratios(inner)[j]), axis=1) for j in joints}
+        inertia = _inertia(angles)
+        speed = np.sqrt(2 * (energy - sum(JOINTS[j] * work[j] for j in joints)) / inertia)
+        slopes = {j: np.sum(weights * work[j] / (inertia * speed**3)) for j in joints}
+        end = {j: before[j] + np.sum(weights * abs(_ratios(angles)[j])) for j in joints}
+        return np.sum(weights / speed), slopes, end
+
+    # The ratios change sign at multiples of a quarter of a turn, where cells end.
+    cell = np.pi / 64
+    q, t = START, 0.0
+    work, slopes = dict.fromkeys(joints, 0.0), dict.fromkeys(joints, 0.0)
+    while True:
+        ahead = (np.floor(q / cell + 1e-9) + 1) * cell
+        time, own, end = advance(q, ahead, work)
+        if t + time > t_end:
+            break
+        q, t, work = ahead, t + time, end
+        slopes = {j: slopes[j] + own[j] for j in joints}
+    angle = brentq(lambda x: t + advance(q, x, work)[0] - t_end, q, ahead, xtol=1e-15)
+    _, own, end = advance(q, angle, work)
+    left = energy - sum(JOINTS[j] * end[j] for j in joints)
+    speed = np.sqrt(2 * left / _inertia(np.array(angle)))
+    return angle, {j: -speed * (slopes[j] + own[j]) for j in joints}
+
+
+ALL_JOINTS = [own for n in range(1, 5) for own in combinations(JOINTS, n)]
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("joints", ALL_JOINTS, ids=str)
+def test_a_slider_crank_with_friction_passes_its_dead_centres(joints):
+    angle, slopes = _angle(joints, 2.0)
+    assert angle > START + 3 * np.pi  # three dead centres at least
+    model = _slider_crank(joints, initial={"theta": START, "theta_dot": SPEED})
+    result = model.compile([f"F_{j}" for j in joints]).simulate((0, 2), **TIGHT)
+    assert result.status == 0, result.message
+    assert result["h1.theta"][-1] == pytest.approx(angle, abs=CLOSE)
+    for j in joints:
+        assert result.sensitivity("h1.theta", f"F_{j}")[-1] == pytest.approx(slopes[j], abs=CLOSE)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("joints", ALL_JOINTS, ids=str)
+def test_joints_of_a_driven_slider_crank_rub_against_their_speeds(joints):
+    model = _slider_crank(joints, motion=f"{SPEED}*t + {START}").compile()
+    result = model.simulate((0, 2), rtol=1e-9)
+    assert result.status == 0, result.message
+    for joint, ratio in _ratios(SPEED * result.t + START).items():
+        moves = np.abs(ratio) > 1e-3
+        if joint in joints:
+            exact = JOINTS[joint] * np.sign(ratio[moves])
+            assert result[f"o_{joint}"][moves] == pytest.approx(exact, abs=1e-12)
