@@ -78,16 +78,10 @@ html_title = "cotree"
 html_show_sourcelink = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-# Pages that have none below them need no list of those.
-_ALONE = (
-    *("index", "first_steps", "tour", "scenes", "solvers", "watching", "spice", "urdf", "c", "faq"),
-    *("petab", "fmu"),
-    *("coming_from", "theory", "formulation", "engine", "hard_cases", "benchmarks", "architecture"),
-    *("contributing", "changelog", "command_line"),
-)
-html_sidebars: dict[str, list[str]] = {page: [] for page in _ALONE}
+html_sidebars: dict[str, list[str]] = {"index": []}
 html_theme_options = {
     "navigation_with_keys": False,
+    "header_links_before_dropdown": 7,
     "show_prev_next": True,
     "footer_start": ["copyright"],
     "footer_end": [],
