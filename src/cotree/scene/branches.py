@@ -1,8 +1,8 @@
-"""Rewriting of jumps and branches in users' registered laws as modes and events.
+"""Rewriting of jumps and branches in registered laws as modes and events.
 
-In: an edge of a scalar component whose law holds ``sign``, ``floor`` or comparisons of what moves.
-Out: the same edge, whose law has one more field for each of them; a mode takes its place. Corners
-of a ``Piecewise`` become events, too, so that each smooth side is integrated as such.
+In: an edge of a scalar component whose law contains ``sign``, ``floor`` or comparisons of
+variables. Out: the same edge; its law has one more field for each of them, which holds a mode.
+Kinks of a ``Piecewise`` become events, too, so that each smooth branch is integrated by itself.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def jumps_in(tree: ast.expr) -> list[ast.expr]:
 
 
 def boundary_of(part: ast.expr) -> tuple[ast.expr, bool]:
-    """Return what is zero where a sign or a comparison jumps, and whether it holds above zero."""
+    """Return the switching function of a sign or comparison, and whether it holds above zero."""
     if isinstance(part, ast.Compare):
         is_larger, _ = COMPARISONS[type(part.ops[0])]
         return fill("a - b", part.left, part.comparators[0]), is_larger
@@ -69,25 +69,25 @@ def _lowering(names: Iterable[str], parameters: Container[str]) -> Callable[[ast
 
 
 def has_only_corner(whole: ast.expr, part: ast.expr, parameters: Container[str]) -> bool:
-    """Return whether an expression is continuous wherever a part of it jumps.
+    """Return whether an expression is continuous at every jump of one of its parts.
 
-    The part jumps where its argument is zero. There both values of the whole are compared, for all
+    The part jumps at the zero of its argument. Both values of the whole are compared there, for all
     values of the parameters; see :func:`cotree.dag.continuity.meets`.
     """
     lowered = _lowering(names_in(whole), parameters)
     looked_at, is_larger = boundary_of(part)
     if isinstance(part, ast.Compare):
-        # Comparing equal numbers folds to the value on either side: >= holds, > does not.
+        # Comparing equal numbers folds to the value on either side: >= is true, > is false.
         same = ast.Constant(0.5)
         kinds = (ast.GtE(), ast.Gt()) if is_larger else (ast.Gt(), ast.GtE())
         sides: list[ast.expr] = [ast.Compare(same, [op], [same]) for op in kinds]
     else:
-        # A sign jumps from -1 to 1; its value 0 in between is met at the event only.
+        # A sign jumps from -1 to 1; its value 0 between them occurs at the event only.
         sides = [number_tree(1.0), number_tree(-1.0)]
     try:
         above, below = (lowered(_with(whole, part, side)) for side in sides)
         return meets(above, below, lowered(looked_at))
-    except (ArithmeticError, ValueError):  # it has no value somewhere: nothing is proved
+    except (ArithmeticError, ValueError):  # undefined somewhere: continuity is not proved
         return False
 
 
@@ -129,17 +129,17 @@ def _is_whole(power: ast.expr) -> bool:
 
 
 def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
-    """Copy a tree with one part replaced; the part is told by identity, not by its text."""
+    """Copy a tree with one part replaced; the part is identified by identity, not by its text."""
     return map_tree(whole, lambda own: by if own is part else None)
 
 
-#: Takes the tree of a jump and a description of what it belongs to; gives the name of the mode that
-#: takes its place, or the tree as it was.
+#: Callback that takes the tree of a jump and the description of its owner, and returns the name of
+#: the mode that replaces it, or the unchanged tree.
 Rewrite = Callable[[ast.expr, str], ast.expr]
 
 _LAWS = ("across", "through", "storage", "content")
 
-#: Those whose corners are jumps of a capacity, which become events like others.
+#: Laws whose kinks are jumps of a capacity; these become events like others.
 _OF_RATES = ("storage", "content")
 
 
@@ -147,7 +147,7 @@ def branches(law: Law | None) -> bool:
     """Return whether a law jumps or branches anywhere."""
     import sympy
 
-    # Absolute values, maxima and minima are not among these: they have corners, but no jumps.
+    # Absolute values, maxima and minima are not among these: they have kinks, but no jumps.
     kinds = (sympy.Piecewise, sympy.sign, sympy.floor, sympy.ceiling, sympy.Mod, sympy.Heaviside)
     return law is not None and law.expression.has(*kinds)
 
@@ -160,16 +160,16 @@ def may_branch(edge: Edge) -> bool:
 
 
 def check_located(edge: Edge, parameters: Container[str]) -> None:
-    """Refuse a registered force element whose law jumps, since no event locates the jump."""
+    """Raise if the law of a registered force element jumps, since no event locates the jump."""
     law = edge.component.law
     if edge.component.name in OWN or law is None or not branches(law):
         return
     names: dict[str, ast.expr] = {name: ast.Name(name) for name in law.arguments}
-    # No event locates a jump of a force element's law; a corner needs none, for the states'
-    # sensitivities are continuous there.
+    # No event locates a jump of a force element's law; a kink needs none, since the sensitivities
+    # of the states are continuous there.
     tree = to_tree(plain_jumps(law.expression), names)
     parts = [] if tree is None else jumps_in(tree)
-    # A floor jumps by whole numbers, which no substitution of zero proves away.
+    # A floor jumps at all integers; substituting zero does not prove continuity.
     is_certain = tree is not None and not any(
         isinstance(node, ast.Name) and node.id == "floor" for node in ast.walk(tree)
     )
@@ -178,14 +178,14 @@ def check_located(edge: Edge, parameters: Container[str]) -> None:
     ):
         return
     raise SceneError(
-        f"the law of edge '{edge.name}', of type '{edge.component.name}', jumps, and sensitivities "
-        "would not know of it: let a field of the edge jump in its place, which becomes an event, "
-        "or compile without sensitivities"
+        f"the law of edge '{edge.name}', of type '{edge.component.name}', jumps, which "
+        "sensitivities cannot follow: move the jump into a field of the edge, where it "
+        "becomes an event, or compile without sensitivities"
     )
 
 
 def check_contents(scene: SceneDescription, edge: Edge) -> None:
-    """Refuse a storage by content whose content jumps, since its rate would be an impulse."""
+    """Raise if the content of a storage jumps, since its rate would be an impulse."""
     for i, port in enumerate(edge.component.ports):
         if port.content is None:
             continue
@@ -193,14 +193,15 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         time, seen = dag.symbol("t", 0), dict[str, Node]()
 
         def resolve(name: str, dag: Dag = dag, seen: dict[str, Node] = seen) -> Node:
-            # Parameters hide outputs of the same name, in every expression.
+            # In expressions a parameter hides an output of the same name.
             if name in scene.outputs and name not in scene.parameters:
                 return scene.outputs[name].lower(dag, resolve)
-            # Outputs stand for their expressions. What is neither time nor a parameter may move.
+            # Outputs are replaced by their expressions. Names other than time and parameters are
+            # variables.
             kind = "p" if name in scene.parameters else "x"
             return seen.setdefault(name, dag.symbol("t" if name == "t" else kind, len(seen)))
 
-        # Time is one symbol, whichever expressions name it.
+        # Time is one symbol in all expressions.
         seen["t"] = time
         trees = {name: own[name] for name in port.content.arguments if name not in edge.fields}
         given = {name: Expression.of_tree(tree) for name, tree in trees.items()}
@@ -213,17 +214,17 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         if may_jump(value, moving, time):
             what = f"port '{port.port}' of edge" if port.port else "edge"
             raise SceneError(
-                f"what {what} '{edge.name}' holds jumps, or cannot be seen not to: a storage would "
-                "take an impulse there; give it by expressions that meet where they change, for "
-                "all values of the parameters"
+                f"the {what} '{edge.name}' holds is discontinuous, or its continuity is not "
+                "proved, which would cause an impulse in a storage; use expressions whose "
+                "branches agree at their boundaries, for all values of the parameters"
             )
 
 
 def with_branches(edge: Edge, rewrite: Rewrite, parameters: Container[str]) -> Edge:
     """Replace the jumps in the laws of a scalar component by modes.
 
-    ``rewrite`` returns the tree that takes the place of a jump: a mode, or the jump itself.
-    ``parameters`` do not change during a run.
+    ``rewrite`` returns the tree that replaces a jump: a mode, or the jump itself. ``parameters`` do
+    not change during a run.
     """
     fields: dict[str, Expression] = {}
     ports = []
@@ -268,7 +269,7 @@ def _names(edge: Edge, port: Terminal, place: int) -> dict[str, ast.expr]:
         found["stretch"] = _dotted(edge.name, port.port, integral.name)
     ends = edge.ports[place]
     for name, node in (("potential_head", ends.head), ("potential_tail", ends.tail)):
-        # The ground is where potentials are measured from.
+        # Potentials are measured from the ground.
         symbol = DOMAINS[port.domain].across_symbol
         found[name] = ast.Constant(0.0) if node == "ground" else _dotted(node, "", symbol)
     for name, value in edge.fields.items():
@@ -290,7 +291,7 @@ def _branched(
     kept: set[Any],
     parameters: Container[str],
 ) -> Law:
-    """Write one law anew; its new arguments are added to the fields."""
+    """Rewrite one law; add its new arguments to the fields."""
     import sympy
 
     where = f"the law of edge '{edge.name}'"
@@ -308,12 +309,12 @@ def _branched(
         is_upper = isinstance(atom, (sympy.Ge, sympy.Gt))
         tree = to_tree(atom.negated if is_upper else atom, known)
         mode = None if tree is None else rewrite(tree, where)
-        # A comparison comes back as ``mode > 0.5``; the field stands for the mode alone.
+        # A comparison is returned as ``mode > 0.5``; the field is the mode alone.
         mode = mode.left if isinstance(mode, ast.Compare) else mode
         if not isinstance(mode, ast.Name):
-            kept.add(atom)  # of parameters, of known times, or of what has no name
+            kept.add(atom)  # of parameters, of known times, or of unnamed values
             continue
-        # A jump that several laws of the edge have in common is one mode and one field.
+        # A jump that occurs in several laws of the edge is one mode and one field.
         name = next((n for n, value in fields.items() if value.text == mode.id), "")
         if not name:
             name = f"jump_{len(fields)}"
@@ -358,7 +359,7 @@ def _clipped_law(
 
 
 def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]) -> set[Any]:
-    """List the signs and the comparisons in a law where the whole of it is continuous."""
+    """List the signs and comparisons of a law at which the whole law is continuous."""
     import sympy
 
     whole = plain_jumps(law.expression)
@@ -374,7 +375,7 @@ def _corners(law: Law, names: Mapping[str, ast.expr], parameters: Container[str]
 
 
 def plain_jumps(expression: Any) -> Any:
-    """Write a law with no jumps but signs, floors and comparisons."""
+    """Write a law with signs, floors and comparisons as its only jumps."""
     import sympy
 
     return (
@@ -394,7 +395,7 @@ _FORMS = {
 
 
 def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
-    """Write a SymPy expression as a tree of the grammar of expressions; None where it has none."""
+    """Return a SymPy expression as a tree of the expression grammar; None if it has none."""
     import sympy
 
     if expression.is_Symbol:
@@ -413,7 +414,7 @@ def to_tree(expression: Any, names: Mapping[str, ast.expr]) -> ast.expr | None:
         return ast.BoolOp(ast.And() if kind == "And" else ast.Or(), trees)
     if kind in _FORMS:
         form = _FORMS[kind]
-        # Sums, products and extremes may be of many.
+        # Sums, products, maxima and minima may have many arguments.
         return reduce(partial(fill, form), trees) if len(trees) > 2 else fill(form, *trees)
     # Unknown functions have no form in the grammar.
     if FUNCTIONS.get(kind) != len(trees):

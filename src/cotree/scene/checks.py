@@ -1,11 +1,11 @@
 """Checks of a scene: dimensions of its expressions, and inertias that no body can have.
 
-What is not known stays unknown: a number written into a product may have any unit, so that nothing
-is said of such a product unless numbers are declared to be plain.
+Unknown dimensions stay unknown: a number in a product may have any unit, so that such a product is
+not judged unless numbers are declared to be dimensionless.
 
-The moments of inertia of a body are sums over its mass, so that none of the principal ones exceeds
-the sum of the other two. Equations can be formed and solved without that; therefore a violation is
-reported, not refused.
+The moments of inertia of a body are sums over its mass, so that no principal moment exceeds the sum
+of the other two. Equations can be formed and solved for other values, too; therefore a violation is
+reported as a finding, not an error.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
 
-#: Gives the dimension of a name; None where it is not known.
+#: Callback that returns the dimension of a name; None if it is unknown.
 Known = Callable[[str], "Dimension | None"]
 
 _NONE = read_unit("1").dimension
 _ANGLE = read_unit("rad").dimension
 _OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
 _KEEPING = {"abs", "floor", "min", "max", "mod"}
-#: Numbers that stand in formulas of physics, as in m*v**2/2, where they have no unit.
+#: Dimensionless numbers of formulas in physics, as in m*v**2/2.
 _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
 
 
 class Dimensions:
-    """Dimension of an expression, with the contradictions found on the way.
+    """Dimension of an expression, with the contradictions found in it.
 
     ``known`` returns the dimension of a name. With ``with_plain_numbers`` small numbers such as 2
-    and 0.5 have no unit; else a number may have any.
+    and 0.5 have no unit; otherwise a number may have any.
     """
 
     def __init__(self, known: Known, *, with_plain_numbers: bool = False) -> None:
@@ -53,7 +53,7 @@ class Dimensions:
         self.faults: list[str] = []
 
     def of(self, tree: ast.expr) -> Dimension | None:
-        """Find the dimension of a checked tree; None where it is not known."""
+        """Find the dimension of a checked tree; None if it is unknown."""
         match tree:
             case ast.Constant(value=value):
                 is_plain = self._with_plain and value in _PLAIN
@@ -82,13 +82,13 @@ class Dimensions:
             case ast.Call(func=called, args=args) if table_of(called):
                 for arg in args:
                     self.of(arg)
-                return None  # a table has no units of its own
+                return None  # a table has no unit
             case ast.Call(func=ast.Name(id=function), args=args):
                 return self._call(function, args)
         return None
 
     def _alike(self, trees: list[ast.expr]) -> Dimension | None:
-        """Return the dimension that all must have, and note where they differ."""
+        """Return the common dimension of some trees; record a contradiction if they differ."""
         found: Dimension | None = None
         first: ast.expr | None = None
         for tree in trees:
@@ -135,13 +135,13 @@ class Dimensions:
 
 
 def dimension_of_unit(text: str) -> Dimension | None:
-    """Return the dimension of a unit that a field or result states; None where it states none."""
+    """Return the dimension of the unit of a field or result; None if it states no unit."""
     unit = stated_unit(text)
     return None if unit is None else unit.dimension
 
 
 def stated_values(edge: Edge) -> Iterator[tuple[str, str, Expression]]:
-    """List what a scene states of an edge: its name, its unit, and each expression in it."""
+    """List the values that a scene states for an edge: name, unit, and each expression."""
     for row in edge.component.fields:
         if row.unit and row.shape is not Shape.EXPRESSION and row.name not in _DIRECTIONS:
             for entry in entries(edge.fields.get(row.name)):
@@ -157,7 +157,7 @@ _DIRECTIONS = frozenset({"axis", "axis2", "normal"})
 
 
 def check_scene_units(scene: SceneDescription) -> None:
-    """Refuse a parameter or input that alone is a field of another dimension."""
+    """Raise if a field consists of one parameter or input of another dimension."""
     units = stated_units(scene)
     if not units:
         return
@@ -178,7 +178,7 @@ def stated_units(scene: SceneDescription) -> dict[str, str]:
 
 
 def alone(value: Expression) -> str:
-    """Return the name that an expression is, but for its sign; nothing for others."""
+    """Return the name of which an expression consists, up to its sign; otherwise ""."""
     tree = value.tree.operand if isinstance(value.tree, ast.UnaryOp) else value.tree
     name = tree.id if isinstance(tree, ast.Name) else dotted(tree)
     return name if type(value) is Expression else ""
@@ -191,20 +191,20 @@ def _number(tree: ast.expr) -> float | None:
     return float(tree.value) if isinstance(tree, ast.Constant) else None  # type: ignore[arg-type]
 
 
-# Thin rods and plates are at the limit, and their three values may be written with six digits.
+# Thin rods and plates are at the limit; their three values may be rounded to six digits.
 _WRITTEN = 2e-5
 
-# A share of the heaviest body's mass below which rounding errors of its forces are felt.
+# Rounding errors of forces affect bodies below this fraction of the heaviest body's mass.
 _TINY = 1e-8
 
-#: Principal moments above minus this share of the sum of all are zero but for rounding.
+#: Principal moments above minus this fraction of the sum of all are rounding.
 ROUNDING = 1e-12
 
 
 def tiny_masses(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """Name bodies whose mass is far below that of the heaviest, with a sentence each.
+    """Return the bodies whose mass is far below that of the heaviest, with a sentence each.
 
-    Forces that balance there but for rounding accelerate them, which takes short steps.
+    The rounding errors of balanced forces accelerate such bodies, which makes steps short.
     """
     values = parameter_values(scene.parameters)
     dag = Dag()
@@ -233,10 +233,10 @@ def impossible_inertias(scene: SceneDescription) -> Iterator[str]:
 
 
 def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
-    """Name the bodies with negative principal moments, or that break the triangle rule.
+    """Return bodies with negative principal moments, or that violate the triangle inequality.
 
-    Each comes with a sentence. In a plane scene, where only the moment about one axis is read,
-    negative ones alone are named. The scene's equations could be formed, and its values count.
+    Each comes with a sentence. In a planar scene, which reads only the moment about one axis, only
+    negative ones are returned.
     """
     is_plane = bool(motion_spaces(scene).plane)
     for edge in scene.edges.values():
@@ -244,8 +244,8 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
             if row.shape is not Shape.INERTIA or row.name not in edge.fields:
                 continue
             tensor = _numbers(scene, edge.fields[row.name])
-            # Eigenvalues come in ascending order. Of a tensor with one entry only that moment is
-            # meant, and the others are left out on purpose.
+            # Eigenvalues are in ascending order. A tensor with one nonzero entry means that moment
+            # only; the others are omitted on purpose.
             least, middle, largest = np.linalg.eigvalsh(tensor)
             is_negative = least < -ROUNDING * np.trace(tensor)
             if is_negative:
@@ -260,21 +260,21 @@ def inertia_faults(scene: SceneDescription) -> Iterator[tuple[str, str]]:
                 continue
             yield (
                 edge.name,
-                f"{row.name} of edge '{edge.name}' is that of no body: of its principal "
+                f"{row.name} of edge '{edge.name}' is physically impossible: of its principal "
                 f"moments {least:.6g}, {middle:.6g} and {largest:.6g} {row.unit} {fault}; "
-                "check the numbers, the signs of the products of inertia, and that they are "
-                "about the centre of mass",
+                "check the numbers, the signs of the products of inertia, and that they "
+                "refer to the centre of mass",
             )
 
 
 def _numbers(scene: SceneDescription, field: FieldValue) -> npt.NDArray[np.float64]:
     """Evaluate a tensor, or three principal values, at the parameters' values."""
-    # Expressions fold to numbers in an arena where parameters are constants.
+    # In an arena whose parameters are constants, expressions fold to numbers.
     dag, values = Dag(), parameter_values(scene.parameters)
 
     def number(entry: Expression) -> float:
         node = entry.lower(dag, lambda name: dag.constant(values[name]))
-        assert node.value is not None  # there are but numbers in it
+        assert node.value is not None  # it contains only numbers
         return node.value
 
     rows = [number(row) if isinstance(row, Expression) else [*map(number, row)] for row in field]  # type: ignore[union-attr]

@@ -1,7 +1,7 @@
-"""A method of scenes for each component that cotree comes with.
+"""A method of scenes for each built-in component.
 
-Types and docstrings for editors and type checkers stand in ``component_methods.pyi``, which the
-build writes, see :mod:`cotree.scene.usage_text`.
+Types and docstrings for editors and type checkers are in ``component_methods.pyi``, which the build
+writes, see :mod:`cotree.scene.usage_text`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class ComponentMethod:
-    """The method of one component, made when it is first used."""
+    """The method of one component, created at its first use."""
 
-    # Descriptions of ninety components would take longer to make than a scene to read.
+    # Describing ninety components would take longer than reading a scene.
     def __init__(self, type: str) -> None:
         self.type = type
 
@@ -42,7 +42,7 @@ class ComponentMethods:
 
 
 for _type in sorted(OWN):
-    # A defect of the table, which the first import would show: methods must not hide each other.
+    # A defect of the table, found at the first import: methods must not hide each other.
     assert not hasattr(ComponentMethods, _type)
     setattr(ComponentMethods, _type, ComponentMethod(_type))
 
@@ -61,7 +61,7 @@ def _function(type: str) -> Callable[..., None]:
         initial: Mapping[str, Any] | None = None,
         **fields: Any,
     ) -> None:
-        # What a caller leaves open by None is not given; defaults are those of the table.
+        # An argument of None is left out; defaults are those of the table.
         given = {key: value for key, value in fields.items() if value is not None}
         scene.edge(name, type, *nodes, initial=initial, **given)
 

@@ -1,4 +1,4 @@
-"""Data of a scene: the statements of a user, each checked as it is made."""
+"""Data of a scene: the statements of a user, each checked when it is made."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ __all__ = [
 
 _PARAMETER, _EDGE = ("name", "value", "unit", "meaning"), ("name", "type", "nodes", "fields")
 
-#: The rules by name, with what each finds. One that is refused cannot be meant on purpose.
+#: The rules by name, with what each finds. 'refused' cannot be allowed.
 RULES: dict[str, str] = {
     "refused": "the scene cannot be formed, or has no consistent start",
     "unused-parameter": "no expression of the scene uses a parameter",
     "unused-input": "no expression of the scene uses an input",
-    "similar-names": "two names differ in the case of their letters only",
-    "dangling-node": "one edge alone touches a node, and no expression looks at it",
+    "similar-names": "two names differ only in upper and lower case",
+    "dangling-node": "a node belongs to one edge only, and no expression uses it",
     "shorted": "both ends of an edge are at one node",
-    "inertia": "a body has no inertia, or one that no body can have",
+    "inertia": "a body has no inertia, or a physically impossible one",
     "magnitude": "a value is far from what is usual in its unit",
     "dimension": "units in an expression contradict each other, or that of the field",
     "constant": "an expression does not depend on the names in it",
-    "no-effect": "a source gives nothing, or a mode is never set",
+    "no-effect": "a source is zero, or no event sets a mode",
     "unused-allow": "an entry of allow matches no finding",
 }
 
 
 def check_allowed(entries: object) -> tuple[str, ...]:
-    """Check a list of findings that are meant: ``rule`` or ``rule:name``.
+    """Check a list of allowed findings: ``rule`` or ``rule:name``.
 
     Raises
     ------
@@ -67,12 +67,14 @@ def check_allowed(entries: object) -> tuple[str, ...]:
             hint = nearest(rule, RULES)
             raise SceneError(f"allow holds '{brief(entry)}': give 'rule' or 'rule:name'{hint}")
         if rule == "refused":
-            raise SceneError("allow holds 'refused': what cannot be formed is no purpose")
+            raise SceneError(
+                "allow holds 'refused': a scene that cannot be formed cannot be allowed"
+            )
     return tuple(entries)
 
 
 def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
-    """Whether a finding is meant."""
+    """Return whether a finding is allowed."""
     return any(entry in (rule, f"{rule}:{name}") for entry in entries)
 
 
@@ -80,8 +82,8 @@ def is_allowed(rule: str, name: str, entries: Iterable[str]) -> bool:
 class SceneDescription(Reported):
     """Edges between named nodes, with parameters, inputs, outputs, gravity and initial values.
 
-    Every method checks its arguments before keeping them, so that a description always consists
-    of accepted names and parsed expressions; properties of the whole are checked when the
+    Every method checks its arguments before it stores them, so that a description always consists
+    of accepted names and parsed expressions; properties of the whole scene are checked when the
     equations are formed.
     """
 
@@ -95,13 +97,13 @@ class SceneDescription(Reported):
     modes: dict[str, Mode] = field(default_factory=dict)
     events: dict[str, Event] = field(default_factory=dict)
     parts: dict[str, Part] = field(default_factory=dict)
-    ports: tuple[str, ...] = ()  # nodes to be connected where this scene is a part
+    ports: tuple[str, ...] = ()  # nodes that an outer scene connects if this scene is a part
     defaults: Simulation = field(default_factory=Simulation)
-    origin: Origin | None = None  # of what was read from another tool's file
-    allowed: tuple[str, ...] = ()  # findings of the linter that are on purpose
+    origin: Origin | None = None  # data of the file of another tool that was read
+    allowed: tuple[str, ...] = ()  # findings of the linter that are allowed
 
     def __init__(self, name: str, gravity: Sequence[float | str] = (0.0, 0.0, 0.0)) -> None:
-        # Written by hand, since a dataclass would take tables that nothing has checked.
+        # Not a dataclass: its constructor would take unchecked tables.
         self.name = check_scene_name(name)
         self.gravity = check_vector(plain(gravity), "gravity")
         self.parameters, self.edges = Listing(*_PARAMETER), Listing(*_EDGE)
@@ -109,9 +111,9 @@ class SceneDescription(Reported):
         self.modes, self.events = {}, {}
         self.defaults = Simulation()
         self.parts, self.ports = {}, ()
-        self.members: dict[str, Part] = {}  # parts by name, those of arrays each
+        self.members: dict[str, Part] = {}  # the single parts by name, those of arrays included
         self.connected: set[str] = set()  # nodes that parts are connected to
-        # Where it was read from, and the table there; no part of what it says.
+        # The file and the table that were read; not part of the scene's content.
         self.file = self.section = ""
 
     def __repr__(self) -> str:
@@ -129,7 +131,7 @@ class SceneDescription(Reported):
     @property
     def mechanics(self) -> SceneDescription:
         """The multibody part: the same scene without its scalar networks."""
-        # All tables but that of edges are those of the whole scene: names in expressions keep their
+        # Tables other than the edges are those of the whole scene: names in expressions keep their
         # meaning.
         part = SceneDescription(self.name)
         part.gravity, part.defaults, part.tables = self.gravity, self.defaults, self.tables
@@ -143,7 +145,7 @@ class SceneDescription(Reported):
         return part
 
     def copied(self) -> Self:
-        """Return a scene of the same statements, whose tables do not follow this one's."""
+        """Return an independent copy of the scene."""
         other = copy.copy(self)
         for name in (*TABLES, "parts", "members", "connected"):
             setattr(other, name, copy.copy(getattr(self, name)))
@@ -169,7 +171,7 @@ class SceneDescription(Reported):
     def report(self) -> Report:
         """Build the report: edges, parts, parameters and expressions, and notes on its file.
 
-        What parts hold is not listed again, but counted in their lines.
+        Declarations within parts are counted in the line of the part, not listed.
         """
         edges = []
         for edge in self.edges.values():
@@ -236,9 +238,9 @@ class SceneDescription(Reported):
     def set(
         self, name: str, value: float | str | Sequence[Sequence[float]], *, unit: str = ""
     ) -> None:
-        """Change the value of a parameter or an input; its meaning and place stay.
+        """Change the value of a parameter or an input; its doc and place stay.
 
-        Models that were compiled before keep the value that they had; a single run takes others by
+        Compiled models keep the previous value; a single run takes others by
         ``simulate(parameters={"L": 2.0})``.
 
         Parameters
@@ -355,7 +357,7 @@ class SceneDescription(Reported):
         self.edges[name] = made
 
     def port(self, *nodes: str) -> None:
-        """Declare nodes to be ports: where this scene is a part, they must be connected.
+        """Declare nodes to be ports: if this scene is a part, the outer scene must connect them.
 
         Raises
         ------
@@ -364,7 +366,7 @@ class SceneDescription(Reported):
         """
         for node in nodes:
             if check_path("node", node) == "ground":
-                raise SceneError("the ground is one node in all parts: it is no port")
+                raise SceneError("the ground is the same node in all parts and cannot be a port")
         self.ports = tuple(dict.fromkeys((*self.ports, *nodes)))
 
     @may_call_tables
@@ -376,7 +378,7 @@ class SceneDescription(Reported):
         SceneError, ExpressionError
             If the name is not allowed or taken, or the expression is not accepted.
         """
-        # Outputs may share names with parameters, which expressions then mean.
+        # Outputs may share names with parameters; expressions then mean the parameter.
         self._check_new("output", name, {**self.outputs, **self.inputs, **self.modes})
         self.outputs[name] = parse(value, f"output '{name}'")
 
@@ -411,18 +413,18 @@ class SceneDescription(Reported):
         stop: bool = False,
         impact: Mapping[str, float | str] | None = None,
     ) -> None:
-        """Declare what happens where an expression passes through zero.
+        """Declare an event at a zero crossing of an expression.
 
         Parameters
         ----------
         name, when : str
             Its name in results, and an expression of whatever outputs may use, and outputs.
         direction : int
-            -1 where it passes downwards, 1 upwards, 0 either way.
+            -1 for downward crossings, 1 for upward ones, 0 for both.
         set : mapping of str to float or str, optional
             New values of states and modes: expressions of the values before.
         stop : bool
-            Whether the run ends there.
+            Whether the event is terminal: it ends the run.
         impact : mapping, optional
             ``{"restitution": e}``: an impulse makes the rate of ``when`` -e times what it was.
 
@@ -451,7 +453,7 @@ class SceneDescription(Reported):
         self.defaults = with_settings(self.defaults, settings)
 
     def allow(self, *entries: str) -> None:
-        """Declare findings of the linter to be on purpose: ``rule`` or ``rule:name``.
+        """Declare allowed findings of the linter: ``rule`` or ``rule:name``.
 
         Raises
         ------
@@ -469,7 +471,7 @@ class SceneDescription(Reported):
             own: Mapping[str, object] = {}
             if kind in ("parameter", "input"):
                 own = self.parameters if kind == "parameter" else self.inputs
-            # Whoever declares a name of a loaded scene again wants another value.
+            # A second declaration of a name of a loaded scene is meant to change its value.
             cure = f'; scene.set("{name}", ...) changes its value' if name in own else ""
             raise SceneError(
                 f"the name of {kind} '{name}' is taken: every {kind} needs its own{cure}"

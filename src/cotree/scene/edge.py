@@ -1,6 +1,6 @@
 """Edges of a scene: a component between its nodes, made of a statement and checked at once.
 
-Typed methods, their docstrings and ``cotree components`` are made of these descriptions, which
+Typed methods, their docstrings and ``cotree components`` follow from these descriptions, which
 follow from the table of components alone.
 """
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from cotree.scene.expressions import FieldValue
 
 
-_LONGEST = 40  # letters of a name that is compared: it comes from a file, and may be long
+_LONGEST = 40  # letters of a name that are compared: it comes from a file and may be long
 
-#: Other words for components, in the order of the table.
+#: Synonyms of components, in the order of the table.
 _ALSO_CALLED = {
     "rigid_body": ("body", "mass", "point_mass", "particle", "inertia"),
     "arm": ("link", "rod", "bar", "beam", "offset"),
@@ -72,7 +72,7 @@ class Entry:
     takes: str  # kind of its value: ``value``, ``constant``, ``vector``, ``nodes``, ``name``, ...
     unit: str = ""
     required: bool = False  # whether every edge of the type needs it
-    default: float | None = None  # value where a scene gives none; None leaves the entry out
+    default: float | None = None  # default; None: the entry is left out
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Usage:
     """The form in which edges of a component type are written."""
 
     component: Component  # the type
-    #: Names of its nodes, as they are listed; empty where it has ports with nodes of their own.
+    #: Names of its nodes in the order of the list; empty if its ports have nodes of their own.
     nodes: tuple[str, ...]
-    n_needed: int  # how many of them must be given
-    #: Whether a list of nodes stands for one of each port, the other node being the ground.
+    n_needed: int  # the number of required nodes
+    #: Whether a list of nodes has one for each port, with the ground as the other node.
     has_ports: bool
     entries: tuple[Entry, ...]  # its ports and fields
     initial: tuple[str, ...]  # variables whose initial values may be given
@@ -102,12 +102,13 @@ def usage_of(name: str) -> Usage:
 
 
 def proposed_types(name: object) -> str:
-    """Return which component types were probably meant, for the end of a message."""
+    """Return suggestions for an unknown component type, for the end of a message."""
     word = str(name)[:_LONGEST].lower().replace("-", "_").strip()
     rows = COMPONENTS.items()
-    # Words that textbooks use, then names and meanings that hold the word, then misspelt words.
+    # Synonyms from textbooks first, then names and descriptions that contain the word, then
+    # misspellings.
     found = [type for type, others in _ALSO_CALLED.items() if word in others]
-    # Letters that have changed places make a word of their own at times: 'ram' for 'arm'.
+    # Transposed letters may form another word: 'ram' for 'arm'.
     found += [type for type in COMPONENTS if sorted(type) == sorted(word)]
     found += [type for type, row in rows if word in type.split("_") or word in row.doc.split()]
     if not found:
@@ -122,7 +123,7 @@ def proposed_types(name: object) -> str:
 def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
     """List the nodes of a type, how many of them are needed, and whether ports have their own."""
     if any(field.shape is Shape.NAMES for field in component.fields):
-        return (), 0, False  # the fields name the nodes
+        return (), 0, False  # fields name the nodes
     if component.terminals:
         nodes = (*component.terminals, *component.optional_terminals)
         return nodes, len(component.terminals), False
@@ -136,7 +137,7 @@ def _nodes(component: Component) -> tuple[tuple[str, ...], int, bool]:
 
 
 def _ports(component: Component) -> list[Entry]:
-    """List the entries for nodes of ports, and for what they act on in a multibody system."""
+    """List the entries for nodes of ports, and for the joint or line on which ports act."""
     if component.terminals or component.geometry is not None:
         return []
     found = []
@@ -146,7 +147,7 @@ def _ports(component: Component) -> list[Entry]:
     if acting:
         doc = "joint that it acts on in place of two nodes, or its coordinate: h or h.theta"
         found.append(Entry("joint", doc, "name"))
-    # Given velocities are refused along a line.
+    # Prescribed velocities along a line are not supported.
     along = [port for port in acting if port.kind is not Kind.ACROSS_SOURCE]
     if any(port.domain == "translational" for port in along):
         doc = "two nodes of the multibody system; it acts along their line"
@@ -170,14 +171,14 @@ def _entry(field: Field) -> Entry:
     takes = field.shape.value
     if field.shape is Shape.SCALAR:
         takes = "constant" if field.constant and not field.timed else "value"
-    # A unit of one is no unit that a reader needs.
+    # A unit of one is not shown.
     unit = "" if field.unit == "1" else field.unit
     return Entry(field.name, field.doc, takes, unit, field.required, field.default)
 
 
 @lru_cache(maxsize=1)
 def examples() -> Mapping[str, tuple[str, Mapping[str, Any]]]:
-    """Return an edge of each component that cotree comes with: its name and its statement.
+    """Return an edge of each built-in component: its name and its statement.
 
     They are those of the component pages, in a file that a test compares with them.
     """
@@ -209,7 +210,7 @@ class Edge:
     """
 
     name: str
-    component: Component = field(compare=False)  # some are made anew for each edge
+    component: Component = field(compare=False)  # some are adapted to each edge
     nodes: tuple[str, ...]
     fields: Mapping[str, FieldValue]
     initial: Mapping[str, FieldValue]
@@ -225,7 +226,7 @@ class Edge:
         return _edge_again, (self.name, dict(self.statement))
 
     def in_mechanics(self) -> Edge | None:
-        """Return the edge in the multibody part of a scene, its contact shapes, or None."""
+        """Return the edge's multibody component, its contact shapes, or None."""
         if self.component.role is not Role.NETWORK:
             return self
         geometry = self.component.geometry
@@ -236,14 +237,14 @@ class Edge:
 
     @property
     def law_fields(self) -> Mapping[str, FieldValue]:
-        """The fields that laws take: all but those of shapes that touch."""
+        """The fields that laws take: all but contact shapes."""
         geometry = self.component.geometry
         if geometry is None:
             return self.fields
         return {name: value for name, value in self.fields.items() if not geometry.field(name)}
 
     def cells(self) -> tuple[str, str, str, str]:
-        """Return the row of a table: name, type, nodes and fields, as they were stated."""
+        """Return the row of a table: name, type, nodes and fields, as stated."""
         known = {"type", "nodes", "initial"}
         fields = ", ".join(f"{k}={_plain(v)}" for k, v in self.statement.items() if k not in known)
         between = " → " if len(self.nodes) == 2 else ", "
@@ -251,7 +252,7 @@ class Edge:
 
 
 def _plain(value: object) -> str:
-    """Write a value of a field without quotes: texts are expressions."""
+    """Write a value of a field without quotes."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_plain, value))}]"
     if isinstance(value, dict):
@@ -262,8 +263,8 @@ def _plain(value: object) -> str:
 def make_edge(
     name: str, type: str, nodes: Sequence[str], initial: Any, fields: Mapping[str, Any]
 ) -> Edge:
-    """Make an edge of a statement; see :meth:`SceneDescription.edge`."""
-    # The type comes from a file as it stands there, and may be anything.
+    """Make an edge from a statement; see :meth:`SceneDescription.edge`."""
+    # The type is read from a file and may be of any kind.
     component = COMPONENTS.get(type) if isinstance(type, str) else None
     if component is None:
         hint = proposed_types(type)
@@ -273,8 +274,8 @@ def make_edge(
     given: Mapping[str, Any] = plain(fields)
     first: Any = {} if initial is None else plain(initial)
     statement = edge_statement(type, nodes, given, first)
-    # Adapting comes first, since it decides on the ports. The thermal port is appended next, so
-    # that ``check_ports`` finds it last; what nodes leave over are the fields.
+    # Adapting comes first, since it determines the ports. The thermal port is appended next, so
+    # that ``check_ports`` finds it last; entries other than nodes are the fields.
     if component.adapt is not None:
         component, listed, given = component.adapt(name, nodes, given)
     component = check_heat(name, component, given)
@@ -291,7 +292,7 @@ def make_edge(
 
 
 def _edge_again(name: str, statement: Mapping[str, Any]) -> Edge:
-    """Make an edge of its statement, where it is unpickled."""
+    """Make an edge from its statement when it is unpickled."""
     fields = dict(statement)
     type, nodes = fields.pop("type"), fields.pop("nodes", ())
     return make_edge(name, type, nodes, fields.pop("initial", None), fields)

@@ -1,7 +1,7 @@
 """Modes and events of a scene, checked one statement at a time.
 
-A mode is a number that only events change. An event happens when an expression passes through
-zero; it sets states and modes, passes an impulse on, or ends the run.
+A mode is a number that only events change. An event takes place at a zero crossing of an
+expression; it sets states and modes, applies an impulse, or ends the run.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Mode:
 class ModePart(IntEnum):
     """Roles of events whose modes are chosen together, numbered as in ``cotree_jumps.h``."""
 
-    NONE = 0  # no mode is chosen by it
+    NONE = 0  # it chooses no mode
     SLIP = 2  # slip rate with the sign of the mode
     FORWARD_LIMIT = 3  # distance of the friction force to its forward limit
     BACKWARD_LIMIT = 4  # and to its backward limit
@@ -62,7 +62,7 @@ class ModePart(IntEnum):
 
 @dataclass(frozen=True)
 class Event:
-    """An event, which happens where an expression passes through zero.
+    """An event at a zero crossing of an expression.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def make_event(
     """Check an event; see :meth:`SceneDescription.event`."""
     accepted = check_name("event", name)
     whose = f"event '{accepted}'"
-    # True equals 1 in Python, but is no direction.
+    # True equals 1 in Python, but is not a direction.
     if isinstance(direction, bool) or direction not in (-1, 0, 1):
         raise SceneError(
             f"direction of {whose} is {brief(direction)}: give -1 (downwards), 1 (upwards) or 0 "
@@ -117,7 +117,7 @@ def make_event(
         raise SceneError(f"stop of {whose} must be true or false")
     if not isinstance(values, Mapping):
         raise SceneError(f"set of {whose} must be a table of states and modes")
-    # TOML has texts as keys only, but Python passes any mapping.
+    # Keys are strings in TOML; in Python they may be of any type.
     for target in values:
         if not isinstance(target, str):
             raise SceneError(f"set of {whose} holds {brief(target)}: give names in quotes")

@@ -1,13 +1,13 @@
 """Expression strings: parsed by a small grammar, never evaluated as Python.
 
-Words such as ``in`` and ``not`` may name what stands before a dot: a letter follows it there, which
-nothing else of the grammar has. The parser reads such a name with a mark, which is taken off again.
+Keywords such as ``in`` and ``not`` may be names before a dot: a letter follows, which occurs
+nowhere else in the grammar. Such a name is marked before parsing, and the mark is removed again.
 
 Expressions are parsed deep inside the fields of edges, events and parts. The tables that they may
-call are therefore known to all that is parsed during a method of their scene. A call is bound to
-its table once: the name of the function carries it, through every rewriting of the tree.
+call are therefore a context of all parsing during a method of their scene. A call is bound to its
+table once: the name of the function contains it, also after rewriting the tree.
 
-An expression may hold numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also of
+An expression may contain numbers, names, ``edge.coordinate``, ``edge.port.variable``, both also of
 parts as ``leg1.knee.theta``, ``+ - * / **``, parentheses, the functions of :data:`FUNCTIONS`, and
 ``where(condition, value, otherwise)`` with comparisons joined by ``and``, ``or`` and ``not``. It is
 checked when a scene is made and turned into nodes later.
@@ -39,11 +39,11 @@ _MARK = "_ö"
 
 
 def read_tree(text: str) -> ast.expr:
-    """Parse a text; what the grammar of expressions refuses may still be in it."""
+    """Parse a text; the tree may still contain what the grammar of expressions refuses."""
     marked = _WORDS.sub(rf"\1{_MARK}", text.strip())
     try:
-        # Leading spaces would be an indentation to Python's parser.
-        with without_warnings(category=SyntaxWarning):  # what it warns of is refused later
+        # Python's parser would read leading spaces as indentation.
+        with without_warnings(category=SyntaxWarning):  # text that causes warnings is refused later
             tree = ast.parse(marked, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError("is not an expression") from None
@@ -60,7 +60,7 @@ _Method = TypeVar("_Method", bound="Callable[..., Any]")
 
 
 class Callee(Protocol):
-    """A function that an expression may call beside those of its grammar."""
+    """A function that an expression may call besides those of the grammar."""
 
     @property
     def n_arguments(self) -> int:
@@ -69,11 +69,11 @@ class Callee(Protocol):
 
     @property
     def names(self) -> frozenset[str]:
-        """Parameters that its values depend on."""
+        """Parameters on which its values depend."""
         ...
 
     def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
-        """Form the node of its value."""
+        """Return the node of its value."""
         ...
 
 
@@ -82,13 +82,13 @@ _NONE: Mapping[str, Callee] = {}
 
 
 def known_tables() -> Mapping[str, Callee]:
-    """Return the tables that expressions may call now."""
+    """Return the tables that expressions may call at present."""
     return _KNOWN.get(_NONE)
 
 
 @contextmanager
 def table_scope(tables: Mapping[str, Callee]) -> Iterator[None]:
-    """Allow calls of some tables, and of no others, to what is parsed in a ``with`` block."""
+    """Allow expressions parsed in a ``with`` block to call these tables, and no others."""
     token = _KNOWN.set(tables)
     try:
         yield
@@ -97,7 +97,7 @@ def table_scope(tables: Mapping[str, Callee]) -> Iterator[None]:
 
 
 def may_call_tables(method: _Method) -> _Method:
-    """Allow calls of the scene's tables to the expressions that a method takes."""
+    """Allow expressions parsed by a method to call the scene's tables."""
 
     @wraps(method)
     def in_scope(self: Any, *args: Any, **more: Any) -> Any:
@@ -121,7 +121,7 @@ def bound(tree: ast.expr, tables: Mapping[str, Callee]) -> ast.expr:
 
 
 def name_of(name: str, table: Callee) -> ast.Name:
-    """Make the name by which a tree calls a table."""
+    """Return the function name by which a tree calls a table."""
     made = ast.Name(name)
     made.table = table  # type: ignore[attr-defined]
     return made
@@ -146,10 +146,10 @@ FUNCTIONS: dict[str, int] = {
     **dict.fromkeys(("atan2", "min", "max", "mod"), 2),
 }
 
-#: The conditional: what it gives where its first argument holds, and elsewhere.
+#: The conditional: its second argument if its first one holds, else the third.
 WHERE = "where"
 
-#: Comparisons: whether the left side is to be the larger, and whether equality will do.
+#: Comparisons: whether the left side is the larger one, and whether equality is accepted.
 COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
     ast.Lt: (False, False),
     ast.LtE: (False, True),
@@ -157,15 +157,15 @@ COMPARISONS: dict[type[ast.cmpop], tuple[bool, bool]] = {
     ast.GtE: (True, True),
 }
 
-#: Operators of two values.
+#: Binary operators.
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 
 
 def shown(value: object) -> str:
-    """Show a value in a message, shortened."""
+    """Return a value for a message, shortened."""
     try:
         return brief(repr(value))
-    except ValueError:  # Python itself refuses to write integers of thousands of digits
+    except ValueError:  # Python refuses to print integers of thousands of digits
         return "an integer of thousands of digits"
 
 
@@ -181,15 +181,15 @@ def finite(value: object) -> float | None:
 
 
 def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Accept the grammar and collect its names; everything else is refused."""
+    """Check a tree against the grammar and collect its names; raise for everything else."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
-    # Only the shapes listed here pass: whatever else Python's grammar has is refused, not
-    # evaluated.
+    # Only the node types listed here are accepted; the rest of Python's grammar is refused and
+    # never evaluated.
     match tree:
         case ast.Constant(value=value):
             if finite(value) is None:
-                raise ExpressionError(f"holds {shown(value)}, which is no finite number")
+                raise ExpressionError(f"holds {shown(value)}, which is not a finite number")
         case ast.Name(id=name):
             names.add(name)
         case ast.Attribute() if name := dotted(tree):
@@ -207,7 +207,7 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
             check_tree(other, names, depth + 1)
         case ast.Call(func=ast.Name(id="where"), args=args, keywords=[]):
             raise ExpressionError(
-                f"gives where {len(args)} arguments: it takes a condition and two values"
+                f"calls where with {len(args)} arguments: it takes a condition and two values"
             )
         case ast.Call(func=ast.Name(id=function) as called, args=args, keywords=[]):
             table = table_of(called)
@@ -229,7 +229,7 @@ def check_tree(tree: ast.expr, names: set[str], depth: int) -> None:
 
 
 def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
-    """Accept comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
+    """Check comparisons joined by ``and``, ``or`` and ``not``, and collect their names."""
     if depth > _DEEPEST:
         raise ExpressionError(f"is nested deeper than {_DEEPEST} levels: split it")
     match tree:
@@ -245,7 +245,7 @@ def _check_condition(tree: ast.expr, names: set[str], depth: int) -> None:
             _check_condition(part, names, depth + 1)
         case _:
             raise ExpressionError(
-                "gives where a condition that is none: compare two values by < <= > >=, joined by "
+                "calls where without a condition: compare two values by < <= > >=, joined by "
                 "and, or, not"
             )
 
@@ -261,7 +261,8 @@ def names_in(tree: ast.expr) -> frozenset[str]:
         elif isinstance(node, ast.Name):
             found.add(node.id)
         elif isinstance(node, ast.Call):
-            # The name of the function is no name of the scene; values of a table may have some.
+            # The name of the function is not a name of the scene; the values of a table may contain
+            # names.
             waiting += node.args
             if table := table_of(node.func):
                 found |= table.names
@@ -285,7 +286,7 @@ def name_tree(name: str) -> ast.expr:
 
 
 def dotted(tree: ast.expr) -> str:
-    """Return the name that a chain of attributes is, as ``edge.variable``; else nothing."""
+    """Return the dotted name of a chain of attributes, as ``edge.variable``; otherwise ""."""
     steps: list[str] = []
     while isinstance(tree, ast.Attribute):
         steps.append(tree.attr)
@@ -294,7 +295,7 @@ def dotted(tree: ast.expr) -> str:
 
 
 def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> ast.expr:
-    """Copy a tree, with what ``change`` returns in the place of a part, unless that is None."""
+    """Copy a tree; ``change`` returns the replacement of a part, or None to keep it."""
     if (found := change(tree)) is not None:
         return found
     match tree:
@@ -314,7 +315,7 @@ def map_tree(tree: ast.expr, change: Callable[[ast.expr], ast.expr | None]) -> a
 
 
 def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
-    """Copy a tree with other names, those of its tables included, or trees in their place."""
+    """Copy a tree with names, those of its tables included, replaced by other names or trees."""
 
     def named(name: str) -> ast.expr:
         found = new(name)
@@ -337,16 +338,16 @@ def map_names(tree: ast.expr, new: Callable[[str], str | ast.expr]) -> ast.expr:
     return map_tree(tree, change)
 
 
-#: Parses a text once, to a tree that is not to be changed.
+#: Parses a text once, to a tree that must not be changed.
 shared_tree = lru_cache(maxsize=1024)(read_tree)
 
 
 def fill(form: str, *trees: ast.expr) -> ast.expr:
-    """Put trees in the place of a, b and c in an expression or a condition."""
+    """Substitute trees for a, b and c in an expression or a condition."""
     return map_names(shared_tree(form), dict(zip("abc", trees, strict=False)).__getitem__)
 
 
-_LONGEST = 4000  # characters; keeps the parser's own recursion bounded
+_LONGEST = 4000  # characters; bounds the recursion of the parser
 _WITH_UNIT = re.compile(r"\s*([-+]?\d[\d.eE+-]{0,30})\s*([A-Za-zµΩ°%][\w/^ ²³]{0,30})\s*\Z")
 
 _BINARY: dict[type[ast.operator], Callable[[Node, Node], Node]] = {
@@ -363,14 +364,14 @@ class Expression:
     """A checked expression."""
 
     text: str  # as the user wrote it
-    where: str = field(repr=False)  # what it belongs to, for messages: "stiffness of edge 'k'"
+    where: str = field(repr=False)  # its owner, for messages: "stiffness of edge 'k'"
     #: The parsed text.
-    tree: ast.expr = field(compare=False, repr=False)  # the text says the same
+    tree: ast.expr = field(compare=False, repr=False)  # the text is equivalent
     #: The names in it: parameters, inputs, ``t``, and dotted ``edge.coordinate``.
     names: frozenset[str] = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # A set has another order in each process, and equal scenes are to give equal bytes.
+        # The order of a set differs between processes, and equal scenes must give equal bytes.
         return {**self.__dict__, "names": sorted(self.names)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -378,7 +379,7 @@ class Expression:
 
     @classmethod
     def of_tree(cls, tree: ast.expr, where: str = "") -> Expression:
-        """Make the expression of a tree that needs no check."""
+        """Make an expression from a tree that needs no check."""
         return cls(ast.unparse(tree), where, tree, names_in(tree))
 
     def map_names(self, new: Callable[[str], str | ast.expr], where: str = "") -> Expression:
@@ -396,7 +397,7 @@ class Expression:
 
     @property
     def number(self) -> float | None:
-        """The value, where the expression is a plain number."""
+        """The value if the expression is a plain number."""
         tree, sign = self.tree, 1.0
         if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
             tree, sign = tree.operand, -1.0
@@ -404,10 +405,10 @@ class Expression:
 
     @property
     def is_zero(self) -> bool:
-        """Whether the value is zero whatever its names stand for, as that of ``0*L`` is."""
+        """Return whether the value is zero for any values of its names, as that of ``0*L``."""
         if self.number is not None:
             return self.number == 0.0
-        # Whether it is zero is remembered by the text, which does not tell the values of a table.
+        # The cache is keyed by the text, which does not contain the values of a table.
         return not ("(" in self.text and has_table(self.tree)) and _vanishes(self)
 
     def lower(self, dag: Dag, resolve: Callable[[str], Node]) -> Node:
@@ -444,11 +445,11 @@ def _vanishes(expression: Expression) -> bool:
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero
     except ExpressionError:
-        return False  # said where it is used
+        return False  # reported when it is used
 
 
 def parse(value: object, where: str) -> Expression:
-    """Check a number or an expression string; ``where`` names its place in messages.
+    """Parse a number or an expression string; ``where`` names its place in messages.
 
     Raises ExpressionError if it is neither, does not parse, or is outside the grammar above.
     """
@@ -485,7 +486,7 @@ def _parse_text(text: str, where: str) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _tree_of(text: str) -> tuple[ast.expr, frozenset[str]]:
-    """Parse and check a text once: thousands of edges may have the same."""
+    """Parse and check a text once: thousands of edges may have the same text."""
     return _checked(read_tree(text))
 
 
@@ -496,7 +497,7 @@ def _checked(tree: ast.expr) -> tuple[ast.expr, frozenset[str]]:
 
 
 def check_number(value: object, what: str) -> float:
-    """Accept a finite number."""
+    """Return a finite number, or raise."""
     if isinstance(value, bool) or not hasattr(type(value), "__float__"):
         raise ParameterError(f"{what} is {brief(value)!r}: give a number")
     try:
@@ -509,7 +510,7 @@ def check_number(value: object, what: str) -> float:
 
 
 def check_positive(value: object, what: str) -> float:
-    """Accept a finite number above zero."""
+    """Return a finite number above zero, or raise."""
     number = check_number(value, what)
     if not number > 0.0:
         raise ParameterError(f"{what} is {number:g}: give a positive number")
@@ -545,16 +546,17 @@ def _lower(tree: ast.expr, dag: Dag, resolve: Callable[[str], Node]) -> Node:
 def _lower_condition(
     tree: ast.expr, dag: Dag, resolve: Callable[[str], Node], accepted: Node, refused: Node
 ) -> Node:
-    """Choose between two values by a checked condition."""
+    """Form the selection between two values by a checked condition."""
     match tree:
         case ast.Compare(left=left, ops=ops, comparators=others):
             sides = [_lower(side, dag, resolve) for side in (left, *others)]
-            # A chain ``a < b < c`` holds where all of its parts do: the selections are nested from
+            # A chain ``a < b < c`` is true if all of its parts are: the selections are nested from
             # the last.
             for a, op, b in reversed(list(zip(sides[:-1], ops, sides[1:], strict=True))):
                 is_larger, has_equal = COMPARISONS[type(op)]
                 excess = a - b if is_larger == has_equal else b - a
-                # A selection accepts equality: where it is to be refused, the roles change.
+                # A selection accepts equality; if equality is to be refused, its branches are
+                # exchanged.
                 accepted = (
                     dag.select(excess, accepted, refused)
                     if has_equal
@@ -562,7 +564,7 @@ def _lower_condition(
                 )
             return accepted
         case ast.BoolOp(op=op, values=parts):
-            # ``and`` nests in the branch that is accepted, ``or`` in the one that is refused.
+            # ``and`` nests in the accepted branch, ``or`` in the refused one.
             for part in reversed(parts):
                 if isinstance(op, ast.And):
                     accepted = _lower_condition(part, dag, resolve, accepted, refused)
@@ -575,7 +577,7 @@ def _lower_condition(
 
 
 def _lower_call(dag: Dag, function: str, args: list[Node]) -> Node:
-    # A selection has the derivative of the branch taken, which is what sensitivities follow.
+    # The derivative of a selection is that of the selected branch, which sensitivities follow.
     if function == "max":
         return dag.select(args[0] - args[1], args[0], args[1])
     if function == "min":

@@ -1,9 +1,9 @@
 """Fields and initial values of an edge, checked against the rows of the component.
 
-Components are adapted to the fields of a scene, heat goes to further nodes, and transistors have
+Components are adapted to the fields of a scene, heat flows to further nodes, and transistors have
 inner nodes: the original statement cannot be recovered from the resulting edge.
 
-In: values as given. Out: parsed expressions, alone, in threes, or in three rows of three.
+In: values as stated. Out: parsed expressions: single ones, triples, or three rows of three.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 def edge_statement(
     type: str, nodes: Sequence[object], fields: Mapping[str, Any], initial: Any
 ) -> dict[str, Any]:
-    """Make the table of an edge in a scene file, of values that are plain.
+    """Return the table of an edge in a scene file, with plain values.
 
-    Fields that are None are left out, as are nodes and initial values where there are none.
+    Fields that are None, and empty nodes and initial values, are left out.
     """
     rows = {"type": type, "nodes": list(nodes), **fields, "initial": initial}
     return {
@@ -46,11 +46,11 @@ def edge_statement(
 def check_fields(
     edge: str, component: Component, given: Mapping[str, Any]
 ) -> dict[str, FieldValue]:
-    """Check the fields of an edge, and add the defaults of those not given."""
+    """Check the fields of an edge, and add the defaults of others."""
     known = {row.name for row in component.fields}
     check_known(given, known, f"edge '{edge}' of type '{component.name}' has no field")
     fields: dict[str, FieldValue] = {}
-    # Values stand in the order of the component's rows, not in that of the file.
+    # Values are in the order of the component's rows, not in that of the file.
     for row in component.fields:
         where = f"{row.name} of edge '{edge}'"
         if row.name in given:
@@ -78,7 +78,7 @@ def check_initial(
         check_known((name,), known, f"edge '{edge}' has no coordinate")
         where = f"initial {name} of edge '{edge}'"
         value = _in_si(value, units.get(name, ""), where)
-        # Orientations are given by angles or a matrix, and become a quaternion.
+        # Orientations are stated by angles or a matrix, and become a quaternion.
         initial[name] = _rotation(value, where) if name == "rotation" else parse(value, where)
     return initial
 
@@ -86,7 +86,7 @@ def check_initial(
 def initial_names(component: Component) -> list[str]:
     """List the variables whose initial values a scene may give.
 
-    What a body in the tree moves along follows from the whole scene, so all of it is listed.
+    The motion space of a body in the tree depends on the whole scene, so all variables are listed.
     """
     return list(initial_units(component))
 
@@ -94,12 +94,12 @@ def initial_names(component: Component) -> list[str]:
 def initial_units(component: Component) -> dict[str, str]:
     """Return the units of the variables whose initial values a scene may give."""
     if component.geometry is not None:
-        return {}  # bodies are where their own initial values put them
+        return {}  # bodies are placed by their own initial values
     if component.role is Role.NETWORK:
         return _network_units(component)
     spaces = [component.motion_space]
     if component.role is Role.BODY:
-        # Names are the same for every plane; z stands for all of them.
+        # Names are the same for every plane; z represents all of them.
         spaces = [body_space(plane, is_particle=False) for plane in ("", "z")]
     steps = [step for space in spaces for step in space]
     units = {name: unit for step in steps for name, unit in (*step.coordinates, *step.rates)}
@@ -109,7 +109,7 @@ def initial_units(component: Component) -> dict[str, str]:
 
 
 def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """List initial values, those in a table of a port as ``port.name``."""
+    """List initial values; those in a table of a port as ``port.name``."""
     ports = {port.port for port in component.ports}
     for name, value in given.items():
         if name in ports and isinstance(value, Mapping):
@@ -121,13 +121,12 @@ def _by_port(component: Component, given: Mapping[str, Any]) -> Iterator[tuple[s
 def _network_units(component: Component) -> dict[str, str]:
     """Return the units of the variables of a scalar component that may be states.
 
-    A name that several ports have is that of the port before it: ``port.name``.
+    A name that several ports share is qualified by the port: ``port.name``.
     """
     found: list[tuple[str, str, str]] = []
     for port in component.ports:
         row, integral = DOMAINS[port.domain], integral_of(port)
-        # Whichever of these becomes a state depends on the tree, hence a scene may give any of
-        # them.
+        # The tree determines which of these become states, so a scene may state any of them.
         names = [(row.across_symbol, row.across_unit), (row.through_symbol, row.through_unit)]
         names += [(integral.name, integral.unit)] if integral else []
         names += [content] if (content := content_of(port)) else []
@@ -139,14 +138,14 @@ def _network_units(component: Component) -> dict[str, str]:
 
 
 def check_vector(value: object, where: str) -> tuple[Expression, ...]:
-    """Accept a list of three numbers or expressions."""
+    """Check a list of three numbers or expressions."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be a list of three numbers or expressions")
     return tuple(parse(item, f"component {'xyz'[i]} of {where}") for i, item in enumerate(value))
 
 
 def _in_si(value: Any, wanted: str, where: str) -> Any:
-    """Convert tables of a value and its unit, also in lists; all else stays as it is."""
+    """Convert tables of a value and its unit to SI, also in lists; other values are kept."""
     if is_list(value):
         return [_in_si(item, wanted, where) for item in value]
     if not isinstance(value, Mapping) or "unit" not in value:
@@ -181,7 +180,7 @@ def _check_field(row: Field, value: Any, where: str) -> FieldValue:
 def _inertia(value: object, where: str) -> FieldValue:
     if not is_list(value):
         scalar = parse(value, where)
-        # A single moment holds about every axis.
+        # A single moment applies to every axis.
         return (scalar, scalar, scalar)
     rows = _rows(value, where)
     if rows is None:
@@ -193,14 +192,14 @@ def _inertia(value: object, where: str) -> FieldValue:
 
 
 def _rotation(value: object, where: str) -> FieldValue:
-    """Accept roll, pitch and yaw, or three rows; numbers must be a rotation."""
+    """Check roll, pitch and yaw, or three rows; numbers must form a rotation matrix."""
     if not is_list(value) or len(value) != 3:
         raise SceneError(f"{where} must be three angles (roll, pitch, yaw) or three rows of three")
     rows = _rows(value, where)
     if rows is None:
         return check_vector(value, where)
     numbers = [[entry.number for entry in row] for row in rows]
-    # Orthogonality could not be kept while parameters change the entries.
+    # A matrix would not stay orthogonal when parameters change its entries.
     if any(entry is None for row in numbers for entry in row):
         raise SceneError(
             f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "
@@ -208,14 +207,14 @@ def _rotation(value: object, where: str) -> FieldValue:
         )
     if quaternion_of_matrix(numbers) is None:  # type: ignore[arg-type]
         raise SceneError(
-            f"{where} is no rotation: its rows must be perpendicular unit vectors with "
-            "determinant +1"
+            f"{where} is not a rotation matrix: its rows must be perpendicular unit vectors "
+            "with determinant +1"
         )
     return rows
 
 
 def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...] | None:
-    """Accept three rows of a matrix; None where the list has no rows."""
+    """Check three rows of a matrix; None if the list has no rows."""
     if len(value) != 3 or not all(map(is_list, value)):
         return None
     return tuple(check_vector(row, f"row {i} of {where}") for i, row in enumerate(value, 1))
@@ -223,14 +222,14 @@ def _rows(value: Sequence[Any], where: str) -> tuple[tuple[Expression, ...], ...
 
 @dataclass(frozen=True)
 class Input:
-    """A signal from outside: an expression of t and parameters, or a table over t.
+    """An input signal: an expression of t and parameters, or a table over t.
 
     Attributes
     ----------
     name : str
         Its name in expressions.
     value : Expression or Table
-        What it is where a run gives nothing else.
+        Its value unless a run gives another.
     unit, doc : str
         Its unit and meaning, for people.
     """
@@ -239,7 +238,7 @@ class Input:
     value: Expression | Table
     unit: str = ""
     doc: str = ""
-    given: tuple[Any, str] | None = None  # where it was given in a unit that is not of SI
+    given: tuple[Any, str] | None = None  # the original value and unit if the unit is not of SI
 
 
 def make_input(name: str, value: Any, unit: str, doc: str) -> Input:

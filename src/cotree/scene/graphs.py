@@ -1,10 +1,10 @@
-"""From a scene to its linear graphs, one for each domain, and their trees.
+"""The linear graphs of a scene, one for each domain, and their trees.
 
-A body in the tree gives absolute coordinates. Where joints, forces and gravity keep one line, it
-moves along that line; where they keep one plane, in that plane; a body without inertia that
-nothing turns is a particle; else it is free.
+A body in the tree gives absolute coordinates. If joints, forces and gravity keep one line, it moves
+along that line; if they keep one plane, in that plane; a body without inertia that nothing turns is
+a particle; otherwise it is free.
 
-Mostly they have the same branches. Where they differ a joint may be a branch of one graph and a
+Usually the trees have the same branches. If they differ, a joint may be a branch of one graph and a
 chord of the other: it then has the coordinates of the first and the constraints of the second.
 """
 
@@ -32,7 +32,7 @@ _PLANAR_NAMES = frozenset(
     for name, _ in (*step.coordinates, *step.rates)
 )
 
-# Components that can keep a line; joints that turn are absent, since whatever turns leaves it.
+# Components that can keep a line; revolute joints are absent, since turning bodies leave the line.
 _LINE_TYPES = frozenset(
     {"rigid_body", "arm", "weld", "prismatic", "spring", "damper", "force", "gear", "constraint"}
 )
@@ -42,15 +42,15 @@ _PLACES = {"x": 0, "y": 1, "z": 2}
 
 @dataclass(frozen=True)
 class MotionSpaces:
-    """Motion spaces by edge, and the plane that everything moves in."""
+    """Motion spaces by edge, and the common plane of motion."""
 
-    plane: str  # the plane's normal, ``x``, ``y`` or ``z``; empty where there is none
-    of: Mapping[str, tuple[MotionStep, ...]]  # the motion space of each edge, were it a branch
+    plane: str  # the plane's normal, ``x``, ``y`` or ``z``; empty: no common plane
+    of: Mapping[str, tuple[MotionStep, ...]]  # the motion space of each edge as a branch
 
 
 def motion_spaces(scene: SceneDescription) -> MotionSpaces:
     """Find the motion space of every edge of a scene."""
-    # A line is tried before a plane, since it leaves a body one coordinate in place of three.
+    # A line is tested before a plane: it leaves a body one coordinate instead of three.
     line = next((axis for axis in "xyz" if _keeps_line(scene, axis)), "")
     plane = next((normal for normal in PLANE_AXES if _keeps_plane(scene, normal)), "")
     found = {}
@@ -63,8 +63,8 @@ def motion_spaces(scene: SceneDescription) -> MotionSpaces:
 
 
 def _is_particle(scene: SceneDescription, body: Edge) -> bool:
-    """Whether nothing constrains or acts on the rotation of the body's node."""
-    # A body with inertia to rotation has an orientation.
+    """Return whether nothing constrains or acts on the rotation of the body's node."""
+    # A body with rotational inertia has an orientation.
     if "inertia" in body.fields:
         return False
     node = body.nodes[1]
@@ -77,20 +77,20 @@ def _is_particle(scene: SceneDescription, body: Edge) -> bool:
 
 
 def _needs_axes(edge: Edge) -> bool:
-    """Whether the edge has vectors in the axes of its first node."""
+    """Return whether the edge has vectors in the axes of its first node."""
     return any(edge.component.field(name).shape is Shape.VECTOR for name in edge.fields)  # type: ignore[union-attr]
 
 
 def _keeps_line(scene: SceneDescription, axis: str) -> bool:
-    """Whether guides, gravity and every edge keep the lines along an axis."""
+    """Return whether guides, gravity and every edge keep the lines along an axis."""
     n = _PLACES[axis]
     edges = scene.edges.values()
     kinds = {edge.component.name for edge in edges}
     guides = [edge for edge in edges if edge.component.name == "prismatic"]
-    # Without a guide, motion along one line would be a coincidence of the initial values.
+    # Without a guide, motion along one line would depend on the initial values.
     if not guides or not kinds <= _LINE_TYPES or not _is_normal(scene.gravity, n):
         return False
-    # Initial values under other names say that the body is meant to move otherwise.
+    # Initial values of other coordinates mean that the body moves in other directions, too.
     names = {axis, f"{axis}_dot"}
     for edge in edges:
         if edge.component.role is Role.BODY and not edge.initial.keys() <= names:
@@ -100,25 +100,25 @@ def _keeps_line(scene: SceneDescription, axis: str) -> bool:
             if isinstance(value, tuple) and not _is_normal(_vector(edge, name), n):
                 return False
         is_line = edge.component.role is Role.LINE
-        # An element along the line of its nodes pulls off the axis where the lines of the nodes
-        # differ.
+        # The force of an element along the line of its nodes leaves the axis if the nodes are on
+        # different lines.
         if "rotation" in edge.fields or (is_line and "axis" not in edge.fields):
             return False
     return True
 
 
 def _keeps_plane(scene: SceneDescription, normal: str) -> bool:
-    """Whether gravity and every edge keep the plane of a normal."""
+    """Return whether gravity and every edge keep the plane of a normal."""
     n = _PLACES[normal]
     return _is_within(scene.gravity, n) and all(_keeps(edge, n) for edge in scene.edges.values())
 
 
 def _keeps(edge: Edge, n: int) -> bool:
-    """Whether an edge moves and pulls its nodes within the plane only."""
+    """Return whether an edge moves its nodes, and exerts forces, within the plane only."""
     if edge.component.keeps_plane is None:
         return False
     if edge.component.role is Role.BODY and not edge.initial.keys() <= _PLANAR_NAMES:
-        return False  # it starts out of the plane, or is told of as free
+        return False  # it starts out of the plane, or has initial values of a free body
     for name in edge.component.keeps_plane.along:
         if name in edge.fields and not _is_normal(_vector(edge, name), n):
             return False
@@ -129,19 +129,19 @@ def _keeps(edge: Edge, n: int) -> bool:
 
 
 def _is_turned_within(edge: Edge, n: int) -> bool:
-    """Whether the rotation of an arm is about the normal."""
+    """Return whether the rotation of an arm is about the normal."""
     if "rotation" not in edge.fields:
         return True
     rows = edge.fields["rotation"]
     if not isinstance(rows[0], tuple):  # type: ignore[index]
         return _is_normal(_vector(edge, "rotation"), n)
-    # A turn about axis n has zeros beside the diagonal in row and column n.
+    # A rotation about axis n has zeros off the diagonal in row and column n.
     entries = [rows[i][j] for i, j in _off_plane(n)]  # type: ignore[index]
     return all(entry.is_zero for entry in entries)
 
 
 def _is_inertia_within(edge: Edge, n: int) -> bool:
-    """Whether the normal is a principal axis of a body's inertia."""
+    """Return whether the normal is a principal axis of a body's inertia."""
     row = edge.component.field("inertia")
     if row is None or row.shape is not Shape.INERTIA or "inertia" not in edge.fields:
         return True
@@ -161,12 +161,12 @@ def _vector(edge: Edge, name: str) -> Sequence[Expression]:
 
 
 def _is_within(components: Sequence[Expression], n: int) -> bool:
-    # Zero for all values of the parameters: the motion space stays the same when they change.
+    # Zero for all values of the parameters: the motion space must not depend on them.
     return components[n].is_zero
 
 
 def _is_normal(components: Sequence[Expression], n: int) -> bool:
-    # Parallel to axis n, which is the normal of the plane or the direction of the line.
+    # Parallel to axis n: the normal of the plane, or the direction of the line.
     return all(c.is_zero for i, c in enumerate(components) if i != n)
 
 
@@ -177,7 +177,7 @@ _GRAPHS = ("translation", "rotation")
 class Trees:
     """The trees of the translation and of the rotation graph."""
 
-    #: Of graphs on the same nodes.
+    #: Tree of each graph; the graphs have the same nodes.
     translation: Tree
     rotation: Tree
 
@@ -187,23 +187,23 @@ class Trees:
 
     @cached_property
     def is_one(self) -> bool:
-        """Whether both have the same branches."""
+        """Return whether both trees have the same branches."""
         first, second = self._branches
         return first == second
 
     @cached_property
     def branches(self) -> tuple[str, ...]:
-        """Names of the branches of either, in edge order."""
+        """Names of the branches of either tree, in edge order."""
         either = self._branches[0] | self._branches[1]
         return tuple(name for name in self.translation.graph.edge_names if name in either)
 
     def is_branch(self, name: str, rotates: bool) -> bool:
-        """Return whether an edge is a branch of the rotation tree, or of that of translation."""
-        # The pair is of translation and rotation, so that false and true are its places.
+        """Return whether an edge is a branch of the rotation or the translation tree."""
+        # The pair is (translation, rotation), so that booleans index it.
         return name in self._branches[rotates]
 
     def listed(self) -> str:
-        """List the branches, those of each tree where they differ."""
+        """Return the branches as text, by tree if the trees differ."""
         if self.is_one:
             return ", ".join(self.branches)
         return "; ".join(
@@ -213,13 +213,13 @@ class Trees:
 
 
 def check_coupled(scene: SceneDescription, trees: Trees) -> None:
-    """Refuse trees that separate a coupled translation and rotation."""
+    """Raise if the trees separate a coupled translation and rotation."""
     for name in trees.branches:
         edge = scene.edges[name]
         if not _is_coupled(edge):
             continue
-        # A part of the translation follows from the rotation of the same edge: one is no coordinate
-        # without the other.
+        # A part of the translation follows from the rotation of the same edge, and cannot be a
+        # coordinate without it.
         held = [d for d in _GRAPHS if trees.is_branch(name, d == "rotation")]
         if len(held) == 1:
             raise FormulationError(
@@ -229,24 +229,24 @@ def check_coupled(scene: SceneDescription, trees: Trees) -> None:
 
 
 def _is_coupled(edge: Edge) -> bool:
-    """Whether the edge's translation follows from its rotation."""
+    """Return whether the edge's translation follows from its rotation."""
     if edge.component.role is Role.ARM:
         return True
-    # The pitch of a screw ties its translation to its angle.
+    # The pitch of a screw couples its translation to its angle.
     return any(isinstance(s, Freedom) and s.pitch for s in edge.component.motion_space)
 
 
-# Bodies up to which a scene is counted in absolute coordinates too.
+# The largest number of bodies for which absolute coordinates are counted, too.
 _FEW_OPEN, _FEW_CLOSED = 3, 8
 
-#: A user's choice of the tree: none, the branches of every graph, or those of each graph.
+#: A user's choice of the tree: none, the branches of all graphs, or those of each graph.
 TreeChoice = Sequence[str] | Mapping[str, Sequence[str]] | None
 
 
 def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
     """Form the linear graphs of the multibody part of a scene, on the same nodes."""
-    # Each graph has all nodes of the scene, also those that none of its edges reaches: a floating
-    # node is then found when the tree is chosen.
+    # Each graph has all nodes of the scene, also those without an edge in it: a floating node is
+    # then found when the tree is chosen.
     graphs = {}
     for domain, row in DOMAINS.items():
         if row.is_scalar:
@@ -263,10 +263,10 @@ def linear_graphs(scene: SceneDescription) -> dict[str, LinearGraph]:
 def choose_trees(
     scene: SceneDescription, graphs: Mapping[str, LinearGraph], choice: TreeChoice
 ) -> dict[str, Tree]:
-    """Choose the tree of every graph, or make those that the user names.
+    """Choose the tree of every graph, or check those of the user.
 
-    Without a choice these are the branches that add least to the equations. Raises TopologyError if
-    a node is floating, or the named edges are not a tree.
+    By default the branches are those that add the fewest equations. Raises TopologyError if a node
+    is floating, or the named edges are not a tree.
     """
     if isinstance(choice, Mapping):
         for domain in choice:
@@ -304,19 +304,19 @@ def _weights(
         if component.tree_weight is not None:
             # Each direction of motion of a branch adds one equation.
             weights[name] = float(sum(len(step.rates) for step in spaces[name]))
-            # Lighter than a joint of one freedom, heavier than an arm, which adds no coordinate.
+            # Between an arm, which adds no coordinate, and a joint of one degree of freedom.
             if component.role is Role.BODY and prefers_bodies:
                 weights[name] = 0.5
             elif component.role is Role.BODY:
-                weights[name] += 0.5  # a joint of the same freedom comes first
+                weights[name] += 0.5  # a joint of as many degrees of freedom comes first
     return weights
 
 
 def candidate_trees(scene: SceneDescription) -> list[Trees]:
-    """List the trees worth counting: of the joints, with different cuts, and of the bodies.
+    """List the trees worth counting: of joints, with different cuts, and of bodies.
 
     Open chains of many bodies are not counted in absolute coordinates: each joint would add up to
-    six equations that the joints' tree has not.
+    six equations that the tree of joints avoids.
     """
     joints = joint_branches(scene)
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
@@ -324,7 +324,7 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
         scene.edges[name].component.role in (Role.JOINT, Role.CONSTRAINT)
         for name in joints.translation.chords
     )
-    # Counting itself forms the equations for each candidate, which takes time.
+    # Counting forms the equations of each candidate, which takes time.
     if n_bodies > (_FEW_OPEN if is_open else _FEW_CLOSED):
         return [joints]
     graphs = linear_graphs(scene)
@@ -339,11 +339,11 @@ def candidate_trees(scene: SceneDescription) -> list[Trees]:
 
 
 def separate_trees(scene: SceneDescription) -> list[Trees]:
-    """List pairs of different trees for translation and rotation, counted beside the others.
+    """List pairs of different trees for translation and rotation, to be counted, too.
 
-    In a plane: positions along the joints, angles of the bodies themselves, so that no angle
-    depends on those before it. Where joints that hold a rotation close a loop, or many bodies
-    make the counting long, there are none.
+    In a plane: positions along the joints, and absolute angles of the bodies, so that no angle
+    depends on those before it. There are none if joints that hold a rotation close a loop, or if
+    there are too many bodies to count.
     """
     n_bodies = sum(edge.component.role is Role.BODY for edge in scene.edges.values())
     if n_bodies > _FEW_CLOSED or not motion_spaces(scene).plane:
@@ -367,43 +367,42 @@ def _turns(steps: Sequence[MotionStep]) -> bool:
 
 
 def _tree_of_angles(scene: SceneDescription, graph: LinearGraph, translation: Tree) -> Tree:
-    """Return the rotation tree of edges that hold angles, with a body for each part that turns."""
+    """Return the rotation tree of edges that hold angles, with one body of each rigid part."""
     spaces = motion_spaces(scene).of
     order = {step.child: i for i, step in enumerate(tree_walk(translation))}
     weights = {}
     for name in graph.edge_names:
         component = scene.edges[name].component
         if component.role is Role.BODY:
-            # Of the bodies that turn together that which the translation tree reaches first.
+            # Of the bodies that turn together, the first one in the translation tree.
             weights[name] = 0.5 + 0.4 * order[scene.edges[name].nodes[1]] / len(order)
         elif component.tree_weight is not None:
-            # Edges that hold the angle weigh least and are branches; joints that turn weigh most,
-            # so that bodies take their place.
+            # Edges that hold the angle weigh least and become branches; revolute joints weigh most,
+            # so that bodies replace them.
             weights[name] = 1.0 if _turns(spaces[name]) else 0.1 * bool(spaces[name])
     return select_tree(graph, weights)
 
 
 def _shallow_tree(scene: SceneDescription, graphs: Mapping[str, LinearGraph]) -> Trees:
-    """Return the tree of joints that cuts loops far from the ground: its paths are short."""
+    """Return the tree of joints with short paths to the ground, which cuts loops far from it."""
     trees = {}
     for domain, graph in graphs.items():
         weights = _weights(scene, graph)
-        # Breadth first: the depth of a node is the number of edges on its shortest way to the
-        # ground.
+        # Breadth first: the depth of a node is its distance from the ground, in edges.
         depth = {"ground": 0}
         rest = [
             graph.edge(name)
             for name in weights
             if scene.edges[name].component.role is not Role.BODY
         ]
-        # Edges with exactly one end that was reached lead to the next level.
+        # Edges with exactly one reached end lead to the next level.
         while reached := [e for e in rest if (e.tail in depth) != (e.head in depth)]:
             level = max(depth.values()) + 1
             depth |= {
                 node: level for e in reached for node in (e.tail, e.head) if node not in depth
             }
         far = {e.name: min(depth.get(e.tail, 0), depth.get(e.head, 0)) for e in rest}
-        # A share that never outweighs a direction of motion.
+        # Too small to outweigh a direction of motion.
         share = 0.4 / (1 + max(far.values(), default=0))
         trees[domain] = select_tree(
             graph, {name: weight + share * far.get(name, 0) for name, weight in weights.items()}
@@ -422,13 +421,13 @@ def _check_branches(scene: SceneDescription, names: Sequence[str]) -> None:
 
 
 def joint_tree(scene: SceneDescription, trees: Mapping[str, Tree]) -> Trees:
-    """Return the trees that coordinates are formed from."""
+    """Return the trees that define the coordinates."""
     pair = Trees(trees["translation"], trees["rotation"])
     check_coupled(scene, pair)
     return pair
 
 
 def joint_branches(scene: SceneDescription) -> Trees:
-    """Return the trees that reach bodies by joints and arms wherever there are any."""
+    """Return the trees that prefer joints and arms to bodies."""
     graphs = linear_graphs(scene)
     return joint_tree(scene, choose_trees(scene, graphs, None))

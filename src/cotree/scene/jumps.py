@@ -1,14 +1,15 @@
 """Rewriting of state-dependent jumps inside expressions as modes and events.
 
-In: a scene whose fields hold ``sign``, ``floor``, ``mod`` or comparisons of what moves. Out: an
-equivalent scene with a mode in place of each, and with the events that change it, so that one
-mechanism locates every jump, restarts the integration there and lets sensitivities jump.
+In: a scene whose fields contain ``sign``, ``floor``, ``mod`` or comparisons of variables. Out: an
+equivalent scene with a mode for each of them, and with the events that change it, so that one
+mechanism locates every jump, restarts the integration there and applies the jumps of the
+sensitivities.
 
-Each step then stays on the branch that it began on, however far it reaches. Conditions of time and
-parameters alone that are piecewise linear in time are left as they are: their times are known
-before a run, see :mod:`cotree.dag.switching_times`. So are expressions with a corner but no jump,
-such as ``v*sign(v)``, where both values are proved to agree: sensitivities of states are continuous
-there, and :mod:`cotree.program.surfaces` locates corners without modes.
+Each step is then evaluated on the branch on which it begins. Conditions of time and parameters
+alone that are piecewise linear in time are kept: their times are known before a run, see
+:mod:`cotree.dag.switching_times`. So are expressions with a kink but no jump, such as
+``v*sign(v)``, if both values are proved to agree: sensitivities of states are continuous there, and
+:mod:`cotree.program.surfaces` locates kinks without modes.
 """
 
 from __future__ import annotations
@@ -46,18 +47,18 @@ from cotree.scene.expressions import (
 if TYPE_CHECKING:
     from cotree.scene.description import Edge, SceneDescription
 
-# A longer text makes no name that a reader takes in.
+# A longer text is not legible as a name.
 _LONGEST_NAME = 60
 
-#: Functions that jump; ``mod`` jumps where the floor in it does.
+#: Functions that jump; ``mod`` jumps with the floor in it.
 _JUMPING = ("sign", "floor", "mod", "where")
 
 
 def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -> SceneDescription:
     """Replace state-dependent jumps by modes and events; without jumps, return the scene itself.
 
-    A user's force element whose law jumps is refused if sensitivities are wanted, which would not
-    jump, and so is a storage whose content jumps.
+    A force element whose registered law jumps raises an error if sensitivities are wanted, since
+    they would not jump, and so does a storage whose content jumps.
     """
     for edge in scene.edges.values():
         check_contents(scene, edge)
@@ -71,9 +72,9 @@ def lower_discontinuities(scene: SceneDescription, *, has_sensitivities: bool) -
 
 
 def jump_values(scene: SceneDescription) -> dict[str, Expression]:
-    """Return the values of the modes that stand for jumps, as expressions without such modes."""
+    """Return the values of the modes that represent jumps, as expressions without such modes."""
     found: dict[str, Expression] = {}
-    # A mode comes after those of jumps within its own.
+    # A mode follows those of the jumps within it.
     for name, mode in lower_discontinuities(scene, has_sensitivities=False).modes.items():
         if mode.is_jump:
             found[name] = mode.initial.map_names(
@@ -83,13 +84,13 @@ def jump_values(scene: SceneDescription) -> dict[str, Expression]:
 
 
 def _may_jump(expression: Expression) -> bool:
-    """Return from the text whether anything in an expression might jump."""
-    # A comparison stands within a ``where`` only, so that these names tell of all jumps.
+    """Return from the text whether an expression may jump."""
+    # Comparisons occur only within ``where``, so that these names reveal all jumps.
     return any(f"{name}(" in expression.text.replace(" ", "") for name in _JUMPING)
 
 
 def _acting(scene: SceneDescription) -> list[Expression]:
-    """List the expressions that act, or may act, on the motion."""
+    """List the expressions that affect, or may affect, the motion."""
     found = [*scene.outputs.values(), *(event.when for event in scene.events.values())]
     for edge in scene.edges.values():
         found += _of_edge(edge)
@@ -102,13 +103,13 @@ def _of_edge(edge: Edge) -> list[Expression]:
 
 
 class _Rewriting:
-    """One scene that is being rewritten."""
+    """The rewriting of one scene."""
 
     def __init__(self, scene: SceneDescription) -> None:
         self._old = scene
         self._modes: dict[str, Mode] = {}
         self._events: dict[str, Event] = {}
-        #: The mode of each text: what reads the same is the same.
+        #: The mode of each text: equal texts share it.
         self._known: dict[str, str] = {}
         self.scene = copy.copy(scene)
         self.scene.edges = {name: self._edge(edge) for name, edge in scene.edges.items()}
@@ -116,18 +117,18 @@ class _Rewriting:
             name: replace(event, when=self._expression(event.when, is_watched=True))
             for name, event in scene.events.items()
         }
-        # Outputs that nothing acts on may jump as they are: no state notices.
+        # Outputs that do not affect the motion may jump unchanged: no state depends on them.
         used = self._used()
         self.scene.outputs = {
             name: self._expression(item) if name in used else item
             for name, item in scene.outputs.items()
         }
         self.scene.modes = {**scene.modes, **self._modes}
-        # What changes a mode comes before what may look at it.
+        # Events that change a mode come before those that may depend on it.
         self.scene.events = {**self._events, **events}
 
     def _used(self) -> set[str]:
-        """List the outputs that fields and events are made of."""
+        """List the outputs on which fields and events depend."""
         outputs = self._old.outputs
         read = [item.names for edge in self._old.edges.values() for item in _of_edge(edge)]
         read += [event.when.names for event in self._old.events.values()]
@@ -141,7 +142,7 @@ class _Rewriting:
         return found
 
     def _edge(self, edge: Edge) -> Edge:
-        # Constant fields depend on parameters only, and nothing of theirs jumps during a run.
+        # Constant fields depend on parameters only and do not jump during a run.
         constant = {field.name for field in edge.component.fields if field.constant}
         stored = {
             name for port in edge.component.ports if (law := port.content) for name in law.arguments
@@ -168,11 +169,11 @@ class _Rewriting:
     def _expression(
         self, expression: Expression, *, is_watched: bool = False, is_stored: bool = False
     ) -> Expression:
-        """Write an expression anew.
+        """Rewrite an expression.
 
-        The condition of an event may jump at known times and then stays as it is, since it is
-        evaluated at those times. A corner in the content of a storage is a jump of its capacity,
-        which becomes an event like others.
+        The condition of an event may jump at known times and is then kept, since it is evaluated at
+        those times. A kink in the content of a storage is a jump of its capacity, which becomes an
+        event like others.
         """
         if not _may_jump(expression) or (is_watched and not self._moves(expression.names)):
             return expression
@@ -187,11 +188,11 @@ class _Rewriting:
         return replace(expression, tree=tree, names=names_in(tree))
 
     def _moves(self, names: frozenset[str]) -> bool:
-        """Return whether anything but time and parameters is among some names."""
+        """Return whether some names include variables other than time and parameters."""
         return any(name not in self._old.parameters and name not in ("t", "pi") for name in names)
 
     def is_located(self, *looked_at: ast.expr) -> bool:
-        """Return whether jumps at some values happen at times that are not known in advance."""
+        """Return whether jumps at zeros of some values have times that are unknown before a run."""
         names = frozenset(name for tree in looked_at for name in names_in(tree))
         if self._moves(names):
             return True
@@ -222,7 +223,7 @@ class _Rewriting:
         where: str,
         rows: tuple[tuple[int, ast.expr, ast.expr], ...],
     ) -> ast.expr:
-        """Return the mode that stands for a call.
+        """Return the mode that represents a call.
 
         Parameters
         ----------
@@ -236,7 +237,7 @@ class _Rewriting:
             Of each event: its direction, what it looks at, and what the mode becomes. The mode
             itself is the name "".
         """
-        # What reads the same jumps at the same times: one mode and its events serve all of it.
+        # Equal texts jump at the same times: one mode and its events serve all of them.
         if text not in self._known:
             name = self._new_name(text)
             self._known[text] = name
@@ -269,7 +270,7 @@ class _Tree:
         self._scene, self._where, self._kept = scene, where, kept
 
     def rewritten(self, tree: ast.expr) -> ast.expr:
-        """Return a copy with modes in the place of jumps."""
+        """Return a copy with modes in place of jumps."""
         return map_tree(tree, self._change)
 
     def _change(self, node: ast.expr) -> ast.expr | None:
@@ -315,11 +316,11 @@ class _Tree:
         return self._scene.mode(ast.unparse(call), call, self._where, (up, down))
 
     def _compare(self, node: ast.Compare) -> ast.expr:
-        """Replace each comparison by a mode, which is one where it holds, else zero."""
+        """Replace each comparison by a mode: one if it is true, else zero."""
         sides = [self.rewritten(side) for side in (node.left, *node.comparators)]
         if id(node) in self._kept:
             return ast.Compare(sides[0], node.ops, sides[1:])
-        # A chain of comparisons is their conjunction, each with a mode of its own.
+        # A chain of comparisons is their conjunction, with a mode for each.
         parts = [
             self._comparison(ast.Compare(a, [op], [b]))
             for a, op, b in zip(sides[:-1], node.ops, sides[1:], strict=True)
@@ -333,8 +334,8 @@ class _Tree:
         if not self._scene.is_located(excess):
             return node
         rows = ((1, excess, ast.Constant(1.0)), (-1, excess, ast.Constant(0.0)))
-        # Its value at the start is that of a conditional; the name is the comparison itself.
+        # Its initial value is that of a conditional; its name is the comparison itself.
         conditional = fill("where(a, 1.0, 0.0)", node)
         mode = self._scene.mode(ast.unparse(node), conditional, self._where, rows)
-        # The mode is one or zero exactly; a half is the threshold furthest from both.
+        # The mode is exactly one or zero; a half is the threshold farthest from both.
         return fill("a > 0.5", mode)

@@ -91,9 +91,9 @@ class PartMethods:
 
 
 def template_of(scene: SceneDescription) -> SceneDescription:
-    """Copy a scene as something that parts are made of, which does not follow the original."""
+    """Return an independent copy of a scene as a template of parts."""
     made = SceneDescription(scene.name)
-    # A plain description: equal templates are equal whatever class the user's scene has.
+    # A plain description: equal templates are equal whatever the class of the user's scene is.
     made.__dict__.update(scene.copied().__dict__)
     return made
 
@@ -113,7 +113,7 @@ class TableMethods:
         beyond: str = "hold",
         doc: str = "",
     ) -> None:
-        """Declare a lookup table, which expressions that are stated later call as a function.
+        """Declare a lookup table, which later expressions may call as a function.
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
 """Scalar graphs of a scene: an edge for each port of its components.
 
-The law of a controlled source relates its own variable to a variable elsewhere. Where the rest of
-the network determines the first, as the current in series with an inductor, it determines the
+The law of a controlled source relates its own variable to a variable elsewhere. If the rest of the
+network determines the first, as the current in series with an inductor, the law determines the
 second: the controlling edge is a branch of the tree of across variables and a chord in that of
-through variables, and the source the opposite, as input and output of an ideal amplifier are.
+through variables, and the source the opposite, like the input and output of an ideal amplifier.
 """
 
 from __future__ import annotations
@@ -30,35 +30,35 @@ if TYPE_CHECKING:
 class Port:
     """An edge of a scalar graph: one port of a component."""
 
-    #: Name of the edge in the graph: the component's, with that of the port where it has several.
+    #: Name of the edge in the graph: the component's, with that of the port if it has several.
     name: str
     edge: Edge  # the component in the scene
     terminal: Terminal  # its terminal equation
-    ends: PortEnds  # its nodes, or what it acts on in a multibody system
+    ends: PortEnds  # its nodes, or the joint or line of a multibody system on which it acts
 
     @property
     def tail(self) -> str:
-        """The node where it begins."""
+        """The node at which it begins."""
         return self.ends.tail
 
     @property
     def head(self) -> str:
-        """The node where it ends, whose across variable is the greater."""
+        """The node at which it ends, which the across variable is positive at."""
         return self.ends.head
 
     @property
     def is_coupling(self) -> bool:
-        """Whether it acts on a multibody system in place of a scalar graph."""
+        """Return whether it acts on a multibody system instead of a scalar graph."""
         return bool(self.ends.acts_on)
 
     @property
     def is_short(self) -> bool:
-        """Whether its ends are one node: its across variable is zero, and no cutset contains it."""
+        """Return whether both ends are one node; its across variable is then zero."""
         return not self.is_coupling and self.tail == self.head
 
     @property
     def kind(self) -> Kind:
-        """Its place in the normal tree."""
+        """Its kind in the order of the normal tree."""
         return self.terminal.kind
 
     @property
@@ -71,24 +71,24 @@ class Port:
         return {key: v for key, v in given.items() if "." not in key} | named
 
     def sibling(self, port: str) -> str:
-        """Name another port of the same component, by its own name or its number."""
-        # Ports of reactions are numbered: one law serves every reaction of the same orders.
+        """Return another port of the same component, by its name or number."""
+        # Ports of reactions are numbered: one law serves all reactions of the same orders.
         if port.isdecimal():
             port = self.edge.component.ports[int(port)].port
         return port_name(self.edge, port)
 
 
 def port_name(edge: Edge, port: str) -> str:
-    """Name the edge of a component's port."""
+    """Return the name of the edge of a component's port."""
     return f"{edge.name}.{port}" if port else edge.name
 
 
 def scalar_ports(scene: SceneDescription) -> dict[str, Port]:
-    """List the edges of all scalar graphs by name."""
+    """Return the edges of all scalar graphs by name."""
     found = {}
     for edge in scene.edges.values():
         if edge.component.role is Role.NETWORK:
-            # Ports and ends stand in the same order, in which ``check_ports`` made them.
+            # Ports and ends are in the same order, in which ``check_ports`` made them.
             for terminal, ends in zip(edge.component.ports, edge.ports, strict=True):
                 name = port_name(edge, terminal.port)
                 found[name] = Port(name, edge, terminal, ends)
@@ -113,21 +113,21 @@ def scalar_graphs(ports: Mapping[str, Port]) -> dict[str, LinearGraph]:
     return graphs
 
 
-#: What a source gives, by its kind.
+#: The variable that a source prescribes, by its kind.
 GIVES = {Kind.ACROSS_SOURCE: "across", Kind.THROUGH_SOURCE: "through"}
 
-#: Kinds whose through variable may follow from the law of a source that it controls. That of a
-#: storage of through is a state, and that of a source of through is given.
+#: Kinds whose through variable may follow from the law of a source that it controls. The through
+#: variable of a storage of through is a state, and that of a source of through is given.
 _MEASURED_THROUGH = (Kind.ACROSS_SOURCE, Kind.ACROSS_STORAGE, Kind.DISSIPATOR)
 
 
 @dataclass(frozen=True)
 class Swap:
-    """A controlled source that may determine what controls it."""
+    """A controlled source whose law may determine its controlling variable."""
 
     source: Port
-    #: The edge of the controlling variable. An across variable of nodes, or of an edge with a law
-    #: of its own, is that of an open edge beside, which is in no other graph.
+    #: The edge of the controlling variable. If that is a difference of nodes, or belongs to an edge
+    #: with a law of its own, an open edge is added, which is in no other graph.
     control: Port
     #: The controlling variable: ``across`` or ``through``; empty for an ideal coupling, whose ports
     #: have laws for either.
@@ -135,15 +135,15 @@ class Swap:
 
     @property
     def name(self) -> str:
-        """Its name among those of edges."""
+        """Its name among the edges."""
         return f"{self.source.name}|{self.control.name}"
 
 
 def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
-    """List the swaps that there are: of each source with each variable in its law.
+    """List the possible swaps: of each source with each variable in its law.
 
-    Beside controlled sources the ports of an ideal coupling may be swapped too: each of its two
-    laws may determine a variable of the same port.
+    The ports of an ideal coupling may be swapped, too: each of its two laws may determine a
+    variable of the same port.
     """
     controlled = {
         name: variables
@@ -159,7 +159,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
                 if other is None or other.kind is not Kind.THROUGH_SOURCE or not _is_meter(other):
                     other = _open(ports[name], tail, head, measured)
                 found.append(Swap(ports[name], other, quantity))
-            # A controlled source cannot determine a variable of its own besides.
+            # A controlled source cannot also determine a variable of its own.
             elif other is not None and other.kind in _MEASURED_THROUGH:
                 found += [] if measured in controlled else [Swap(ports[name], other, quantity)]
     active = {swap.source.terminal.domain for swap in found}
@@ -176,7 +176,7 @@ def swaps_of(ports: Mapping[str, Port]) -> tuple[Swap, ...]:
 
 
 def _is_single(port: Port, ports: Mapping[str, Port]) -> bool:
-    """Return whether a port is a source, and the only one of its component but for meters."""
+    """Return whether a port is a source, and the only one of its component apart from meters."""
     others = [ports[port.sibling(row.port)] for row in port.edge.component.ports]
     is_source = port.kind in GIVES and not _is_meter(port)
     return is_source and all(_is_meter(p) for p in others if p is not port)
@@ -212,7 +212,7 @@ def _in_field(
             yield from _of_port(quantity, own[0], domain)
         elif not own and symbol == row.across_symbol and first in nodes:
             potentials.append(name)
-    # Where only the difference of two potentials counts, that is the variable.
+    # If only the difference of two potentials matters, that is the variable.
     for name in potentials:
         first = name.rpartition(".")[0]
         others = [o for o in potentials if o != name and _is_of_difference(field, name, o)]
@@ -225,14 +225,14 @@ def _in_field(
 
 
 def _is_of_difference(field: Expression, first: str, second: str) -> bool:
-    """Return whether an expression keeps its value where two names in it grow by the same."""
+    """Return whether an expression depends on two names only by their difference."""
     dag = Dag()
     symbols = {name: dag.symbol("name", i) for i, name in enumerate(field.names)}
     try:
         node = field.lower(dag, symbols.__getitem__)
         (rate,) = tangents([node], {symbols[first]: dag.one, symbols[second]: dag.one})
     except (Error, ArithmeticError):
-        return False  # what is wrong with it is told where it is formed
+        return False  # errors are reported when the law is formed
     return rate.is_zero
 
 
@@ -242,7 +242,7 @@ def _of_port(quantity: str, port: Port, domain: str) -> Iterator[tuple[str, str,
 
 
 def _is_meter(port: Port) -> bool:
-    """Whether a port measures a variable and does nothing else: its other variable is zero."""
+    """Return whether a port only measures a variable: its other variable is zero."""
     law = getattr(port.terminal, GIVES[port.kind]) if port.kind in GIVES else None
     return law is not None and law.expression == 0
 

@@ -1,24 +1,24 @@
 """Normal trees of the scalar graphs of a scene.
 
 A tree with one port of each transformer is a common forest of its graph and of another in which
-these ports are parallel. In graphs with ideal amplifiers the other is that of through variables.
-A controlled source may determine what controls it; then the controlling edge is a branch of the
-tree of across variables and the source one of the other, as input and output of an amplifier.
-Other conditions have no such graph: that both ports of a gyrator are branches or neither is, and
-those of transformers beside amplifiers. They are left free at first; where the best choice violates
-one of them, each of its options is tried.
+these ports are parallel. In graphs with ideal amplifiers the other graph is that of through
+variables. A controlled source may determine its controlling variable; the controlling edge is then
+a branch of the tree of across variables and the source one of the other, like input and output of
+an amplifier. Other conditions have no such graph: that both ports of a gyrator are branches or
+neither is, and those of transformers in graphs with amplifiers. They are ignored at first; if the
+best choice violates one of them, each of its options is tried.
 
-The normal tree takes across sources first, then across storages, dissipators and through
-storages, never through sources, so that states are across variables of its storages and through
-variables of the cotree's (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical
-Systems, 1967). Of the two ports of a transformer one is a branch and the other a chord; of a
-gyrator both are one or the other. Circuits of a graph with ideal amplifiers follow a tree with
-their inputs, cutsets one with their outputs; all else is in both or in none, but for controlled
-sources that determine what controls them (:mod:`cotree.scene.networks`).
+The normal tree takes across sources first, then across storages, dissipators and through storages,
+never through sources, so that states are across variables of its storages and through variables of
+those of the cotree (H. E. Koenig, Y. Tokad, H. K. Kesavan, Analysis of Discrete Physical Systems,
+1967). Of the two ports of a transformer one is a branch and the other a chord; of a gyrator both
+are one or the other. In a graph with ideal amplifiers, f-circuits use a tree with their inputs,
+f-cutsets one with their outputs; other edges are in both or in none, except controlled sources that
+determine their controlling variable (:mod:`cotree.scene.networks`).
 
-A network of sources, positive resistances, storages, transformers and gyrators with one solution
-has such a tree: its determinant is a sum of squares, one for each choice of the other branches,
-and such a square vanishes unless ports can be added to them to make a tree (compare A.
+A network of sources, positive resistances, storages, transformers and gyrators with a unique
+solution has such a tree: its determinant is a sum of squares, one for each choice of the other
+branches, and such a square vanishes unless ports can be added to them to form a tree (compare A.
 Recski, Matroid Theory and its Applications, 1989).
 """
 
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
 
 
 #: States that a storage loses as a branch: across storages have theirs as branches, through
-#: storages and springs as chords. This goes before all other preferences.
+#: storages and springs as chords. The number of states takes precedence over all other preferences.
 EXCESS = {Kind.ACROSS_STORAGE: -1, Kind.THROUGH_STORAGE: 1, Kind.SPRING: 1}
 
 # Weights are multiples of a quarter, and less than sixteen.
 _UNIT, _MOST = 4, 64
 
-# A hundred gyrators tied to each other take a few thousand choices; the search has no bound.
+# A hundred coupled gyrators take a few thousand choices; the search itself has no bound.
 _MOST_TRIED = 20_000
 
 
@@ -58,7 +58,7 @@ _MOST_TRIED = 20_000
 class _Couple:
     """An ideal coupling: its ports, and which of them may be branches.
 
-    Two swaps of its ports follow these where each port may be a branch of one tree only.
+    Two swaps of its ports follow these if each port may be a branch of one tree only.
     """
 
     ports: tuple[str, ...]
@@ -68,7 +68,7 @@ class _Couple:
     def of(cls, ports: Sequence[Port], edges: Collection[str], swaps: Sequence[Swap]) -> _Couple:
         first, second = ports
         law = first.terminal.across
-        # A gyrator gives its across variable by the other's through variable.
+        # A gyrator's across variable follows from the through variable of its other port.
         is_gyrator = law is not None and any(a.startswith("through_") for a in law.arguments)
         options: tuple[tuple[bool, ...], ...]
         options = ((True, True), (False, False)) if is_gyrator else ((True, False), (False, True))
@@ -80,8 +80,8 @@ class _Couple:
                 (*none, True, False),
                 (*none, False, True),
             )
-        # What acts on a multibody system takes its motion as it is, and what is short-circuited
-        # is no edge of a graph: neither is a branch.
+        # A port that acts on a multibody system takes its motion as given, and a short-circuited
+        # one is no edge of a graph: neither is a branch.
         could = [port.name in edges for port in ports]
         return cls(
             (first.name, second.name, *own),
@@ -90,7 +90,7 @@ class _Couple:
 
     @property
     def is_one_of_two(self) -> bool:
-        """Whether it is a transformer either of whose ports may be the branch."""
+        """Return whether it is a transformer of which either port may be the branch."""
         return self.options == ((True, False), (False, True))
 
     def is_kept(self, branches: Collection[str]) -> bool:
@@ -100,7 +100,7 @@ class _Couple:
 
 @dataclass(frozen=True)
 class _Found:
-    """The best branches with some couplings left free."""
+    """The best branches if some couplings are ignored."""
 
     cost: int
     fixed: Mapping[str, bool]
@@ -109,14 +109,16 @@ class _Found:
 
 @dataclass(frozen=True)
 class CoupledTrees:
-    """The choice of branches of several graphs together."""
+    """The joint choice of branches of several graphs."""
 
     graphs: Sequence[LinearGraph]
     ports: Mapping[str, Port]  # their edges
-    ends: Mapping[str, tuple[str, str]]  # the nodes of each edge, of all graphs apart
+    ends: Mapping[str, tuple[str, str]]  # the nodes of each edge, distinct for each graph
     costs: Mapping[str, int]  # of each edge that may be a branch
     couples: tuple[_Couple, ...]  # the ideal couplings
-    swaps: Mapping[str, Swap]  # the controlled sources that may determine what controls them
+    swaps: Mapping[
+        str, Swap
+    ]  # the controlled sources that may determine their controlling variable
 
     @classmethod
     def of(
@@ -126,15 +128,15 @@ class CoupledTrees:
         weights: Mapping[str, float],
         swaps: Sequence[Swap] = (),
     ) -> CoupledTrees:
-        """Gather the edges of graphs whose trees must be chosen together.
+        """Collect the edges of graphs whose trees must be chosen together.
 
         ``weights`` order the edges as branches, infinite for edges that never are; ``swaps`` are
         the controlled sources that may determine what controls them.
         """
-        # The graphs share names of nodes; a prefix keeps their nodes apart in the common forest.
+        # The graphs share names of nodes; a prefix distinguishes them in the common forest.
         ends = {edge.name: _ends(ports[edge.name]) for graph in graphs for edge in graph.edges}
-        # So large that a swap outweighs all other preferences together, and one storage with a
-        # state all swaps.
+        # A swap outweighs all other preferences together, and a storage with a state outweighs all
+        # swaps.
         swapped = _MOST * (len(ends) + 1)
         excess = swapped * (len(swaps) + 1)
         costs = {
@@ -151,8 +153,8 @@ class CoupledTrees:
         return cls(graphs, ports, ends, costs, pairs, {swap.name: swap for swap in swaps})
 
     def select(self) -> frozenset[str]:
-        """Select the branches: first the fewest storages without a state of their own."""
-        # Couplings with one option leave nothing to choose.
+        """Select the branches with the fewest storages without a state."""
+        # Couplings with one option are decided.
         given = {
             name: row
             for couple in self.couples
@@ -167,11 +169,11 @@ class CoupledTrees:
                 "contradict a source: each needs feedback from its output to its input through "
                 "resistances or storages"
             )
-        # The least cost first: what keeps all couplings then is the best.
+        # In ascending order of cost, the first choice that satisfies all couplings is the best.
         order = count()
-        # Entries are the cost, the number of violated couplings, a number that orders equals, and
-        # the choice. Leaving couplings free only lowers the cost, hence the first valid choice is
-        # the best.
+        # Entries are the cost, the number of violated couplings, a number that orders equal
+        # entries, and the choice. Ignoring couplings only lowers the cost, so the first valid
+        # choice is the best.
         waiting: list[tuple[int, int, int, _Found]] = []
         made = [best] if best is not None else []
         while made or waiting:
@@ -185,14 +187,15 @@ class CoupledTrees:
             if next(order) > _MOST_TRIED:
                 names = dict.fromkeys(self.ports[couple.ports[0]].edge.name for couple in broken)
                 raise TopologyError(
-                    f"the branches of {listed(names)} take too long to choose: more gyrators are "
-                    "tied to each other than can be tried; put a resistance or a storage between"
+                    f"the branches of {listed(names)} take too long to choose: too many "
+                    "gyrators are connected to each other; put a resistance or a storage "
+                    "between them"
                 )
         names = dict.fromkeys(self.ports[couple.ports[0]].edge.name for couple in self.couples)
         raise TopologyError(
-            f"the ports of {listed(names)} cannot be one branch and one chord: they are tied to "
-            "sources or to each other so that their variables contradict or are undetermined; add "
-            "a resistance or a storage"
+            f"the ports of {listed(names)} cannot be one branch and one chord: sources or "
+            "other couplings contradict their variables, or leave them undetermined; add a "
+            "resistance or a storage"
         )
 
     def _broken(self, found: _Found) -> list[_Couple]:
@@ -200,7 +203,7 @@ class CoupledTrees:
         return [couple for couple in self.couples if not couple.is_kept(found.branches)]
 
     def _either_way(self, best: _Found, broken: Sequence[_Couple]) -> list[_Found]:
-        """Try the options of one of the couplings that are not kept."""
+        """Try the options of one of the violated couplings."""
         made: list[list[_Found]] = []
         for couple in broken:
             tried = [
@@ -210,7 +213,7 @@ class CoupledTrees:
             made.append([found for found in tried if found is not None])
             if len(made[-1]) < 2:  # no choice, or none at all
                 return made[-1]
-        # What costs most either way tells the most of where the best is.
+        # The coupling whose options cost most narrows the search most.
         return max(made, key=lambda pair: sorted(found.cost for found in pair))
 
     @cached_property
@@ -229,7 +232,7 @@ class CoupledTrees:
 
     @cached_property
     def _sources(self) -> dict[str, list[str]]:
-        """The sources of across that swaps are of: what puts each into every tree it must be in."""
+        """The across sources in swaps, each added to every tree that must contain it."""
         found: dict[str, list[str]] = {}
         for name, swap in self.swaps.items():
             for port in (swap.source, swap.control):
@@ -238,9 +241,9 @@ class CoupledTrees:
         return found
 
     def _relaxed(self, fixed: Mapping[str, bool]) -> _Found | None:
-        """Select branches with the ports of some couplings fixed; None where there are none.
+        """Select branches with the ports of some couplings fixed; None if impossible.
 
-        Transformers are kept as far as they can be, other couplings left free.
+        Transformers are satisfied as far as possible, other couplings ignored.
         """
         chosen = [name for name, is_branch in fixed.items() if is_branch]
         given = [n for n in self._of_kind(Kind.ACROSS_SOURCE) if n not in self._sources]
@@ -252,7 +255,7 @@ class CoupledTrees:
             and couple.ports[0] not in fixed
             and self._split.isdisjoint(couple.ports)
         ]
-        # Each edge apart but for what may not be branches together.
+        # Edges are independent unless they may not be branches together.
         ends = {
             n: pair if n in self._split else (f"{n}+", f"{n}-") for n, pair in self.ends.items()
         }
@@ -261,7 +264,7 @@ class CoupledTrees:
         kept = [name for name in branches if self._is_split(name)]
         try:
             # Contracted edges are branches already: the inputs of amplifiers in the tree of across
-            # variables, their outputs in that of through variables, given branches in both.
+            # variables, their outputs in that of through variables, prescribed branches in both.
             across = Contracted(
                 {**self.ends} | {name: _ends(swap.control) for name, swap in swaps},
                 [*self._inputs, *branches],
@@ -288,16 +291,15 @@ class CoupledTrees:
     def _open(
         self, across: Contracted, known: Collection[str], must: Sequence[Collection[str]]
     ) -> dict[str, int]:
-        """Return the costs of edges that may be branches; one of each set in ``must`` is one."""
+        """Return the costs of possible branches; exactly one of each set in ``must`` is chosen."""
         # A bonus larger than all costs together: one of each set is always chosen.
         bonus = 1 + sum(map(abs, self.costs.values()))
-        # A swap may stand for two sources of across: that which controls, and that which is
-        # controlled.
+        # A swap may involve two across sources: the controlling one, and the controlled one.
         counts = Counter(name for names in must for name in names)
         costs = {name: self.costs[name] - bonus * n for name, n in counts.items()}
         rest = [name for name in self.costs if name not in known and name not in costs]
-        # Ports displace only the heavier of a circuit: what is none of the lightest forest is
-        # none of the best.
+        # A port replaces only the heaviest edge of a circuit: edges outside the lightest forest are
+        # outside the best one.
         alone = set(across.lightest((n for n in rest if not self._is_split(n)), self.costs))
         return costs | {
             name: self.costs[name] for name in rest if self._is_split(name) or name in alone
@@ -308,29 +310,31 @@ class CoupledTrees:
 
 
 def _ends(port: Port) -> tuple[str, str]:
-    """Name the nodes of a port, of all graphs apart."""
+    """Return the nodes of a port, distinct for each graph."""
     return f"{port.terminal.domain}|{port.tail}", f"{port.terminal.domain}|{port.head}"
 
 
 #: Weight of edges that never become branches.
 _NEVER = float("inf")
 
-#: Largest difference of edges of one kind: less than that of kinds and of initial values.
+#: Largest difference between edges of one kind: less than that between kinds and by initial values.
 _AMONG_LIKE = 0.2
 
 
 @dataclass(frozen=True)
 class NormalTree:
-    """The trees of f-circuits and of f-cutsets, which are one tree without ideal amplifiers."""
+    """The trees of f-circuits and of f-cutsets; they are equal without ideal amplifiers."""
 
     #: Of across and of through variables.
     across: Tree
     through: Tree
-    swaps: tuple[Swap, ...] = ()  # the controlled sources whose laws determine what controls them
+    swaps: tuple[
+        Swap, ...
+    ] = ()  # the controlled sources whose laws determine their controlling variables
 
     @property
     def is_split(self) -> bool:
-        """Whether they differ."""
+        """Return whether they differ."""
         return self.across is not self.through
 
 
@@ -350,12 +354,12 @@ def normal_trees(
                 _check_reached(graph, ports, weights, kind)
         trees = _trees(graphs, ports, weights)
     except TopologyError:
-        # A controlled source may determine what controls it where there is no tree otherwise.
+        # A controlled source may determine its controlling variable if there is no tree otherwise.
         swapped = _swapped(graphs, ports, weights)
         if swapped is None:
             raise
         return swapped
-    # Or a storage has its state by that only.
+    # Or if a storage gets a state only by this.
     if _are_tied(trees, ports):
         swapped = _swapped(graphs, ports, weights)
         if swapped is not None and _n_displaced(swapped, ports) < _n_displaced(trees, ports):
@@ -366,7 +370,7 @@ def normal_trees(
 def _swapped(
     graphs: Mapping[str, LinearGraph], ports: Mapping[str, Port], weights: Mapping[str, float]
 ) -> dict[str, NormalTree] | None:
-    """Choose the trees with swaps of controlled sources; None where there are none."""
+    """Choose the trees with swaps of controlled sources; None if there are none."""
     swaps = swaps_of(ports)
     try:
         return _trees(graphs, ports, weights, swaps) if swaps else None
@@ -380,7 +384,7 @@ def _n_displaced(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> 
 
 
 def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
-    """List the storages outside their own place in the normal tree."""
+    """List the storages that lose their state by their place in the tree."""
     branches = set(tree.across.branches)
     return [
         name
@@ -391,8 +395,8 @@ def _displaced(tree: NormalTree, ports: Mapping[str, Port]) -> list[str]:
 
 
 def _are_tied(trees: Mapping[str, NormalTree], ports: Mapping[str, Port]) -> bool:
-    """Whether a source is in the cutset or circuit of a storage without a state of its own."""
-    # Without such a source no swap gives a state: what else is there has been exchanged for it.
+    """Return whether a source is in the cutset or circuit of a storage without a state."""
+    # Without such a source no swap gives a state: other edges have been exchanged already.
     for tree in trees.values():
         for name in _displaced(tree, ports):
             if ports[name].kind is Kind.ACROSS_STORAGE:
@@ -421,8 +425,8 @@ def _trees(
     weights: Mapping[str, float],
     swaps: Sequence[Swap] = (),
 ) -> dict[str, NormalTree]:
-    """Choose the trees, with swaps of controlled sources or without."""
-    # Graphs that couplings connect have to be chosen together, all others by themselves.
+    """Choose the trees, with or without swaps of controlled sources."""
+    # Graphs connected by couplings are chosen together, others separately.
     tied = {p.terminal.domain for p in ports.values() if p.kind in (Kind.COUPLED, Kind.NULLATOR)}
     tied |= {swap.source.terminal.domain for swap in swaps}
     trees = {}
@@ -444,8 +448,8 @@ def _trees(
 def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str, float]:
     """Prefer, among edges of one kind, those near the reference.
 
-    Where nothing is stored, nonlinear unknowns are solved for all at once: a tree that is nowhere
-    deep has few of them along each f-circuit and beyond each branch.
+    Without storages, nonlinear unknowns are solved for all at once: a shallow tree has few of them
+    along each f-circuit and beyond each branch.
     """
     import networkx
 
@@ -464,7 +468,7 @@ def _nearest_first(graph: LinearGraph, weights: Mapping[str, float]) -> dict[str
 def _trees_of(
     graph: LinearGraph, ports: Mapping[str, Port], shared: Collection[str], swaps: Sequence[Swap]
 ) -> NormalTree:
-    """Make the trees of a graph from what they share."""
+    """Make the trees of a graph from the joint choice."""
     own = [s for s in swaps if s.name in shared and s.source.terminal.domain == graph.domain]
 
     def tree(graph: LinearGraph, kind: Kind, swapped: Collection[str]) -> Tree:
@@ -472,7 +476,7 @@ def _trees_of(
         both |= {name for name in graph.edge_names if name in ports and ports[name].kind is kind}
         return Tree(graph, tuple(name for name in graph.edge_names if name in both))
 
-    # Open edges are in the graph of across variables alone, as no through variable flows there.
+    # Open edges are in the graph of across variables only, since their through variable is zero.
     beside = tuple(
         GraphEdge(s.control.name, s.control.tail, s.control.head, "open")
         for s in own
@@ -486,20 +490,19 @@ def _trees_of(
 
 
 def _weight(port: Port) -> float:
-    """Weigh a port by its kind; among equal kinds a storage with an initial value is preferred."""
+    """Return the weight of a port by its kind; storages with an initial value are preferred."""
     if port.is_coupling:
         return _NEVER
     if port.kind.may_hold or port.kind in (Kind.THROUGH_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return _NEVER
-    # Ports of gyrators are no better branches than dissipators: a choice that gains nothing by
-    # them is found at once.
-    # The numbers of kinds are the order of branches: sources of across weigh least.
+    # Ports of gyrators weigh as much as dissipators: a useless choice of them is then found at
+    # once. Kinds are numbered in the order of branches: across sources weigh least.
     own = float((Kind.DISSIPATOR if port.kind is Kind.COUPLED else port.kind).value)
     row, initial = DOMAINS[port.terminal.domain], port.initial
     content = content_of(port.terminal)
     is_given = content is not None and content[0] in initial
-    # A branch keeps its across variable as a state, a chord its through variable: a storage with an
-    # initial value is preferred where it keeps the state that this value is of.
+    # The across variable of a branch is a state, the through variable of a chord: a storage with an
+    # initial value is preferred in the place that makes this variable its state.
     if port.kind is Kind.ACROSS_STORAGE and (is_given or row.across_symbol in initial):
         return own - 0.25  # a branch
     if port.kind is Kind.THROUGH_STORAGE and (is_given or row.through_symbol in initial):
@@ -511,31 +514,31 @@ def _weight(port: Port) -> float:
         # The stretch of a nonlinear one would be the unknown of an equation.
         is_linear = port.terminal.storage is not None
         return own + 0.25 * (row.stretch in initial) + 0.5 * (not is_linear)
-    # Unknowns of nonlinear equations are better the junctions' own voltages.
+    # The junctions' own voltages are the better unknowns of nonlinear equations.
     is_implicit = port.kind is Kind.DISSIPATOR and port.terminal.across is None
     return own - (0.25 if is_implicit else 0.0)
 
 
 def _check_short(port: Port) -> None:
-    """Refuse edges from a node to itself that nothing determines; all others are chords."""
+    """Raise if an edge from a node to itself is undetermined; all others of these are chords."""
     if not port.is_short or port.kind not in (Kind.ACROSS_SOURCE, Kind.NULLATOR, Kind.NORATOR):
         return
     row = DOMAINS[port.terminal.domain]
     if port.kind is Kind.ACROSS_SOURCE:
         why = f"a {row.across[0]} given there contradicts that or leaves the {row.through}"
     elif port.kind is Kind.NULLATOR:
-        why = "an ideal amplifier demands no more, which leaves its output"
+        why = "an ideal amplifier requires just that, which leaves its output"
     else:
-        why = f"an ideal amplifier that gives to itself leaves its {row.through}"
+        why = f"an ideal amplifier with its output at its own input leaves its {row.through}"
     raise TopologyError(
         f"'{port.name}' begins and ends at node '{port.head}': between a node and itself the "
-        f"{row.across[0]} is zero, and {why} undetermined; take it out or name another node"
+        f"{row.across[0]} is zero, and {why} undetermined; remove it or name another node"
     )
 
 
 def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: Kind) -> None:
-    """Refuse loops of across sources together with ports of ideal amplifiers of one kind."""
-    # Joining the ends of an edge fails if they are one part already: the edge closes a loop.
+    """Raise if across sources, with ports of ideal amplifiers of one kind, form loops."""
+    # Joining the ends of an edge fails if they are connected already: the edge closes a loop.
     parts, sources = Parts(graph.nodes), set[str]()
     for edge in graph.edges:
         if ports[edge.name].kind not in (Kind.ACROSS_SOURCE, kind):
@@ -554,12 +557,12 @@ def _check_across_sources(graph: LinearGraph, ports: Mapping[str, Port], kind: K
 def _check_reached(
     graph: LinearGraph, ports: Mapping[str, Port], weights: Mapping[str, float], kind: Kind
 ) -> None:
-    """Refuse parts that no edge connects to the ground, or no edge that may be a branch."""
+    """Raise if no edge, or no possible branch, connects some nodes to the ground."""
     everything = _reached(graph, graph.edge_names)
     if floating := [node for node in graph.nodes if node not in everything]:
         raise TopologyError(
-            f"the {graph.domain} part with the node {listed(floating)} floats: connect one of its "
-            f"nodes to 'ground', where its {DOMAINS[graph.domain].across[0]} is measured from"
+            f"the {graph.domain} part with the node {listed(floating)} floats: connect one of "
+            f"its nodes to 'ground', the reference of its {DOMAINS[graph.domain].across[0]}"
         )
     # Edges of infinite weight never become branches; without others no tree reaches these nodes.
     allowed = [n for n in graph.edge_names if weights[n] != _NEVER or ports[n].kind is kind]

@@ -14,28 +14,28 @@ if TYPE_CHECKING:
 _SHAPES = ("box", "cylinder", "capsule", "sphere", "mesh")
 
 _VECTORS = ("size", "xyz", "rpy")
-_LARGEST = 1e300  # of numbers, which drawings multiply
+_LARGEST = 1e300  # numbers that scale drawings
 _ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Visual:
-    """A shape fixed in a node, for drawings only."""
+    """A shape fixed to a node, for drawings only."""
 
     node: str  # the node that carries it
     shape: str  # ``box``, ``cylinder``, ``capsule``, ``sphere`` or ``mesh``
     #: Lengths along x, y, z of a box; radius, radius, length of a cylinder or capsule; the radius
-    #: of a sphere three times, [m]; factors of a mesh.
+    #: of a sphere three times, [m]; scale factors of a mesh.
     size: tuple[float, float, float]
-    file: str = ""  # name of a mesh's file as written. Only animations open it
-    #: Where it is in the node's axes, [m], and its roll, pitch and yaw, [rad].
+    file: str = ""  # file name of a mesh as written; only animations open it
+    #: Its position in the node's axes, [m], and its roll, pitch and yaw, [rad].
     xyz: tuple[float, float, float] = _ZERO
     rpy: tuple[float, float, float] = _ZERO
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Information in another tool's file besides the edges of a scene.
+    """Data of another tool's file besides the edges of a scene.
 
     Attributes
     ----------
@@ -56,10 +56,10 @@ class Origin:
 
 
 def origin_table(origin: Origin) -> dict[str, Any]:
-    """Make the table of an origin in a scene file: ``file``, ``notes``, ``names``, ``visuals``."""
+    """Return the table of an origin: ``file``, ``notes``, ``names``, ``visuals``."""
     names: dict[str, dict[str, str]] = {}
     for (kind, old), new in origin.names.items():
-        # TOML has no pairs as keys: tables by kind hold tables by old name.
+        # TOML keys cannot be pairs: tables by kind contain tables by old name.
         names.setdefault(kind, {})[old] = new
     table: dict[str, Any] = {"file": origin.file, "notes": list(origin.notes), "names": names}
     visuals = [
@@ -71,7 +71,7 @@ def origin_table(origin: Origin) -> dict[str, Any]:
 
 def read_origin(table: object, nodes: Collection[str]) -> Origin:
     """Check the table of an origin in a scene file."""
-    # The table may have been written by hand, or come with a scene from a stranger.
+    # The table may be written by hand, or come with a scene from an untrusted source.
     rows = _entries(table, Origin, "the origin")
     notes, names, visuals = rows.get("notes", []), rows.get("names", {}), rows.get("visuals", [])
     if not _is_list_of_texts(notes):
@@ -95,7 +95,7 @@ def _visual(table: object, number: int, nodes: Collection[str]) -> Visual:
     rows = _entries(table, Visual, where)
     node, shape, file = (_text(rows, key, where) for key in ("node", "shape", "file"))
     if node not in nodes:
-        raise SceneError(f"{where} is at node '{brief(node)}', which is none{nearest(node, nodes)}")
+        raise SceneError(f"{where} is at the unknown node '{brief(node)}'{nearest(node, nodes)}")
     check_known((shape,), _SHAPES, f"{where} has the unknown shape")
     size, xyz, rpy = (_three(rows.get(key, _ZERO), f"{key} of {where}") for key in _VECTORS)
     return Visual(node, shape, size, file, xyz, rpy)
@@ -112,7 +112,7 @@ def _entries(table: object, row: type, where: str) -> dict[str, Any]:
 def _text(rows: Mapping[str, Any], key: str, where: str) -> str:
     value = rows.get(key, "")
     if not isinstance(value, str):
-        raise SceneError(f"{key} of {where} must be a text")
+        raise SceneError(f"{key} of {where} must be a string")
     return value
 
 

@@ -1,7 +1,7 @@
 """Parameters of a scene: numbers, and those derived from other parameters by an expression.
 
-A derived parameter is no argument of the program. It becomes a node of those it is made of, so
-that derivatives along them pass through it as through any expression in a field.
+A derived parameter is not an argument of the program. It becomes a node of other parameters, so
+that derivatives along these pass through it as through any expression in a field.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Parameter:
 
     @property
     def is_derived(self) -> bool:
-        """Whether it follows from other parameters."""
+        """Return whether it follows from other parameters."""
         return isinstance(self.value, Expression)
 
     @property
@@ -65,7 +65,7 @@ class Parameter:
 
     @property
     def is_argument(self) -> bool:
-        """Whether a run may change it: a tunable one that is not derived."""
+        """Return whether a run may change it: a tunable one that is not derived."""
         return self.tunable and not self.is_derived
 
 
@@ -76,13 +76,13 @@ def make_parameter(
     what = f"parameter '{name}'"
     number = parse(value, what) if isinstance(value, str) else check_number(value, what)
     if isinstance(number, Expression) and number.number is not None:
-        raise ParameterError(f"{what} is a number in quotes, '{number.text}': leave them away")
+        raise ParameterError(f"{what} is a number in quotes, '{number.text}': remove the quotes")
     if not isinstance(tunable, bool):
         raise SceneError(f"tunable of {what} must be true or false")
     if isinstance(number, Expression) and not tunable:
         raise ParameterError(
-            f"{what} follows from others by '{number.text}', and is fixed where they are: leave "
-            "tunable away here, and say it of those"
+            f"{what} follows from others by '{number.text}': remove tunable here, and set it "
+            "for those"
         )
     text, doc = check_text(unit, f"unit of {what}"), check_text(doc, f"doc of {what}")
     own = check_unit(text, f"unit of {what}")
@@ -96,7 +96,7 @@ def make_parameter(
 
 
 def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
-    """Refuse a derived parameter that leads back to itself."""
+    """Raise if a derived parameter depends on itself."""
     uses = _uses(parameters, name)
     try:
         TopologicalSorter(uses).prepare()
@@ -104,12 +104,13 @@ def check_cycle(parameters: Mapping[str, Parameter], name: str) -> None:
         # The sorter lists each name before the one that uses it.
         way = list(reversed(error.args[1]))
         raise ParameterError(
-            f"parameter '{way[0]}' is made of itself: {' -> '.join(way)}; give one of them a number"
+            f"parameter '{way[0]}' depends on itself: {' -> '.join(way)}; give one of these a "
+            "number"
         ) from None
 
 
 def sources(parameters: Mapping[str, Parameter], name: str) -> tuple[str, ...]:
-    """List the parameters with numbers that a derived one follows from, in the scene's order."""
+    """List the parameters with numbers on which a derived one depends, in the scene's order."""
     reached = _uses(parameters, name)
     return tuple(n for n, row in parameters.items() if n in reached and not row.is_derived)
 
@@ -124,9 +125,7 @@ def parameter_nodes(
 
     def resolve(name: str) -> Node:
         if name not in found:
-            raise ExpressionError(
-                f"uses '{name}', which is no parameter{nearest(name, parameters)}"
-            )
+            raise ExpressionError(f"uses the unknown parameter '{name}'{nearest(name, parameters)}")
         return found[name]
 
     for name in in_order(parameters):
@@ -146,13 +145,13 @@ def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
 
 
 def in_order(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Sort parameters such that each comes after those it is made of."""
+    """Sort parameters such that each follows those that it depends on."""
     uses = {name: _own_uses(row) for name, row in parameters.items()}
     try:
         return [name for name in TopologicalSorter(uses).static_order() if name in parameters]
     except CycleError as error:
         check_cycle(parameters, error.args[1][0])
-        raise AssertionError("each name of a cycle leads back to itself") from None
+        raise AssertionError("the names of a cycle depend on each other") from None
 
 
 def _value(node: Node) -> float:
@@ -165,7 +164,7 @@ def _own_uses(row: Parameter) -> frozenset[str]:
 
 
 def _uses(parameters: Mapping[str, Parameter], name: str) -> dict[str, frozenset[str]]:
-    """List what a parameter is made of, and what that is made of in turn."""
+    """List the names on which a parameter depends, directly or indirectly."""
     found: dict[str, frozenset[str]] = {}
     waiting = [name]
     while waiting:

@@ -1,14 +1,15 @@
 """Parts of a scene: scenes within it, each once or as an array.
 
-In: the scene of a part, its name, and what its nodes, parameters and inputs are. Out: parameters,
-inputs, modes, edges, outputs and events, made by the same functions as those of any scene.
+In: the scene of a part, its name, and the bindings of its nodes, parameters and inputs. Out:
+parameters, inputs, modes, edges, outputs and events, made by the same functions as those of any
+scene.
 
-Names of nodes hold expressions in braces, ``n{i - 1}``; expressions hold the name itself,
-``R0*(1 + 0.1*i)``. Both are of the grammar of expressions, which nothing evaluates as Python.
+Names of nodes have expressions in braces, ``n{i - 1}``; expressions use the name itself, ``R0*(1 +
+0.1*i)``. Both follow the grammar of expressions, and are not evaluated as Python.
 
-A part is a statement: a scene, and what its nodes, parameters and inputs are in the outer scene.
-What it stands for are the declarations of that scene under the part's name, ``leg1.knee``, which
-the outer scene holds beside its own (`Rows`).
+A part is a statement: a scene, and the bindings of its nodes, parameters and inputs in the outer
+scene. It expands to the declarations of that scene under the part's name, ``leg1.knee``, which the
+outer scene stores beside its own (`Rows`).
 """
 
 from __future__ import annotations
@@ -39,17 +40,17 @@ if TYPE_CHECKING:
     from cotree.scene.origin import Origin
 
 
-#: Entries of tables in fields that hold words, and no expressions.
+#: Entries of tables in fields that are words, not expressions.
 _WORDS = frozenset({"unit", "interpolation", "beyond"})
-#: What counts a whole scene, and no part of it.
+#: Totals of a whole scene, which parts do not have.
 _OF_SCENES = ("energy.kinetic", "energy.potential")
 
 
 @dataclass(frozen=True)
 class Renaming:
-    """From names within a part to those of the outer scene."""
+    """Renaming of names within a part to those of the outer scene."""
 
-    prefix: str  # what names get, with its dot: ``leg1.``
+    prefix: str  # prefix of names, with its dot: ``leg1.``
     nodes: Mapping[str, str]  # nodes of the part that are nodes of the outer scene
     scene: SceneDescription  # the scene of the part
 
@@ -63,18 +64,17 @@ class Renaming:
             return name
         if name in _OF_SCENES and "energy" not in self.scene.edges:
             raise SceneError(
-                f"uses '{name}', which counts all of the outer scene and not the part: declare it "
-                "there"
+                f"uses '{name}', a total of the outer scene, not of the part: declare it there"
             )
         owner = name.rpartition(".")[0]
-        # A node may be one of a part within this part, and variables may have dots of their own.
+        # A node may belong to a part within this part, and variables may contain dots.
         while owner:
             if owner == "ground":
                 return name
             if owner in self.nodes:
                 if owner in self.scene.edges:
                     raise SceneError(
-                        f"uses '{name}', but '{owner}' is an edge and a node that is connected: "
+                        f"uses '{name}', but '{owner}' is both an edge and a connected node: "
                         "rename one of them"
                     )
                 return f"{self.nodes[owner]}{name[len(owner) :]}"
@@ -82,14 +82,14 @@ class Renaming:
         return f"{self.prefix}{name}"
 
     def text(self, text: str, where: str) -> str:
-        """Rename what an expression is made of."""
+        """Return an expression's text with names of the outer scene."""
         try:
             return ast.unparse(map_names(shared_tree(text), self.name))
         except SceneError as error:
             raise SceneError(f"{where} {error}") from None
 
     def expression(self, value: Expression, where: str) -> Expression:
-        """Rename what an expression is made of, and what it belongs to."""
+        """Return an expression with names of the outer scene, also in its description."""
         try:
             return value.map_names(self.name, where)
         except SceneError as error:
@@ -104,13 +104,13 @@ class Renaming:
         return [self.field(item, where) for item in value] if isinstance(value, list) else value
 
     def table(self, table: LookupTable) -> LookupTable:
-        """Make a table of the outer scene."""
+        """Return a table of the outer scene."""
         own = f"{self.prefix}{table.name}"
         values = tuple(self.expression(v, v.where) for v in table.values)
         return replace(table, name=own, values=values)
 
     def edge(self, edge: Edge) -> Edge:
-        """Make an edge of the outer scene."""
+        """Return an edge of the outer scene."""
         own = f"{self.prefix}{edge.name}"
         given = dict(edge.statement)
         type, nodes = given.pop("type"), given.pop("nodes", [])
@@ -130,7 +130,7 @@ class Renaming:
         return make_edge(own, type, [self.node(node) for node in nodes], first, fields)
 
     def event(self, event: Event) -> Event:
-        """Make an event of the outer scene."""
+        """Return an event of the outer scene."""
         own = f"{self.prefix}{event.name}"
         whose, restitution = f"event '{own}'", event.restitution
         return replace(
@@ -147,7 +147,7 @@ class Renaming:
         )
 
     def parameter(self, row: Parameter) -> Parameter:
-        """Make a parameter of the outer scene."""
+        """Return a parameter of the outer scene."""
         own = f"{self.prefix}{row.name}"
         if isinstance(row.value, Expression):
             value = self.expression(row.value, f"parameter '{own}'")
@@ -155,7 +155,7 @@ class Renaming:
         return replace(row, name=own)
 
     def input(self, row: Input) -> Input:
-        """Make an input of the outer scene."""
+        """Return an input of the outer scene."""
         own = f"{self.prefix}{row.name}"
         if isinstance(row.value, Expression):
             return replace(row, name=own, value=self.expression(row.value, f"input '{own}'"))
@@ -169,7 +169,7 @@ def _node_fields(edge: Edge) -> set[str]:
     ports = [port.port for port in component.ports if port.port]
     if HEAT in ports or len(ports) > 1:
         found |= set(ports)
-    # What sits on the line of two nodes lists them; a law may have a number of this name.
+    # Components along the line of two nodes list them; a law may have a number of this name.
     if any(len(ends.acts_on) == 2 for ends in edge.ports):
         found.add("line")
     # A reaction has its nodes in fields that its adapted component no longer has.
@@ -186,7 +186,7 @@ def _joint_fields(edge: Edge) -> set[str]:
 
 @dataclass
 class Rows:
-    """Declarations that parts bring to an outer scene, by table and name."""
+    """Declarations that parts add to an outer scene, by table and name."""
 
     #: As in a scene.
     tables: dict[str, LookupTable] = field(default_factory=dict)
@@ -228,7 +228,7 @@ class Rows:
         """Set a parameter of a part to a number or an expression."""
         row = self.parameters[name]
         value, unit = _with_unit(value, row.unit, f"parameter '{name}'")
-        # What follows from other parameters is fixed where they are.
+        # A parameter that follows from others is fixed with them.
         tunable = row.tunable or isinstance(value, str)
         made = make_parameter(name, value, unit, row.doc, tunable)
         _check_unit(made.unit, row.unit, f"parameter '{name}'")
@@ -237,8 +237,8 @@ class Rows:
     def bind_input(self, name: str, value: Any, scene: SceneDescription) -> None:
         """Set an input of a part to a number, a table or an expression of the outer scene.
 
-        What depends on more than parameters and time becomes an output of the same name, which
-        fields may name as they do inputs.
+        A value that depends on more than parameters and time becomes an output of the same name,
+        which fields may use like an input.
         """
         row = self.inputs.get(name) or Input(name, parse(0.0, ""))
         value, unit = _with_unit(value, row.unit, f"input '{name}'")
@@ -256,7 +256,7 @@ class Rows:
 
 
 def _with_unit(value: Any, own: str, what: str) -> tuple[Any, str]:
-    """Take the value and the unit of a table; a plain value is in the unit of the part, of SI."""
+    """Return value and unit of a table; a plain value is in the SI unit of the part's parameter."""
     if not isinstance(value, dict):
         return value, own
     if "value" not in value or not set(value) <= {"value", "unit"}:
@@ -266,21 +266,23 @@ def _with_unit(value: Any, own: str, what: str) -> tuple[Any, str]:
 
 def _check_unit(unit: str, own: str, what: str) -> None:
     if own and unit != own:
-        raise SceneError(f"{what} is in '{own}', which its value cannot be converted to")
+        raise SceneError(
+            f"{what} is in '{own}', to which the unit of its value cannot be converted"
+        )
 
 
 _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def in_name(text: str, index: Mapping[str, int], what: str) -> str:
-    """Replace the expressions in braces by numbers, from the values of the index."""
+    """Replace the expressions in braces of a name by numbers, for values of the index."""
     if "{" not in text:
         return text
     return _BRACES.sub(lambda match: str(_whole(match[1], index, what)), text)
 
 
 def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
-    """Put the numbers of a part into a value; what is then a number becomes one."""
+    """Substitute the values of the index; a constant result becomes a number."""
     if not index:
         return value
     if isinstance(value, dict):
@@ -291,7 +293,7 @@ def in_value(value: Any, index: Mapping[str, int], what: str) -> Any:
     given = parse(text, what)
     if not given.names & index.keys():
         return text
-    # A value that the index alone decides is a number, which runs may change.
+    # A value that depends on the index only is a number, which runs may change.
     if given.names <= {*index, "pi"}:
         return _number(text, index, what)
     trees = {name: ast.Constant(number) for name, number in index.items()}
@@ -312,8 +314,8 @@ def _number(text: str, index: Mapping[str, int], what: str) -> float:
 
     def resolve(name: str) -> Node:
         if name not in index:
-            known = ", ".join(index) if index else "none, since it is no array"
-            raise ExpressionError(f"uses '{brief(name)}', which is no index; known: {known}")
+            known = ", ".join(index) if index else "none, since it is not an array"
+            raise ExpressionError(f"uses '{brief(name)}', which is not an index; known: {known}")
         return dag.constant(float(index[name]))
 
     found = parse(text, what).lower(dag, resolve).value
@@ -321,7 +323,7 @@ def _number(text: str, index: Mapping[str, int], what: str) -> float:
     return float(found)
 
 
-#: Tables of a scene whose rows a part brings along.
+#: Tables of a scene to which a part adds rows.
 TABLES = ("tables", "parameters", "inputs", "modes", "edges", "outputs", "events")
 
 
@@ -360,7 +362,7 @@ class Part:
     source: str = ""
 
     def __eq__(self, other: object) -> bool:
-        # Where it came from is no part of what it says.
+        # Its origin is not part of its content.
         return isinstance(other, Part) and all(
             getattr(self, name) == getattr(other, name)
             for name in self.__dataclass_fields__
@@ -385,13 +387,13 @@ class Part:
         return {**self.nodes, **self._own_nodes.get(member, {})} if self.set else self.nodes
 
     def is_node(self, name: str) -> bool:
-        """Return whether the whole name of something in a part is that of a node it connects."""
+        """Return whether a part's qualified name is that of a node it connects."""
         member, _, local = name.partition(".")
         return local in self._own_nodes.get(member, {})
 
     @cached_property
     def _own_nodes(self) -> dict[str, dict[str, str]]:
-        """Nodes that single parts connect in another way than the others, by part and node."""
+        """Nodes that single parts connect differently from the others, by part and node."""
         ports = self.scene.ports or self.node_names - {"ground"}
         found: dict[str, dict[str, str]] = {}
         for name, value in self.set.items():
@@ -416,11 +418,11 @@ class Part:
 
 
 def origins_of(scene: SceneDescription) -> Iterator[Origin]:
-    """List what other tools' files say of a scene and of its parts, at nodes of the scene."""
+    """List data of other tools' files about a scene and its parts, at nodes of the scene."""
     if scene.origin is not None:
         yield scene.origin
     for part in scene.parts.values():
-        # Most parts come from no other tool's file, and need no look at each of an array.
+        # Most parts have no such data; they are skipped without expanding arrays.
         inner = list(origins_of(part.scene))
         for member, index in part.members() if inner else ():
             nodes = {own: in_name(n, index, n) for own, n in part.nodes_of(member).items()}
@@ -433,7 +435,7 @@ def origins_of(scene: SceneDescription) -> Iterator[Origin]:
 
 
 def owner_of(scene: SceneDescription, name: str) -> tuple[Part, str, str] | None:
-    """Find the part that brings a name along.
+    """Find the part that declares a name.
 
     Returns the part of this scene, the name of the part (of an array that of one of its parts), and
     the name within the part.

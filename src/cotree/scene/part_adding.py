@@ -1,7 +1,7 @@
-"""Parts added to a scene: names checked, declarations made and put into its tables.
+"""Adding parts to a scene: names are checked, declarations made and stored in its tables.
 
-Messages about the equations name an edge as the outer scene does, ``leg1.knee``; its statement
-stands in another file, under another name.
+Messages about the equations name an edge as the outer scene does, ``leg1.knee``; its statement is
+in another file, under another name.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ if TYPE_CHECKING:
     from cotree.scene.edge import Edge
 
 
-#: Kinds of bindings, in the order in which a name is looked for.
+#: Kinds of bindings, in the order of their lookup.
 KINDS = ("nodes", "parameters", "inputs")
 #: Entries of a part besides its bindings.
 RESERVED_ENTRIES = ("scene", "count", "index", *KINDS, "set")
 _INDEX = ("i", "j", "k")
-#: Edges of a scene, and declarations that come with parts: a bound on what untrusted input may ask
-#: for.
+#: A bound for untrusted input: edges of a scene, and declarations added by parts.
 LARGEST_SCENE = 250_000
 
 
@@ -45,7 +44,7 @@ def make_part(
     outer: SceneDescription,
     source: str,
 ) -> Part:
-    """Make a part of its statement, to be put into the scene ``outer``.
+    """Make a part from its statement, for the scene ``outer``.
 
     ``given`` has ``count``, ``index``, ``nodes``, ``parameters``, ``inputs``, ``set``, and bindings
     by the name of a node, a parameter or an input. Raises SceneError if an entry is unknown or not
@@ -139,7 +138,7 @@ def _index(given: object, counts: Sequence[int], outer: SceneDescription) -> tup
                 f"index '{name}' is a name of the scene, too: give it another, index = \"n\""
             )
     if len(set(names)) < len(names):
-        raise SceneError("index names one number twice")
+        raise SceneError("index has the same name twice")
     return tuple(names)
 
 
@@ -157,7 +156,7 @@ def _size(scene: SceneDescription) -> int:
 
 
 def check_entries(given: Mapping[str, Any]) -> None:
-    """Refuse a part without a scene."""
+    """Raise if a part has no scene."""
     if "scene" not in given:
         near = [key for key in given if nearest(key, ["scene"]).endswith("?")]
         hint = f"; did you mean it by '{brief(near[0])}'?" if near else ""
@@ -167,9 +166,9 @@ def check_entries(given: Mapping[str, Any]) -> None:
 
 
 def statement_of(part: Part) -> dict[str, Any]:
-    """Write a part as the table of a scene file, without its scene.
+    """Return the table of a part in a scene file, without its scene.
 
-    Bindings stand alone where their names are clear, and in tables of their kind where not.
+    Bindings are single entries if their names are unambiguous, otherwise in tables of their kind.
     """
     table: dict[str, Any] = {}
     if part.counts:
@@ -217,7 +216,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
     for number, line in enumerate(text.splitlines(), 1):
         if heading := _HEADING.match(line):
             steps = [step.strip('"') for step in _STEP.findall(heading[1])]
-            # Another table of the file is none of this scene.
+            # Other tables of the file do not belong to this scene.
             steps = steps[len(within) :] if steps[: len(within)] == within else []
             table = steps[0] if steps else ""
             # Keys of [edges.k] are fields of k; those of [edges] are edges.
@@ -230,7 +229,7 @@ def statement_lines(text: str, section: str = "") -> dict[tuple[str, str], int]:
 
 
 _NAMED = re.compile(r"'([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)'")
-_MOST = 3  # names of which one message says where they stand
+_MOST = 3  # names whose statements one message locates
 _TABLES = (
     *(("edge", "edges"), ("parameter", "parameters"), ("input", "inputs")),
     *(("output", "outputs"), ("mode", "modes"), ("event", "events")),
@@ -240,7 +239,7 @@ _TABLES = (
 def origin_note(
     message: str, members: Mapping[str, Part], outer: SceneDescription | None = None
 ) -> str:
-    """Return where the declarations of parts that a message names are stated, as its end."""
+    """Return the locations of the declarations of parts that a message names, as its end."""
     found: dict[str, str] = {}
     for name in dict.fromkeys(_NAMED.findall(message)):
         if told := _statement_of(name, members, outer):
@@ -251,7 +250,7 @@ def origin_note(
 
 @contextmanager
 def locating_errors(scene: SceneDescription) -> Iterator[None]:
-    """Append to errors about a scene where the declarations of its parts are stated."""
+    """Append to errors about a scene the locations of its parts' declarations."""
     try:
         yield
     except (ModelError, FormulationError) as error:
@@ -262,7 +261,7 @@ def locating_errors(scene: SceneDescription) -> Iterator[None]:
 
 
 def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None:
-    """Find the innermost part that holds a name, and the name there."""
+    """Find the innermost part that contains a name, and the name there."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -271,7 +270,7 @@ def origin_of(name: str, members: Mapping[str, Part]) -> tuple[Part, str] | None
 
 
 def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescription | None) -> str:
-    """Return where a name of a part is stated, with ``{name}`` for itself."""
+    """Return the location of the statement of a part's name, with ``{name}`` for itself."""
     member, dot, local = name.partition(".")
     part = members.get(member) if dot else None
     if part is None:
@@ -282,7 +281,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
         return f"{{name}} is given by part '{part.name}' of {place_of(outer, 'part', part.name)}"
     if local.partition(".")[0] in part.scene.members:
         return _statement_of(local, part.scene.members, part.scene)
-    # Of a variable the edge is stated; it may have a dot of its own, as those of ports have.
+    # For a variable the statement is that of its edge; both may contain dots, as those of ports do.
     while local:
         for kind, table in _TABLES:
             if local in getattr(part.scene, table):
@@ -294,7 +293,7 @@ def _statement_of(name: str, members: Mapping[str, Part], outer: SceneDescriptio
 
 
 def _unknown_name(name: str, part: Part) -> str:
-    """Return what a name within a part may be a slip of."""
+    """Suggest a close match for an unknown name within a part."""
     member, _, local = name.partition(".")
     known = {n for _, table in _TABLES for n in getattr(part.scene, table)} | part.node_names
     return f"part '{member}' has no '{local}'{nearest(local, known)}"
@@ -314,7 +313,7 @@ def line_of(scene: SceneDescription, kind: str, name: str) -> int | None:
     try:
         status = os.stat(scene.file)
         lines = _lines(scene.file, status.st_mtime_ns, scene.section)
-    except (OSError, UnicodeDecodeError):  # the file is gone, or has become something else
+    except (OSError, UnicodeDecodeError):  # the file has been removed or changed
         return None
     return lines.get((kind, name))
 
@@ -325,7 +324,7 @@ def _lines(file: str, changed: int, section: str) -> Mapping[tuple[str, str], in
         return statement_lines(stream.read(), section)
 
 
-#: Names before a dot that mean something else.
+#: Names that have another meaning before a dot.
 _TAKEN = frozenset({"ground", "energy", *RESERVED})
 
 
@@ -341,14 +340,16 @@ def add_part(
     for port in template.ports:
         if port not in template.nodes:
             hint = nearest(port, template.nodes)
-            raise SceneError(f"port '{port}' of scene '{template.name}' is no node of it{hint}")
+            raise SceneError(
+                f"port '{port}' of scene '{template.name}' is not one of its nodes{hint}"
+            )
     try:
         part = make_part(name, template, given, scene, source)
     except ModelError as error:
         raise type(error)(f"part '{name}': {error}") from None
     members = dict.fromkeys((member for member, _ in part.members()), part)
     _check_members(scene, name, members)
-    # What is bound in the outer scene calls its tables.
+    # Bindings of the outer scene may call its tables.
     with table_scope(scene.tables):
         rows = _rows_of(scene, part)
     scene.parts[name] = part
@@ -359,11 +360,11 @@ def add_part(
 
 
 def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
-    """Put declarations of a part behind those of others and before the scene's own.
+    """Order declarations of a part after those of others and before the scene's own.
 
-    Declarations of parts come first, as they do where the scene is read from a file.
+    Declarations of parts come first, as when the scene is read from a file.
     """
-    # Only the scene's own are looked through: there may be thousands of parts.
+    # Only the scene's own ones are searched: there may be thousands of parts.
     last = list(takewhile(lambda key: "." not in key, reversed(own)))
     kept = {key: own.pop(key) for key in reversed(last)}
     own.update(added)
@@ -371,7 +372,7 @@ def _put_first(own: dict[str, Any], added: Mapping[str, Any]) -> None:
 
 
 def _rows_of(scene: SceneDescription, part: Part) -> Rows:
-    """Make the declarations of a part and its likes in an array."""
+    """Make the declarations of a part, or of all parts of an array."""
     rows = Rows()
     for member, index in part.members():
         what = f"part '{member}'"
@@ -408,12 +409,13 @@ def _bind(rows: Rows, name: str, value: Any, scene: SceneDescription) -> None:
     else:
         known = [*rows.parameters, *rows.inputs]
         raise SceneError(
-            f"'{brief(name)}' is no port, parameter or input of it{nearest(name, known)}"
+            f"'{brief(name)}' is neither a port, a parameter nor an input of "
+            f"it{nearest(name, known)}"
         )
 
 
 def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") -> bool:
-    """Set a parameter or an input of a part, and keep the value in its statement.
+    """Set a parameter or an input of a part, also in its statement.
 
     Returns whether the name is one of a part.
     """
@@ -441,26 +443,26 @@ def set_in_part(scene: SceneDescription, name: str, value: Any, unit: str = "") 
 
 
 def check_node(scene: SceneDescription, name: object) -> str:
-    """Accept the name of a node; one of a part must be there."""
+    """Check the name of a node; if it belongs to a part, it must exist there."""
     node = check_path("node", name)
     if node in scene.members:
-        raise SceneError(f"'{node}' is a part, and no node: name one of its nodes, '{node}.node'")
+        raise SceneError(f"'{node}' is a part, not a node: name one of its nodes, '{node}.node'")
     if "." not in node:
         return node
     found = owner_of(scene, node)
     if found is None:
         first = node.partition(".")[0]
         raise SceneError(
-            f"node '{node}' is of a part '{first}', but there is none: declare it before what "
-            f"connects to it{nearest(first, scene.members)}"
+            f"node '{node}' belongs to the unknown part '{first}': declare the part before "
+            f"what connects to it{nearest(first, scene.members)}"
         )
     part, member, local = found
     connected = part.nodes_of(member)
     if local in connected:
         index = next(index for name, index in part.members() if name == member)
         raise SceneError(
-            f"node '{local}' of part '{member}' is connected, and is called as in this scene: name "
-            f"'{in_name(connected[local], index, node)}' in its place"
+            f"node '{local}' of part '{member}' is connected to a node of this scene: use its "
+            f"name, '{in_name(connected[local], index, node)}'"
         )
     if local not in part.node_names:
         hint = nearest(node, (f"{member}.{other}" for other in part.node_names))
@@ -469,7 +471,7 @@ def check_node(scene: SceneDescription, name: object) -> str:
 
 
 def check_nodes(scene: SceneDescription, edge: Edge) -> None:
-    """Check the nodes of an edge that stands beside parts."""
+    """Check the nodes of an edge in a scene with parts."""
     along = [node for ends in edge.ports if len(ends.acts_on) == 2 for node in ends.acts_on]
     for node in (*edge.nodes, *along):
         if "." in node or node in scene.members:
@@ -482,7 +484,7 @@ def check_nodes(scene: SceneDescription, edge: Edge) -> None:
 def _check_part_name(scene: SceneDescription, name: object) -> None:
     check_name("part", name)
     if name in _TAKEN:
-        raise SceneError(f"part name '{name}' already means something in expressions: rename it")
+        raise SceneError(f"part name '{name}' already has a meaning in expressions: rename it")
     if name in scene.parts:
         raise SceneError(f"the name of part '{name}' is taken: every part needs its own")
 
@@ -504,6 +506,6 @@ def _check_members(scene: SceneDescription, name: str, members: Mapping[str, Par
         if kind:
             array = "" if member == name else f" of the array '{name}'"
             raise SceneError(
-                f"the name of part '{member}'{array} is that of a {kind}: names in expressions "
-                "would have two meanings, rename one"
+                f"the name of part '{member}'{array} is also that of a {kind}, so that "
+                "expressions would be ambiguous: rename one"
             )

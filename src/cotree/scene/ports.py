@@ -26,7 +26,7 @@ _MECHANICAL = ("translational", "rotational")
 
 
 def acts_on_multibody(port: Terminal) -> bool:
-    """Return whether a port may act on a joint, or along a line, in place of two nodes."""
+    """Return whether a port may act on a joint or along a line instead of two nodes."""
     return port.domain in _MECHANICAL
 
 
@@ -37,8 +37,7 @@ class PortEnds:
     #: The nodes; empty where the port acts on a multibody system.
     tail: str
     head: str
-    #: The coordinate of a joint, or two nodes of a multibody system, that the port acts on or along
-    #: the line of; empty otherwise.
+    #: The coordinate of a joint, or two nodes along whose line the port acts; else empty.
     acts_on: tuple[str, ...] = ()
 
 
@@ -59,8 +58,8 @@ def check_ports(
             return (), (), rest
         first, second = _pair(edge, nodes, f"edge '{edge}'")
         return (first, second), (), rest
-    # The thermal port was appended by ``check_heat``: its nodes come from the field, those of the
-    # other ports as if it were not there.
+    # The thermal port was appended by ``check_heat``: its nodes come from the field. The nodes of
+    # other ports are read as if it were absent.
     if component.ports[-1].port == HEAT:
         sink = _heat_nodes(edge, rest.pop(HEAT))
         own = replace(component, ports=component.ports[:-1])
@@ -85,13 +84,13 @@ def check_ports(
         pair = _pair(edge, nodes, f"edge '{edge}'", may_be_one=True)
         return pair, (_ends(component.ports[0], pair, f"edge '{edge}'"),), rest
     _refuse_places(edge, component, nodes, rest)
-    # One node for each port is short for ports to the ground.
+    # One node per port abbreviates ports to the ground.
     if nodes:
         if not is_list(nodes) or len(nodes) != len(component.ports):
             names = ", ".join(port.port for port in component.ports)
             raise SceneError(
-                f"edge '{edge}' of type '{component.name}' has the ports {names}: name the two "
-                "nodes of each, or as nodes one of each, the other being the ground"
+                f"edge '{edge}' of type '{component.name}' has the ports {names}: name the "
+                "two nodes of each port, or as nodes one of each if the other is the ground"
             )
         rest |= {
             port.port: _from_ground(port, node)
@@ -108,8 +107,8 @@ def check_ports(
             continue
         if acts_on_multibody(port) and port.port not in rest and any(e.acts_on for e in placed):
             raise SceneError(
-                f"{where} needs two nodes of its own, since its other port acts on the multibody "
-                "system; two joints are tied by a gear"
+                f"{where} needs two nodes of its own, since its other port acts on the "
+                "multibody system; to couple two joints use a gear"
             )
         pair = _pair(edge, rest.pop(port.port, ()), where, may_be_one=True)
         listed += pair
@@ -119,7 +118,7 @@ def check_ports(
 
 
 def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Component:
-    """Return the component, with a thermal port if the fields name a node that takes its heat."""
+    """Return the component, with a thermal port if the fields name a node for its heat."""
     if (
         HEAT not in fields
         or component.field(HEAT) is not None
@@ -128,33 +127,33 @@ def check_heat(edge: str, component: Component, fields: Mapping[str, Any]) -> Co
         return component
     if loss_of(component) is None:
         raise SceneError(
-            f"edge '{edge}' of type '{component.name}' turns nothing into heat: only dissipators "
+            f"edge '{edge}' of type '{component.name}' dissipates no heat: only dissipators "
             f"and machines with a loss take '{HEAT}'"
         )
     return with_heat(component)
 
 
 def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
-    """Accept the thermal node that is heated, or the two that it is heated between."""
+    """Check the thermal node that receives heat, or the two nodes between which it is added."""
     pair = (value, "ground") if isinstance(value, str) else value
     return _pair(edge, pair, f"{HEAT} of edge '{edge}'")
 
 
 def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> None:
-    """Refuse a joint where a component acts between two nodes; name types that take one."""
+    """Raise if a two-node component names a joint; suggest types that act on one."""
     if "joint" in rest and component.field("joint") is None:
         others = " or ".join(ON_JOINTS.get(component.name, ()))
-        cure = f"take a {others} in its place" if others else "leave the joint out"
+        cure = f"use a {others} instead" if others else "remove the joint"
         raise SceneError(
-            f"edge '{edge}' of type '{component.name}' runs between two nodes and takes no joint: "
-            f"{cure}"
+            f"edge '{edge}' of type '{component.name}' connects two nodes and cannot act on a "
+            f"joint: {cure}"
         )
 
 
 def _refuse_places(
     edge: str, component: Component, nodes: Sequence[object], rest: Mapping[str, Any]
 ) -> None:
-    """Refuse a joint or line beside nodes for the port that would act on it."""
+    """Raise if a port that acts on a joint or line has nodes, too."""
     mechanical = [port.port for port in component.ports if acts_on_multibody(port)]
     if not rest.keys() & _PLACES or not mechanical:
         return
@@ -163,25 +162,25 @@ def _refuse_places(
         others = [port.port for port in component.ports if port.port not in mechanical]
         named = " and ".join(f'{port} = ["...", "ground"]' for port in others)
         raise SceneError(
-            f"edge '{edge}' has nodes for its port {mechanical[-1]} and acts on the multibody "
-            f"system by {place}, too: leave {place} out"
-            + (f", or give {named} in place of the nodes" if named else "")
+            f"edge '{edge}' has nodes for its port {mechanical[-1]}, but also acts on the "
+            f"multibody system by {place}: remove {place}"
+            + (f", or give {named} instead of the nodes" if named else "")
         )
 
 
 def _refuse_nodes(edge: str, nodes: Sequence[object]) -> None:
-    """Refuse nodes of a component that acts on a joint or along a line, which are not its own."""
+    """Raise if a component that acts on a joint or along a line lists nodes of its own."""
     if nodes:
         raise SceneError(
-            f"edge '{edge}' has nodes of the one-dimensional graph and acts on the multibody "
-            "system by joint or line, too: leave one of them out"
+            f"edge '{edge}' has nodes of the one-dimensional graph, but also acts on the "
+            "multibody system by joint or line: remove one of them"
         )
 
 
 def _multibody(edge: str, rest: dict[str, Any]) -> PortEnds:
-    """Take what a port acts on in a multibody system: a joint, or the line of two nodes."""
+    """Read the joint or the line of two nodes on which a port acts."""
     if "joint" in rest:
-        # Whether the last word is a coordinate is known where there are joints.
+        # Whether the last word is a coordinate is decided when joints are known.
         return PortEnds("", "", (check_path("joint", str(rest.pop("joint"))),))
     return PortEnds("", "", _pair(edge, rest.pop("line"), f"line of edge '{edge}'"))
 
@@ -203,7 +202,7 @@ def _by_terminal(
     places = {**by_name, "ground": "ground"}
     ports = []
     for port in component.ports:
-        # Names that a scene cannot give are of nodes within.
+        # Names that a scene cannot give belong to inner nodes.
         head, tail = (places.get(name, f"{edge}.{name}") for name in port.between)
         if head == tail and "ground" in port.between:  # no species, nor the output of an amplifier
             first, second = port.between
@@ -229,12 +228,12 @@ def _ends(port: Terminal, pair: tuple[str, str], where: str) -> PortEnds:
 
 
 def _counted(nodes: object) -> str:
-    """Return how many nodes were given, for a message."""
+    """Return the number of given nodes, for a message."""
     return f"; there {'is' if len(nodes) == 1 else 'are'} {len(nodes)}" if is_list(nodes) else ""
 
 
 def _pair(edge: str, nodes: object, what: str, may_be_one: bool = False) -> tuple[str, str]:
-    """Check two nodes; those of an edge in a scalar graph may be one, where across is zero."""
+    """Check two nodes; in a scalar graph they may be equal, if the across variable is zero."""
     if not is_list(nodes) or len(nodes) != 2:
         raise SceneError(f"{what} needs two nodes, as a list of their names{_counted(nodes)}")
     first, second = (check_path("node", node) for node in nodes)

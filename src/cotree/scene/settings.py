@@ -1,7 +1,7 @@
 """Settings of runs: fields, units, defaults and checks, in one place.
 
-In: what a call of ``simulate``, a scene file or the command line gives. Out: ``Settings`` of a run,
-and a scene's ``Simulation``, which holds the settings of runs that give none.
+In: settings of ``simulate``, a scene file or the command line. Out: ``Settings`` of a run, and a
+scene's ``Simulation``, which holds the defaults of its runs.
 
 A new setting is a line in ``Settings`` and, for editors, its type in ``SettingsDict``. Calls and
 scenes then accept it, ensembles keep it with their results, and commands have an option for it if
@@ -32,12 +32,12 @@ FloatArray = npt.NDArray[np.float64]
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
-#: Steps and events of a run that names no budgets of its own.
+#: Steps and events of a run without budgets of its own.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
 
 class OtherSettings(TypedDict, total=False):
-    """Settings that ``simulate`` takes besides those that it names; see :class:`Settings`."""
+    """Settings of ``simulate`` besides its named arguments; see :class:`Settings`."""
 
     error_test_sensitivities: bool
     scales: Mapping[str, float] | None
@@ -59,7 +59,7 @@ class Row(NamedTuple):
     """Documentation, check and option of a setting."""
 
     doc: str  # its documentation
-    #: ``check(value, name)`` returns the value that is kept, or raises an error.
+    #: ``check(value, name)`` returns the stored value, or raises an error.
     check: Callable[[Any, str], Any]
     #: Help of its option on the command line, with its default in place of ``{}``; it has none if
     #: empty.
@@ -85,7 +85,7 @@ def _unchecked(value: Any, name: str) -> Any:
     return value
 
 
-# A bound on what a slip may ask for.
+# A bound against mistyped numbers.
 _MOST_POINTS = 10_000_000
 
 
@@ -152,8 +152,8 @@ def _flag(value: Any, name: str) -> bool:
 def _wanted(value: Any, name: str) -> bool:
     if not isinstance(value, bool):
         raise ParameterError(
-            f"{name} is {value!r}: give True or False; to which parameters they are is chosen "
-            "where a scene is compiled"
+            f"{name} is {value!r}: give True or False; parameters of sensitivity are chosen "
+            "when a scene is compiled"
         )
     return value
 
@@ -200,9 +200,9 @@ class Settings:
     )
     t_eval: Any = _setting(  # noqa: RUF009 - a field
         None,
-        "Times to report, shape (n_t,), [s], or their number, evenly over the span. By default the "
-        "solver's own steps, of which every second, fourth, ... is stored if all of them would "
-        "take more than 256 MiB.",
+        "Times to report, shape (n_t,), [s], or their number, evenly over the span. By "
+        "default the solver's own steps; only every second, fourth, ... one is stored if all "
+        "of them would take more than 256 MiB.",
         _times,
     )
     method: str = _setting(
@@ -267,8 +267,8 @@ class Settings:
     )
     throw: bool = _setting(
         False,
-        "Raise SolveError if the integration fails; by default it warns, and ``result.status`` is "
-        "negative.",
+        "Raise SolveError if the integration fails; by default it warns, and "
+        "``result.status`` is negative.",
         _flag,
         in_scenes=False,
     )
@@ -277,8 +277,9 @@ class Settings:
     )
     scales: Mapping[str, float] = _setting(
         {},
-        "Sizes of parameters in place of their values: ``atol`` divided by them is that of their "
-        "sensitivities. One if a value is zero, and for initial values.",
+        "Sizes of parameters in place of their values: ``atol`` divided by them is the "
+        "tolerance of their sensitivities. By default one for parameters of value zero, and "
+        "for initial values.",
         check_mapping,
         in_scenes=False,
     )
@@ -298,7 +299,7 @@ class Settings:
     )
     max_events: int | None = _setting(
         MOST_EVENTS,
-        "Budget of events that happen; None or infinity for no limit.",
+        "Budget of events; None or infinity for no limit.",
         _count,
         option="Budget of events: {} if absent; inf for none.",
         metavar="N",
@@ -335,7 +336,7 @@ class Settings:
 
 
 def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
-    """Refuse times outside a span, or against its direction."""
+    """Raise if times are outside a span, or against its direction."""
     if times is None:
         return
     start, end = t_span
@@ -344,25 +345,25 @@ def _check_order(t_span: tuple[float, float], times: FloatArray | None) -> None:
         raise SolveError(
             f"t_eval holds t = {outside[0]:g}, outside the time span ({start:g}, {end:g})."
         )
-    # Methods store the outputs in one pass along their steps, so the times follow the run.
+    # Methods store the outputs along their steps, so the times must follow the run.
     direction = math.copysign(1.0, end - start)
     if np.any(direction * np.diff(times) <= 0):
         order = "increase" if direction > 0 else "decrease"
         raise SolveError(f"t_eval must strictly {order}, as the time span does.")
 
 
-#: What is known of each setting, by name.
+#: Data of each setting, by name.
 ROWS: Mapping[str, Row] = {item.name: item.metadata["row"] for item in fields(Settings)}
 
 #: Settings that all studies take: method, tolerances, budgets.
 SHARED = ("method", "rtol", "atol", *OtherSettings.__annotations__)
 
-# Settings for which None has a meaning of its own; others then have their default.
+# Settings for which None has a meaning; for others it selects the default.
 _OPTIONAL = {item.name for item in fields(Settings) if "None" in str(item.type)}
 
 
 def in_python(value: Any) -> Any:
-    """Return a scalar of NumPy, or an array without axes, as the number of Python that it holds."""
+    """Return a NumPy scalar, or an array without axes, as a Python number."""
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim):
         return value.item()
     return value
@@ -388,7 +389,7 @@ documented(Settings)
 
 
 def settings_from(defaults: Simulation, given: Mapping[str, Any]) -> Settings:
-    """Return the settings of a call; those that it leaves open are the scene's.
+    """Return the settings of a call; those left open are the scene's.
 
     Raises TypeError if there is no such setting, ModelError or SolveError if a value is not
     accepted.
@@ -406,11 +407,10 @@ INITIAL, OPERATING_POINT = "initial values", "operating point"
 
 @dataclass(frozen=True)
 class Simulation(Settings):
-    """Settings of a scene's runs where a call gives none, and the point at which runs begin."""
+    """Defaults of a scene's runs, and the point at which they begin."""
 
-    #: The state in which it begins. At its operating point an electrical network rests with what
-    #: its sources give at the start: no current flows into capacitors, no voltage is across
-    #: inductors.
+    #: The initial state. At its operating point an electrical network is at rest for the source
+    #: values at the start: no current flows into capacitors, no voltage is across inductors.
     start: str = INITIAL
     #: Nodes whose voltages are held during the search for the operating point, then released.
     held: tuple[tuple[str, Expression], ...] = ()
@@ -421,12 +421,12 @@ class Simulation(Settings):
         return self.t_span[1]
 
 
-#: Settings that scenes give.
+#: Settings that scenes may set.
 OF_SCENES = ("t_end", *(name for name in SHARED if ROWS[name].in_scenes), "start", "held")
 
 
 def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
-    """Change some settings; SceneError or ExpressionError if one is unknown or makes no sense."""
+    """Change some settings; raise SceneError or ExpressionError for unknown names or bad values."""
     check_known(settings, OF_SCENES, "simulation has no setting")
     changed = dict(settings)
     if "t_end" in changed:
@@ -443,11 +443,11 @@ def with_settings(old: Simulation, settings: Mapping[str, Any]) -> Simulation:
     if "held" in changed:
         changed["held"] = _held(changed["held"])
     try:
-        # The settings are frozen; a changed copy leaves those that others hold.
+        # The settings are frozen; a changed copy leaves shared ones unchanged.
         made = replace(old, **changed)
     except (ParameterError, SolveError) as error:
         raise SceneError(f"of the simulation {str(error).rstrip('.')}") from None
-    # Nodes are held during the search for an operating point, which initial values do without.
+    # Nodes are held during the search for an operating point only.
     if made.held and made.start != OPERATING_POINT:
         raise SceneError(f"held of the simulation needs start = '{OPERATING_POINT}'")
     return made

@@ -1,8 +1,8 @@
-"""Tables of a scene: functions given by their points, of time or of expressions.
+"""Tables of a scene: functions of time or of expressions, given by points.
 
-In: knots, values, and what holds between and beyond them. Out: a function of one or two arguments
+In: knots, values, and the rules between and beyond them. Out: a function of one or two arguments
 that becomes nodes. Numbers stay data of the generated code; values that are expressions of
-parameters are written out, so that sensitivities follow them.
+parameters are written out, so that sensitivities include them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cotree.units import Unit
 
 
-#: Values of a table: of one with numbers, and of one with expressions, which are written out.
+#: Largest numbers of values in a table: of numbers, and of expressions, which are written out.
 LARGEST_TABLE, _MOST_EXPRESSIONS = 100_000, 100
 
 _INTERPOLATIONS = ("linear", "monotone")
@@ -50,13 +50,13 @@ _BEYOND = ("hold", "extend")
 class LookupTable:
     """A function given by its points."""
 
-    name: str  # what expressions call it; "table" where it belongs to one field
+    name: str  # its name in expressions; "table" if it belongs to one field
     x: tuple[float, ...]  # ascending arguments, at least two
     y: tuple[float, ...]  # arguments along the second axis; empty for a table of one argument
     #: Values at the points, for two arguments row by row, one row for each ``x``.
     values: tuple[Expression, ...]
     interpolation: str = "linear"  # ``linear`` (bilinear), or ``monotone``, cubic without overshoot
-    #: What it is outside its points: ``hold`` keeps the last value, ``extend`` the last slope.
+    #: Extrapolation: ``hold`` keeps the last value, ``extend`` the last slope.
     beyond: str = "hold"
     doc: str = field(default="")  # its meaning, for people
 
@@ -67,17 +67,17 @@ class LookupTable:
 
     @property
     def names(self) -> frozenset[str]:
-        """Parameters that its values depend on."""
+        """Parameters on which its values depend."""
         return frozenset[str]().union(*(value.names for value in self.values))
 
     def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
-        """Form the node of its value."""
+        """Return the node of its value."""
         numbers = [value.number for value in self.values]
         if any(number is None for number in numbers):
             return self._written_out(dag, args[0], [v.lower(dag, resolve) for v in self.values])
         z = cast("tuple[float, ...]", tuple(numbers))
         if self.y:
-            # The outermost pieces reach beyond the ends, unless the arguments are held there.
+            # The outermost pieces extend beyond the ends unless the arguments are clamped.
             if self.beyond == "hold":
                 args = [_held(at, axis) for at, axis in zip(args, (self.x, self.y), strict=True)]
             return look_up(dag, PlaneTable(self.x, self.y, z), args)
@@ -96,7 +96,7 @@ class LookupTable:
         return inside + below + above
 
     def _written_out(self, dag: Dag, at: Node, values: Sequence[Node]) -> Node:
-        """Write a linear table out: each piece adds what the value changes by within it."""
+        """Write out a linear table: each piece adds the change of the value within it."""
         found, last = values[0], len(self.x) - 2
         for k, (start, end) in enumerate(pairwise(self.x)):
             way = at - start
@@ -110,16 +110,16 @@ class LookupTable:
 
 
 def _held(at: Node, axis: Sequence[float]) -> Node:
-    """Keep an argument within an axis."""
+    """Clamp an argument to an axis."""
     dag = at.dag
     low, high = dag.constant(axis[0]), dag.constant(axis[-1])
     return dag.select(at - low, dag.select(at - high, high, at), low)
 
 
 def _monotone_slopes(x: Sequence[float], z: Sequence[float]) -> tuple[float, ...]:
-    """Choose slopes by which a cubic never leaves the range of neighbouring values.
+    """Choose slopes for which a cubic stays within the range of neighbouring values.
 
-    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, as SciPy has it.
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, as in SciPy.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -147,8 +147,8 @@ def make_lookup(
     where = where or f"table '{name}'"
     if beyond == "stop":
         raise SceneError(
-            f"beyond of {where} is 'stop': tables do not end runs; take 'hold' or 'extend', and "
-            "state an event with stop = true where the argument leaves the points"
+            f"beyond of {where} is 'stop': tables do not end runs; use 'hold' or 'extend', "
+            "and a terminal event (stop = true) at the limit of the argument"
         )
     for key, value, known in (
         ("interpolation", interpolation, _INTERPOLATIONS),
@@ -157,7 +157,7 @@ def make_lookup(
         if value not in known:
             hint = nearest(str(value), known)
             raise SceneError(f"{key} of {where} is {brief(repr(value))}{hint}")
-    # A table of one argument may call its values either way.
+    # A table of one argument may name its values ``y`` or ``values``.
     is_plane = values is not None and y is not None
     rows = _listed(values if values is not None else y, "values", where)
     first = _axis(x, "x", where)
@@ -173,19 +173,19 @@ def make_lookup(
     is_written = any(item.number is None for item in made)
     if is_written and (is_plane or interpolation == "monotone" or len(made) > _MOST_EXPRESSIONS):
         raise SceneError(
-            f"{where} has values that are expressions: only linear tables of one argument and at "
-            f"most {_MOST_EXPRESSIONS} values may have some; give numbers"
+            f"{where} has values that are expressions: only linear tables of one argument and "
+            f"at most {_MOST_EXPRESSIONS} values may have these; give numbers"
         )
     if is_plane and interpolation == "monotone":
         raise SceneError(
             f'{where} has two arguments, for which interpolation = "monotone" does not exist: '
-            'take "linear"'
+            'use "linear"'
         )
     return LookupTable(name, first, second, made, str(interpolation), str(beyond), doc)
 
 
 def _listed(value: object, what: str, where: str) -> list[Any]:
-    """Accept a list, a tuple or an array."""
+    """Return a list, a tuple or an array as a tuple."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if not isinstance(value, (list, tuple)):
@@ -194,7 +194,7 @@ def _listed(value: object, what: str, where: str) -> list[Any]:
 
 
 def _axis(value: object, what: str, where: str) -> tuple[float, ...]:
-    """Accept ascending finite numbers, at least two."""
+    """Check ascending finite numbers, at least two."""
     items = _listed(value, what, where)
     if len(items) < 2:
         raise SceneError(f"{what} of {where} needs two numbers or more")
@@ -226,7 +226,7 @@ _OF_FIELDS = ("of", "x", "y", "interpolation", "beyond")
 
 
 def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
-    """Check a table over an expression: ``of``, ``x`` that ascend, ``y``, and what is between."""
+    """Check a table over an expression: ``of``, ascending ``x``, ``y``, and the interpolation."""
     if not {"of", "x", "y"} <= set(value) <= set(_OF_FIELDS):
         raise SceneError(
             f"{where} is a table: give 'of', an expression, and as many numbers 'x' as 'y'"
@@ -241,7 +241,7 @@ def parse_lookup(value: Mapping[str, Any], where: str) -> Expression:
 def make_table(value: object, where: str, argument: str) -> Table:
     """Check a pair of arguments and values."""
     try:
-        # Whatever a user gives is unpacked; what is no pair of rows fails here, with one message.
+        # Any value of a user is unpacked; values that are not a pair of rows fail with one message.
         x, y = cast("Any", value)
         made = Table(tuple(float(item) for item in x), tuple(float(item) for item in y))
     except (TypeError, ValueError, OverflowError):
@@ -253,14 +253,14 @@ def make_table(value: object, where: str, argument: str) -> Table:
         raise SceneError(f"{where} needs as many values as {argument}, at least two")
     if not all(math.isfinite(number) for number in made.x + made.y):
         raise SceneError(f"{where} holds one of {argument} or a value that is not finite")
-    # Equal arguments would make a jump, whose own value is left open.
+    # Equal arguments would make a jump whose value is undefined.
     if any(b <= a for a, b in zip(made.x, made.x[1:], strict=False)):
         raise SceneError(f"{where} needs {argument} that increase")
     return made
 
 
 def parse_signal(value: object, where: str, unit: Unit | None = None) -> Expression | Table:
-    """Accept a number, an expression string or a pair (times, values)."""
+    """Check a number, an expression string or a pair (times, values)."""
     if isinstance(value, (str, numbers.Real)):
         return converted(parse(value, where), unit, where)
     made = make_table(value, where, "times")
@@ -281,7 +281,7 @@ def converted(value: Expression, unit: Unit | None, where: str) -> Expression:
     return parse(unit.to_si(value.number), where)
 
 
-#: Bytes that a file of points may have.
+#: The largest size of a file of points, in bytes.
 LARGEST_POINTS = 20_000_000
 
 
@@ -301,8 +301,8 @@ def read_points(
     for n, row in rows:
         if len(row) != width or width < 2:
             raise SceneError(
-                f"{where}: {file}, line {n} has {len(row)} columns: give two, or as many as in the "
-                "first line"
+                f"{where}: {file}, line {n} has {len(row)} columns: give two, or as many as "
+                "in the first line"
             )
 
     def numbers(n: int, row: list[str]) -> list[float]:
@@ -320,7 +320,7 @@ def read_points(
 
 def _number(text: str, where: str) -> float:
     if not is_number(text):
-        raise SceneError(f"{where}: {brief(repr(text.strip()))} is no number")
+        raise SceneError(f"{where}: {brief(repr(text.strip()))} is not a number")
     return float(text)
 
 

@@ -1,7 +1,7 @@
-"""Scene files: TOML to a scene, with the file named in every message.
+"""Scene files: reading TOML to a scene, with the file named in every message.
 
-Files of parts are named by scene files, which may come from strangers: they stay within the folder
-of the outermost file, and end in .toml.
+Scene files may come from untrusted sources. The files of parts that they name must be within the
+folder of the outermost file, and end in .toml.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-# What the parser says, and what a person would do; the first that fits counts.
+# Messages of the parser, and advice for users; the first match counts.
 _ADVICE = (
     (
         "Cannot overwrite a value",
-        "this key stands twice in its table: remove one, or put back the header, such as "
+        "this key occurs twice in its table: remove one, or restore the header, such as "
         "[edges.name], that is missing between them",
     ),
-    (r"Cannot declare .* twice", "this header stands twice: remove one, or rename it"),
-    (r"Illegal character '\\n'", "the text that begins here has no quote at its end"),
-    ("Unterminated string", "a text has no quote at its end"),
+    (r"Cannot declare .* twice", "this header occurs twice: remove or rename one"),
+    (r"Illegal character '\\n'", "the string that begins here has no closing quote"),
+    ("Unterminated string", "a string has no closing quote"),
     (
         "Unclosed array",
-        "here the list should go on with ',' or end with ']', unless a number before is mistyped "
-        "or a quote is missing",
+        "the list should continue here with ',' or end with ']', unless the number before is "
+        "mistyped or a quote is missing",
     ),
     (
         "Unclosed inline table",
-        "here the table should go on with ',' or end with '}', unless a number before is mistyped "
-        "or a quote is missing",
+        "the table should continue here with ',' or end with "
+        "'}', unless the number before is mistyped or a quote is missing",
     ),
     ("Expected '=' after a key", "write name = value"),
     ("Invalid statement", "write name = value, or a header such as [outputs]"),
@@ -54,23 +54,24 @@ _ADVICE = (
     ("Invalid initial character for a key", "a name is expected here, without quotes or signs"),
     (
         "Expected newline or end of document after a statement",
-        "something is left over behind the value: numbers have a point, as 1.5, and exponents "
-        "digits, as 1e-3; each statement has a line of its own",
+        "there is unexpected text after the value: numbers have a point, as 1.5, and "
+        "exponents digits, as 1e-3; each statement has a line of its own",
     ),
     (
         "Invalid value",
-        "behind '=' stands a number, a text in quotes, a list in [ ] or a table in { }",
+        "after '=' write a number, a string in quotes, a list in [ ] or a table in { }",
     ),
-    ("Cannot mutate immutable", "this table is written in { } elsewhere: add to it there"),
+    ("Cannot mutate immutable", "this table is written in { } elsewhere: extend it there"),
 )
 
 
 def advice(message: str, text: str) -> str:
-    """Return what to do about an error of the TOML parser, from its words and the text."""
+    """Return advice on an error of the TOML parser, from its message and the text."""
     lines = text.split("\n")
     place = re.search(r"\(at line (\d+), column (\d+)\)", message)
     number = int(place[1]) if place else len(lines)
-    # The parser goes on to the next line where something is not closed; its end is the culprit.
+    # If something is not closed, the parser reports the next line; the error is at the end of the
+    # previous one.
     while number > 1 and not lines[number - 1].strip():
         number -= 1
     line = brief(lines[number - 1], 80)
@@ -78,12 +79,12 @@ def advice(message: str, text: str) -> str:
     return f", in `{line}`" + (f": {remedy}" if remedy else "")
 
 
-# What every edge may have, whatever its type.
+# Entries of every edge, whatever its type.
 _OF_EDGES = ("type", "nodes", "initial")
 
 
 def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
-    """Return which key stands for a misspelt ``type``, ``nodes`` or ``initial``; or nothing."""
+    """Return the key that a misspelt ``type``, ``nodes`` or ``initial`` stands for; or ""."""
     component = COMPONENTS.get(str(edge.get("type")))
     own = {row.name for row in component.fields} if component else set()
     absent = [key for key in _OF_EDGES if key not in edge]
@@ -97,9 +98,9 @@ def misspelt_key(name: str, edge: Mapping[str, Any]) -> str:
 
 
 if TYPE_CHECKING:
-    #: Gives the scene that a part names, and what it was read from.
+    #: Callback that returns the scene that a part names, and its source.
     Parts = Callable[[str], tuple[SceneDescription, str]]
-    #: Gives the text of a file that a table names.
+    #: Callback that returns the text of a table's file.
     Points = Callable[[str], str]
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
@@ -124,7 +125,7 @@ _SECTIONS = (
 def fill(
     data: Mapping[str, Any], stem: str, scene_type: type[_Scene], parts: Parts, points: Points
 ) -> _Scene:
-    """Make a scene of the tables of its file; ``stem`` is the name of a scene that has none.
+    """Make a scene from the tables of its file; ``stem`` is the default name.
 
     ``parts`` returns the scene that a part names with its source, ``points`` the text of a table's
     file.
@@ -231,22 +232,22 @@ LARGEST_FILE = 50_000_000
 
 
 def shipped_scenes() -> tuple[str, ...]:
-    """Names of the scenes that come with cotree."""
+    """Return the names of the shipped scenes."""
     return _shipped("scenes")
 
 
 def shipped_parts() -> tuple[str, ...]:
-    """Names of the parts that come with cotree."""
+    """Return the names of the shipped parts."""
     return _shipped("parts")
 
 
 def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a scene."""
-    # Names of shipped scenes, those of parts too, go before files of the same name.
+    # Shipped scenes and parts take precedence over files of the same name.
     known = {name: folder for folder in ("parts", "scenes") for name in _shipped(folder)}
     if isinstance(source, str) and source in known:
         return _read_shipped(known[source], source, scene_type)
-    if not os.path.isfile(source):  # unlike Path.is_file, it takes names that are too long
+    if not os.path.isfile(source):  # unlike Path.is_file, it accepts names that are too long
         raise SceneError(
             f"'{source}' is neither a file nor a shipped scene{nearest(source, known)}"
         )
@@ -254,7 +255,7 @@ def load_scene(source: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def load_part(source: str | Path) -> tuple[SceneDescription, str]:
-    """Read a scene that parts are made of, and what it was read from."""
+    """Read the scene of a part, and its source."""
     known = shipped_parts()
     if isinstance(source, str) and source in known:
         return _read_shipped("parts", source, SceneDescription), source
@@ -264,7 +265,7 @@ def load_part(source: str | Path) -> tuple[SceneDescription, str]:
 
 
 def _shipped(folder: str) -> tuple[str, ...]:
-    """Names of the files of a folder that comes with cotree."""
+    """Return the names of the files in a shipped folder."""
     found = resources.files("cotree") / folder
     return tuple(sorted(f.name[:-5] for f in found.iterdir() if f.name.endswith(".toml")))
 
@@ -282,12 +283,12 @@ def _read_file(path: str | Path, scene_type: type[_Scene]) -> _Scene:
 
 
 def read_scene(text: str, where: str, scene_type: type[_Scene]) -> _Scene:
-    """Read a scene from TOML text, whose parts are shipped ones or stand in the text."""
+    """Read a scene from TOML text, whose parts are shipped ones or in the same text."""
     return _Reading(text, where).scene(scene_type)
 
 
 _NAMED = re.compile(r"(edge|part|parameter|input|output|mode|event|table) '([^']+)'")
-_DEEPEST = 20  # parts within parts
+_DEEPEST = 20  # levels of nested parts
 
 
 @dataclass(frozen=True)
@@ -298,12 +299,12 @@ class _Reading:
     text: str
     where: str
     file: str = ""  # its path; empty where the text is no file
-    #: The folder that files of parts stay in, and that of this file; empty where parts may name no
-    #: files.
+    #: The folder that must contain files of parts, and that of this file; empty if parts may name
+    #: no files.
     root: str = ""
     folder: str = ""
-    trail: tuple[str, ...] = ()  # what is being read, from the outermost file on
-    #: What was read before, by its path.
+    trail: tuple[str, ...] = ()  # the files being read, from the outermost one
+    #: Scenes read before, by path.
     made: dict[str, SceneDescription] = field(default_factory=dict)
 
     def scene(self, scene_type: type[_Scene]) -> _Scene:
@@ -313,7 +314,7 @@ class _Reading:
         except tomllib.TOMLDecodeError as error:
             what = f"{error}{advice(str(error), self.text)}"
             raise SceneError(f"{self.where}: not valid TOML: {what}") from None
-        except ValueError:  # Python itself refuses to read integers of thousands of digits
+        except ValueError:  # Python refuses to read integers of thousands of digits
             raise SceneError(f"{self.where}: holds an integer of thousands of digits") from None
         except RecursionError:
             raise SceneError(f"{self.where}: nested too deeply") from None
@@ -326,15 +327,15 @@ class _Reading:
         return made
 
     def located(self, error: ModelError, where: str, section: str) -> ModelError:
-        """Name the file before a message, and the line of the first declaration that it names."""
+        """Prefix a message with the file, and the line of the first declaration that it names."""
         lines = statement_lines(self.text, section)
         named = _NAMED.findall(str(error))
-        # The parts of an array are called after it.
+        # Single parts of an array are named after it.
         named += [(kind, name.rstrip("0123456789_")) for kind, name in named if kind == "part"]
         found = (lines.get(key) for key in named)
         line = next((number for number in found if number), 0)
         place = f"{where}, line {line}" if line else where
-        # The type of the error stays, so that callers can tell faults of expressions from others.
+        # The type of the error is kept, so that callers can tell errors of expressions from others.
         return type(error)(f"{place}: {error}")
 
     def part_file(self, name: str) -> tuple[SceneDescription, str]:
@@ -366,45 +367,45 @@ class _Reading:
         """Find a file that this one names, in its folder or below."""
         if not self.folder:
             raise SceneError(
-                f"{kind} '{brief(name)}' is a file, but the scene that names it was not read from "
-                f"a file, so its folder is unknown: {here}"
+                f"{kind} '{brief(name)}' is a file, but the scene that names it was not read "
+                f"from a file, so its folder is unknown: {here}"
             )
         if os.path.isabs(name) or PureWindowsPath(name).drive or "\\" in name:
             raise SceneError(
-                f"{kind} '{brief(name)}' is not relative to this file: give a path from its folder "
-                "on, with '/' between folders"
+                f"{kind} '{brief(name)}' is not relative to this file: give a path from its "
+                "folder, with '/' between folders"
             )
         path = os.path.join(self.folder, name)
         real = os.path.realpath(path)
         if os.path.commonpath([real, self.root]) != self.root:
             raise SceneError(
-                f"{kind} '{brief(name)}' leaves the folder of the scene: put the file there or "
-                f"below, or {beside}"
+                f"{kind} '{brief(name)}' is outside the folder of the scene: move the file "
+                f"into it, or {beside}"
             )
         if not os.path.isfile(real):
             near = [f for f in _listed(os.path.dirname(real)) if f.endswith(suffix)]
             hint = nearest(os.path.basename(name), near)
-            raise SceneError(f"{kind} '{brief(name)}' is no file beside this one{hint}")
+            raise SceneError(f"{kind} '{brief(name)}' is not a file in this folder{hint}")
         return path, real
 
     def check_trail(self, place: str) -> None:
-        """Refuse a part that is made of itself, and parts that are nested too deeply."""
+        """Raise if a part contains itself, or if parts are nested too deeply."""
         if place in self.trail:
             way = [*self.trail[self.trail.index(place) :], place]
             names = " -> ".join(os.path.basename(step) for step in way)
-            raise SceneError(f"the scene is made of itself: {names}; take one of these parts out")
+            raise SceneError(f"the scene contains itself: {names}; remove one of these parts")
         if len(self.trail) > _DEEPEST:
             raise SceneError(f"parts are nested deeper than {_DEEPEST} levels")
 
 
 @dataclass(frozen=True)
 class _Scenes:
-    """Scenes that the tables of a file define for its parts, below those of the tables around."""
+    """Scenes that the tables of a file define for its parts, after those of outer tables."""
 
     reading: _Reading  # the file
-    section: str  # the table that holds them; empty at the top
+    section: str  # the table that contains them; empty at the top
     tables: Mapping[str, Any]  # the scenes, by name
-    around: _Scenes | None = None  # those of the table around this one
+    around: _Scenes | None = None  # those of the enclosing table
 
     def find(self, name: str) -> tuple[SceneDescription, str]:
         """Return the scene that a part names: one of this file, a file, or a shipped one."""

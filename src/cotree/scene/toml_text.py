@@ -1,7 +1,7 @@
-"""Scenes to TOML that loads to the same scene.
+"""Writing scenes as TOML that reads back as the same scene.
 
 A scene that was read from a file keeps its comments and its order (tomlkit). New text is written
-here: other writers put each number of a list on a line of its own.
+here: other writers put each number of a list on its own line.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ESCAPES = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 
 
 def save_scene(scene: SceneDescription, path: Path) -> None:
-    """Write a scene to a file, whole or not at all; see :func:`scene_text`."""
+    """Write a scene to a file, completely or not at all; see :func:`scene_text`."""
     if path.suffix.lower() != ".toml":
         raise SceneError(f"cannot save a scene as '{path}': name a file that ends in .toml")
     text = scene_text(scene)
@@ -48,19 +48,19 @@ def save_scene(scene: SceneDescription, path: Path) -> None:
 
 
 def _kept_text(scene: SceneDescription, text: str) -> str:
-    """Return the file that a scene was read from with what has changed; empty if it has none."""
+    """Return the text of a scene's file with the changes; empty if it has none."""
     import tomlkit
 
     if not scene.file.endswith(".toml"):
         return ""
-    # Entries that say what is the default anyway stay, unless something has been removed.
+    # Entries that equal a default stay, unless something has been removed.
     for has_removed in (False, True):
         try:
             old = tomlkit.parse(read_text(scene.file, _LARGEST_KEPT))
             _merge(old, tomlkit.parse(text), has_removed)
             kept = tomlkit.dumps(old)
             read = read_scene(kept, scene.name, SceneDescription)
-        except (ModelError, tomlkit.exceptions.TOMLKitError):  # it has become another file
+        except (ModelError, tomlkit.exceptions.TOMLKitError):  # the file has changed since
             continue
         orders = [[list(getattr(made, name)) for name in TABLES] for made in (read, scene)]
         if orders[0] == orders[1] and not _changed_field(read, scene):
@@ -69,12 +69,12 @@ def _kept_text(scene: SceneDescription, text: str) -> str:
 
 
 def _plain(item: Any) -> Any:
-    """Return the value of an item of a document; booleans are values themselves."""
+    """Return the value of an item of a document; booleans are plain values."""
     return item if isinstance(item, bool) else item.unwrap()
 
 
 def _merge(old: Any, new: Any, has_removed: bool) -> None:
-    """Change what differs in the tables of a document, and leave the rest as it is written."""
+    """Change the entries that differ in the tables of a document, and keep the rest as written."""
     for key in [key for key in old if has_removed and key not in new]:
         del old[key]
     for key, value in new.items():
@@ -94,8 +94,8 @@ def _changed_field(read: SceneDescription, scene: SceneDescription) -> str:
 def scene_text(scene: SceneDescription) -> str:
     """Write a scene as TOML.
 
-    The text is read back before it is returned: scenes may be changed by more than their methods,
-    and the file must describe the scene that runs.
+    The text is read back before it is returned: attributes may have been changed without the
+    methods of a scene, and the file must describe the scene that runs.
     """
     text = "\n".join(_lines(scene)) + "\n"
     if len(text.encode()) > LARGEST_FILE:
@@ -106,19 +106,19 @@ def scene_text(scene: SceneDescription) -> str:
         raise SceneError(str(error)) from None
     if name := _changed_field(read, scene):
         raise SceneError(
-            f"scene '{scene.name}' cannot be saved: its {name} were changed by other means than "
-            "the methods of a scene"
+            f"scene '{scene.name}' cannot be saved: its {name} were not changed by the "
+            "methods of a scene"
         )
     return text
 
 
 def table_text(name: str, rows: Mapping[str, Any]) -> str:
-    """Write one table as TOML, with a line before it."""
+    """Write one table as TOML, after an empty line."""
     return "\n".join(_table(name, rows)) + "\n"
 
 
 def _lines(scene: SceneDescription) -> Iterator[str]:
-    """Write a scene, and the scenes that its parts are made of."""
+    """Write a scene, and the scenes of its parts."""
     found: dict[str, SceneDescription] = {}
     names: dict[int, str] = {}
     _scenes_of_parts(scene, found, names)
@@ -131,7 +131,7 @@ def _lines(scene: SceneDescription) -> Iterator[str]:
 def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterator[str]:
     """Write the tables of a scene, each below a table of the file."""
     yield f"name = {_text(scene.name)}"
-    # What equals the default is not written, here and below.
+    # Defaults are not written, here and below.
     if any(item.text != "0.0" for item in scene.gravity):
         yield f"gravity = {_value([item.canonical for item in scene.gravity])}"
     if scene.allowed:
@@ -166,20 +166,20 @@ def _scene(scene: SceneDescription, at: str, names: Mapping[int, str]) -> Iterat
 
 
 def _own(rows: Mapping[str, _Row]) -> list[tuple[str, _Row]]:
-    """List the declarations that no part brings along."""
+    """List the declarations that do not belong to parts."""
     return [(name, row) for name, row in rows.items() if "." not in name]
 
 
 def _scenes_of_parts(
     scene: SceneDescription, found: dict[str, SceneDescription], names: dict[int, str]
 ) -> None:
-    """Name the scenes that parts are made of, those of parts within parts first."""
+    """Return the names of the scenes of parts, inner ones first."""
     for part in scene.parts.values():
         made = part.scene
         if id(made) in names:
             continue
-        # What comes with cotree is named, and everything else written: a file stands for itself,
-        # whatever becomes of the files that it was made of.
+        # Shipped parts are named, and everything else is written: the file does not depend on the
+        # files from which the scene was read.
         if part.source in shipped_parts() and load_part(part.source)[0] == made:
             names[id(made)] = part.source
             continue
@@ -193,7 +193,7 @@ def _scenes_of_parts(
 
 
 def _lookup(table: LookupTable) -> dict[str, object]:
-    """Write a table with its points, also where these were read from a file."""
+    """Write a table with its points, also if these were read from a file."""
     values = [value.canonical for value in table.values]
     found: dict[str, object] = {"x": list(table.x)}
     if table.y:
@@ -207,13 +207,13 @@ def _lookup(table: LookupTable) -> dict[str, object]:
 
 
 def _named(row: Any, value: Expression | Table | float) -> object:
-    """Return the value of a parameter, input or mode, in a table where there is more to say."""
+    """Return the value of a parameter, input or mode, in a table if it has other entries."""
     more = {key: getattr(row, key, "") for key in ("unit", "doc")}
     stated: object = value.canonical if isinstance(value, Expression) else value
     if isinstance(value, Table):
         stated = [list(value.x), list(value.y)]
     if (given := getattr(row, "given", None)) is not None:
-        stated, more["unit"] = given  # the file says what the user said
+        stated, more["unit"] = given  # the file has the user's text
     more = {key: text for key, text in more.items() if text}
     if not getattr(row, "tunable", True):
         more["tunable"] = False
@@ -235,7 +235,7 @@ def _event(event: Event) -> dict[str, object]:
 
 def _settings(given: Simulation) -> dict[str, object]:
     """List the settings that differ from the defaults."""
-    # Settings that were left alone follow the defaults of later versions.
+    # Settings that were not set follow the defaults of later versions.
     usual = Simulation()
     table = {
         key: value for key in OF_SCENES if (value := getattr(given, key)) != getattr(usual, key)
@@ -246,17 +246,17 @@ def _settings(given: Simulation) -> dict[str, object]:
 
 
 def _rows(name: str, rows: Mapping[str, object]) -> Iterator[str]:
-    """Write a section whose rows stay in their order, each on a line however long."""
+    """Write a section whose rows stay in order, each on one line."""
     if rows:
         yield from ("", f"[{name}]", *(f"{key} = {_value(value)}" for key, value in rows.items()))
 
 
 def _table(name: str, rows: Mapping[str, Any], heading: str = "[{}]") -> Iterator[str]:
-    """Write a section; tables too long for a line follow as sections of their own."""
+    """Write a section; tables too long for a line follow as separate sections."""
     yield from ("", heading.format(name))
     long = {}
     for key, value in rows.items():
-        # In TOML the keys of a table stand before its sections, which would else take them.
+        # In TOML the keys of a table precede its sections, to which they would otherwise belong.
         line = f"{_key(key)} = {_value(value)}"
         if isinstance(value, Mapping) and (len(line) > _WIDEST or "\n" in line):
             long[key] = value
@@ -285,9 +285,9 @@ def _value(value: object) -> str:
 
 
 def _list(items: list[str]) -> str:
-    """Write a list, on several lines where it is long; a row of a matrix has its own."""
+    """Write a list, on several lines if it is long, with a row of a matrix on each."""
     line = f"[{', '.join(items)}]"
-    # Room for a short key before it.
+    # Space for a short key.
     if len(line) <= _WIDEST - 20 and "\n" not in line:
         return line
     lines = [""]
@@ -299,7 +299,7 @@ def _list(items: list[str]) -> str:
 
 
 def _text(text: str) -> str:
-    """Quote a text; invisible characters are escaped, and lone surrogates become question marks."""
+    """Quote a string, with escapes for invisible characters; lone surrogates become "?"."""
     whole = text.encode("utf-8", "replace").decode()
     return '"' + "".join(_escaped(char) for char in whole) + '"'
 

@@ -1,13 +1,13 @@
 """Modes and events of dry friction and of rigid stops.
 
-In: a scene with edges that stick and slide, or with rigid stops. Out: the same scene, in which each
-of them has a mode, ``EDGE.mode``, and events where it may change.
+In: a scene with edges that stick and slide, or with rigid stops. Out: the same scene, with a mode
+``EDGE.mode`` for each of them, and with the events at which it may change.
 
-The mode of dry friction states which of its laws holds. Its events are zeros of its speed, limits
-of its force, and places where it engages or disengages. The mode of a stop states which limit holds
-it; the impulse of its last impact is ``EDGE.impulse``. Its events are gaps that close, impacts that
-end in rest, and forces of a limit that would pull. The modes that follow are chosen in C, for all
-edges at once; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
+The mode of dry friction selects one of its laws. Its events are zeros of the slip rate, limits of
+its force, and engagement or disengagement. The mode of a stop is the limit at which it is closed;
+the impulse of its last impact is ``EDGE.impulse``. Its events are gaps that close, impacts that end
+in rest, and forces of a limit that would pull. The next modes are chosen in C, for all edges at
+once; see ``templates/runtime/events/cotree_friction.c`` and ``cotree_stops.c``.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-#: A mode: the field that stands for it, its meaning, its name, and its value at the start.
+#: A mode: its field, its meaning, its name, and its initial value.
 _ModeRow = tuple[str, str, str, str]
-#: An event: name, condition, direction, role, and the modes that are chosen then.
+#: An event: name, condition, direction, role, and the modes chosen at it.
 _EventRow = tuple[str, str, int, ModePart, Mapping[str, str]]
 
 
 def with_friction(scene: _Scene) -> _Scene:
-    """Add mode and events to every edge with dry friction; a scene without any stays itself."""
+    """Add mode and events to every edge with dry friction; return scenes without any unchanged."""
     ports = [
         port
         for port in scalar_ports(scene).values()
         if port.terminal.friction is not None
-        and not port.terminal.friction.presser  # those of contacts: see stops
+        and not port.terminal.friction.presser  # friction of contacts belongs to stops
         and "mode" not in port.edge.fields
     ]
     return _with(scene, ports, _friction_modes, _friction_rows, "friction of edge", is_jump=True)
 
 
 def with_stops(scene: _Scene) -> _Scene:
-    """Add modes and events to rigid stops and to the friction that these press."""
+    """Add modes and events to rigid stops and to the friction at their contacts."""
     ports = [
         port
         for port in scalar_ports(scene).values()
@@ -69,7 +69,7 @@ def _with(
     *,
     is_jump: bool,
 ) -> _Scene:
-    """Add the modes and events of some ports; events of the scene come after theirs."""
+    """Add the modes and events of some ports; events of the scene follow theirs."""
     if not ports:
         return scene
     made = copy.copy(scene)
@@ -94,7 +94,7 @@ def _with(
 def _friction_modes(port: Port) -> list[_ModeRow]:
     friction, edge = port.terminal.friction, port.edge.name
     assert friction is not None
-    # By the speed at the start; what is at rest there is chosen by the engine.
+    # By the speed at the start; the engine chooses the mode at rest.
     start = f"sign({port.name}.{DOMAINS[port.terminal.domain].across_symbol})"
     if friction.grip is not None:
         start = f"where({port.name}.grip > 0, {start}, 2)"
@@ -110,7 +110,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     row = DOMAINS[port.terminal.domain]
     speed, force = f"{name}.{row.across_symbol}", f"{name}.{row.through_symbol}"
     mode, side = f"{edge}.mode", f"{edge}.side"
-    # Factors that leave of each value what its mode looks at, and zero in all other modes.
+    # Factors that select the values of a mode, and are zero in all other modes.
     direction, stuck = mode, f"(1 - {mode}**2)"
     if friction.grip is not None:
         direction, stuck = f"{mode}*(4 - {mode}**2)/3", f"{stuck}*(2 - {mode})/2"
@@ -126,7 +126,7 @@ def _friction_rows(port: Port) -> list[_EventRow]:
     if friction.grip is not None:
         rows.append((f"{edge} engages", f"{name}.grip", 0, ModePart.ENGAGED, own))
     if friction.load is not None:
-        # While it sticks, no law of sliding takes part.
+        # While it sticks, no law of sliding applies.
         text = f"{mode}**2*{side}*{name}.load"
         rows.append((f"{edge} turns its load", text, -1, ModePart.LOAD, {side: side}))
     return rows
@@ -138,7 +138,7 @@ def _laws(port: Port) -> Stop | Friction | None:
 
 
 def _holder(port: Port, of: str = "") -> str:
-    """Name a port that holds, or another one of its edge: by the edge where it is the only one."""
+    """Return the name of a port that sticks: that of its edge if it is the only one."""
     ports = port.edge.component.ports
     is_alone = sum(terminal.kind.may_hold for terminal in ports) == 1
     return port.edge.name if is_alone else port.sibling(of or port.terminal.port)
@@ -147,7 +147,7 @@ def _holder(port: Port, of: str = "") -> str:
 def _stop_modes(port: Port) -> list[_ModeRow]:
     laws, holder = _laws(port), _holder(port)
     assert laws is not None
-    # Within an impact, an impulse is what that changes the speed by. Friction without a force is
+    # Within an impact, the speed changes by the impulse. Friction without a normal force is
     # disengaged; its impulse is zero between evaluations.
     is_stop = port.kind is Kind.STOP
     doc = "of the last impact" if is_stop else "asked for in an impact"
@@ -167,7 +167,7 @@ def _stop_rows(port: Port) -> list[_EventRow]:
     return [(f"{_holder(port)} {what}", when, -1, part, own) for what, when, part, own in rows]
 
 
-#: Name, condition, role, and what it sets.
+#: Name, condition, role, and targets.
 _Row = tuple[str, str, ModePart, "dict[str, str]"]
 
 
@@ -176,7 +176,7 @@ def _limit_rows(port: Port) -> list[_Row]:
     assert stop is not None
     row = DOMAINS[port.terminal.domain]
     mode, force = f"{holder}.mode", f"{name}.{row.through_symbol}"
-    # Factors that leave of each value what its mode looks at, and exact zeros in all other modes.
+    # Factors that select the values of a mode, and are exactly zero in all other modes.
     free = f"(1 - {mode}**2)*(4 - {mode}**2)/4"
     struck = f"{mode}**2*({mode}**2 - 1)/12"
     sided = stop.upper_gap is not None and stop.lower_gap is not None
@@ -191,13 +191,14 @@ def _limit_rows(port: Port) -> list[_Row]:
         rows.append((f"hits{' lower' if sided else ''}", text, ModePart.LOWER_GAP, rebound))
     at_rest = own | {f"{holder}.impulse": f"-{name}.{row.across_symbol}"}
     rows.append(("rests", f"{struck}*{name}.excess", ModePart.REBOUND, at_rest))
-    # One and two times the side of the limit, in contact and in an impact, give the side.
+    # The mode is one or two times the side of the limit, in contact and in an impact, hence its
+    # sign is the side.
     rows.append(("lifts", f"{mode}*(7 - {mode}**2)/6*{force}", ModePart.FORCE, own))
     return rows
 
 
 def _pressed_rows(port: Port) -> list[_Row]:
-    """Return the events of friction that a stop presses together."""
+    """Return the events of friction that the contact forces of stops press together."""
     friction, name, holder = port.terminal.friction, port.name, _holder(port)
     assert friction is not None
     row = DOMAINS[port.terminal.domain]
@@ -206,7 +207,7 @@ def _pressed_rows(port: Port) -> list[_Row]:
     direction = f"{mode}*(4 - {mode}**2)*(9 - {mode}**2)/24"
     stuck = f"(1 - {mode}**2)*(2 - {mode})*(3 - {mode})/6"
     struck = f"{mode}*({mode}**2 - 1)*({mode} - 2)/24"
-    # The second target tells which stop presses.
+    # The second target identifies the stop that presses.
     own = {mode: mode, presser: presser}
     sticks = own | {f"{holder}.impulse": f"-{speed}"}
     return [

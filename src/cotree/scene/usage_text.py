@@ -16,7 +16,7 @@ _WIDEST = 88  # columns
 
 
 def edge_call(name: str, statement: Mapping[str, Any]) -> str:
-    """Write an edge as a call of the method of its component.
+    """Write an edge as a call of its component's method.
 
     >>> print(edge_call("R", {"type": "resistor", "nodes": ["a", "b"], "resistance": "R0"}))
     scene.resistor("R", "a", "b", resistance="R0")
@@ -33,7 +33,7 @@ def edge_call(name: str, statement: Mapping[str, Any]) -> str:
 
 
 def _in_rows(value: object) -> str:
-    """Write a table on several lines where it is long."""
+    """Write a table on several lines if it is long."""
     line = _value(value)
     if not isinstance(value, Mapping) or len(line) <= _WIDEST - 20:
         return line
@@ -42,7 +42,7 @@ def _in_rows(value: object) -> str:
 
 
 def _value(value: object) -> str:
-    # Texts are quoted as formatters quote them, which repr() does not.
+    # Strings are quoted as formatters do, unlike repr().
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, Mapping):
@@ -69,12 +69,12 @@ _TAKES = {
 
 
 def takes_of(entry: Entry) -> str:
-    """Describe what an entry takes."""
+    """Describe the values that an entry takes."""
     return _TAKES[entry.takes]
 
 
 def default_of(entry: Entry) -> str:
-    """Return what holds where an entry is not given: a number, ``required`` or nothing."""
+    """Return the default of an entry: a number, ``required`` or nothing."""
     if entry.required:
         return "required"
     return "" if entry.default is None else f"{entry.default:g}"
@@ -99,14 +99,14 @@ def docstring_of(usage: Usage) -> str:
 
 
 def sentence(text: str) -> str:
-    """Begin a text with a capital and end it with a full stop, unless it begins with a name."""
+    """Begin a text with a capital unless it begins with a name, and end it with a full stop."""
     first = text.partition(" ")[0]
     is_word = first.replace(",", "").isalpha() and first.islower() and len(first) > 1
     return (text[0].upper() + text[1:] if is_word or len(first) == 1 else text) + "."
 
 
 def _headline(usage: Usage) -> list[str]:
-    """Describe the type in one line where it fits, otherwise in a paragraph of its own."""
+    """Describe the type in one line if it fits, otherwise in a paragraph."""
     name, doc = usage.component.name, usage.component.doc
     article = "an" if name[0] in "aeio" else "a"
     line = f"Add {article} ``{name}``: {doc}."
@@ -122,7 +122,7 @@ def _name_doc(usage: Usage) -> str:
 
 
 def nodes_of(usage: Usage) -> str:
-    """Describe in a line which nodes are listed."""
+    """Describe the listed nodes in a line."""
     needed, rest = usage.nodes[: usage.n_needed], usage.nodes[usage.n_needed :]
     if usage.has_ports:
         return "those of its ports, below; or a list of one of each, the other being the ground"

@@ -1,12 +1,12 @@
 """Scenes made from others: with other inputs, with fixed parameters, and at rest.
 
-In: a scene, and what is to stand in place of its inputs. Out: another scene. An input that becomes
-an expression of time and parameters stays one. With states, outputs or measured variables in it, it
-becomes an output of the same name: fields may name outputs, so that equations, Jacobian,
-sensitivities, events and C projects know it as they know any expression of a scene.
+In: a scene, and replacements of its inputs. Out: another scene. An input that becomes an expression
+of time and parameters stays an input. With states, outputs or measured variables in it, it becomes
+an output of the same name: fields may use outputs, so that equations, Jacobian, sensitivities,
+events and C projects include it like any expression of a scene.
 
-Nothing changes with time there. A capacity is replaced by the current through it at a constant
-voltage: zero, or the static current of a junction. Inductances become short circuits.
+At rest nothing changes with time. A capacity is replaced by its current at a constant voltage:
+zero, or the static current of a junction. Inductances become short circuits.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def with_inputs(
 ) -> _Scene:
     """Return the scene with other inputs; see :meth:`cotree.Scene.with_inputs`.
 
-    ``parameters`` are new ones that the expressions use; ``kind`` is what messages call an input
-    that becomes an output.
+    ``parameters`` are new ones that the expressions use; ``kind`` is the name that messages use for
+    an input that becomes an output.
     """
     given = dict(parameters or {})
     changed = scene.copied()
@@ -69,7 +69,7 @@ def with_inputs(
         changed.parameter(name, number)
     for name, value in found.items():
         if owner_of(changed, name) is not None:
-            # The statement of the part says so, too, and is saved with the scene.
+            # The statement of the part is changed, too, and saved with the scene.
             if isinstance(value, Expression):
                 _check_names(value, changed)
             set_in_part(changed, name, inputs[name])
@@ -108,19 +108,19 @@ def _is_of_time(value: Expression, scene: SceneDescription) -> bool:
 
 
 def _check_names(value: Expression, scene: SceneDescription) -> None:
-    """Refuse names without a dot that nothing in the scene has."""
+    """Raise if a name without a dot is unknown."""
     known = {*scene.parameters, *scene.inputs, *scene.outputs, *scene.modes, "t", "pi"}
     for name in sorted(value.names):
-        # Names with a dot are looked up as those in fields are.
+        # Names with a dot are resolved like those in fields.
         if "." not in name and name not in known:
             raise ParameterError(
                 f"{value.where} uses the unknown name '{name}'{nearest(name, known)}; a new "
-                "parameter, a gain say, needs its value in parameters"
+                "parameter, for example a gain, needs its value in parameters"
             )
 
 
 def _check_loop(name: str, scene: SceneDescription) -> None:
-    """Refuse an input that is made of itself, by way of outputs or other inputs."""
+    """Raise if an input depends on itself, by way of outputs or other inputs."""
     if name not in scene.outputs:
         return
     waiting: list[tuple[str, tuple[str, ...]]] = [(name, (name,))]
@@ -133,8 +133,8 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
             if other == name:
                 way = " -> ".join(f"'{step}'" for step in (*path, name))
                 raise ParameterError(
-                    f"input '{name}' would depend on itself, {way}: an algebraic loop; feed back "
-                    "states, or outputs that are made without this input"
+                    f"input '{name}' would depend on itself, {way}, which is an algebraic "
+                    "loop: feed back states, or outputs that do not depend on this input"
                 )
             if other not in seen:
                 seen.add(other)
@@ -144,7 +144,7 @@ def _check_loop(name: str, scene: SceneDescription) -> None:
 def keep_tunable(
     scene: _Scene, tunable: Sequence[str] | None, sensitivities: Sequence[str]
 ) -> _Scene:
-    """Return the scene with only the wanted parameters tunable; None leaves that to the scene."""
+    """Return the scene with only the wanted parameters tunable; None keeps the scene's choice."""
     if tunable is None:
         return scene
     wanted = check_names(tunable, "tunable")
@@ -156,11 +156,11 @@ def keep_tunable(
             of = ", ".join(f"'{source}'" for source in sources(scene.parameters, name))
             raise ParameterError(
                 f"tunable names '{name}', which is derived, {name} = {row.value.text}: name "
-                f"{of or 'none'} in its place"
+                f"{of or 'none'} instead"
             )
     # A parameter that is folded into the code as a number has no derivative.
     kept = {*wanted, *sensitivities}
-    # The scene of the caller stays as it is: only the table of parameters is another one.
+    # The caller's scene is unchanged: only the table of parameters is replaced.
     changed = copy.copy(scene)
     changed.parameters = {
         name: row if name in kept or row.is_derived else replace(row, tunable=False)
@@ -176,13 +176,13 @@ def standing_scene(
     scene: SceneDescription, wanted: Sequence[str], jumps: Mapping[str, Expression]
 ) -> SceneDescription:
     """Make the scene of an operating point, with the variables as outputs ``wanted_0``, ..."""
-    # A shallow copy: what differs at rest is replaced, the rest is shared with the scene.
+    # A shallow copy: only what differs at rest is replaced.
     standing = copy.copy(scene)
     standing.edges = {name: _standing(edge) for name, edge in scene.edges.items()}
     standing.events, standing.defaults = {}, Simulation()
     for number, (node, voltage) in enumerate(scene.defaults.held):
         if node not in scene.nodes:
-            raise SceneError(f"held of the simulation names '{node}', which is no node")
+            raise SceneError(f"held of the simulation names the unknown node '{node}'")
         # The method of a scene checks the statement and makes the edge; its name is changed
         # afterwards.
         source, own = "voltage_source", standing.edges
@@ -206,23 +206,24 @@ def _standing(edge: Edge) -> Edge:
     )
     if not is_electrical:
         raise SceneError(
-            f"edge '{edge.name}' of type '{component.name}' is no part of an electrical network, "
-            "or stores what has no rest: start from initial values, not from an operating point"
+            f"edge '{edge.name}' of type '{component.name}' has no operating point: it is not "
+            "part of an electrical network, or stores a quantity that does not come to rest; "
+            "start from initial values instead"
         )
-    # Two ends at one node make a port that no circuit equation determines; see below.
+    # A port with both ends at one node is not determined by any circuit equation; see below.
     short = frozenset(i for i, ends in enumerate(edge.ports) if ends.tail == ends.head)
-    # Initial values of junctions are guesses, and stay.
+    # Initial values of junctions are guesses, and are kept.
     guesses = {} if any(_is_storage(port) for port in component.ports) else dict(edge.initial)
     return replace(edge, component=_at_rest(component, short), initial=guesses)
 
 
 @lru_cache(maxsize=1024)
 def _at_rest(component: Component, short: frozenset[int]) -> Component:
-    """Put a component at rest, of which some ports, by number, have both ends at one node."""
+    """Return a component at rest; some of its ports, by number, have both ends at one node."""
     if not any(_is_storage(port) for port in component.ports):
         return component
     ports = (_terminal_at_rest(port, i in short) for i, port in enumerate(component.ports))
-    # Demands are on inductances and couplings, which are of no effect at rest.
+    # Conditions concern inductances and couplings, which have no effect at rest.
     return replace(component, ports=tuple(ports), demands=())
 
 
@@ -232,24 +233,23 @@ def _is_storage(port: Terminal) -> bool:
 
 def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
     terminal = replace(terminal, content=None)
-    # The current is constant, so that no voltage is induced: a source of no voltage.
+    # The current is constant, so that no voltage is induced: a source of zero voltage.
     if terminal.kind is Kind.THROUGH_STORAGE:
         none = Law(lambda: 0)
-        if is_short:  # nothing decides what circulates; the least resistance would end it
+        if is_short:  # the circulating current is undetermined; any resistance would end it
             return replace(
                 terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=none, across=None
             )
         return replace(terminal, kind=Kind.ACROSS_SOURCE, storage=None, through=None, across=none)
     if terminal.kind is not Kind.ACROSS_STORAGE:
         return terminal
-    # The voltage is constant: what remains is the static current, with the rates of all voltages
-    # zero.
+    # The voltage is constant: the static current remains, with the rates of all voltages zero.
     static = None if terminal.through is None else terminal.through.expression
     if static is not None:
         rates = {item: 0 for item in static.free_symbols if item.name.startswith("across_rate_")}
         static = static.subs(rates)
-    # A current that does not depend on the port's own voltage is given; one that does is a
-    # dissipator's.
+    # A current that does not depend on the port's own voltage is given; otherwise the port is a
+    # dissipator.
     if static is None or symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)

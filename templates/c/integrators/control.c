@@ -1,13 +1,13 @@
 static REAL smallest_step(REAL t) { return LEAST_SPACINGS * cotree_abs(t) + COTREE_MIN; }
 
-/* The tolerance of a value of some size. COTREE_MIN: nothing is divided by zero where atol and y
- * are zero. */
+/* Return the tolerance of a value. At least COTREE_MIN, so that no division by zero occurs if
+ * atol and y are zero. */
 static inline REAL tolerance(const integrator *d, int i, REAL size)
 {
     return cotree_fused(ALL(d->rtol), size, ATOL(d, i)) + COTREE_MIN;
 }
 
-/* Returns the root mean square of v by the tolerances at y. */
+/* Return the weighted root mean square norm of v, with the tolerances at y. */
 static REAL norm(const integrator *d, const REAL *v, const REAL *y)
 {
     REAL sum = ZERO;
@@ -19,10 +19,10 @@ static REAL norm(const integrator *d, const REAL *v, const REAL *y)
     return cotree_sqrt(sum / COUNT);
 }
 
-/* Step size control, by E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
- * Equations I, second edition, section II.4. Errors are mean squares. */
+/* Step size control (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
+ * Equations I, second edition, section II.4). Errors are mean squares. */
 
-/* Begins to choose steps, from the size of the first one. */
+/* Initialise the step size control with the size of the first step. */
 static void begin_control(course *on, int lane, cotree_real step)
 {
     (void)lane;
@@ -36,11 +36,11 @@ static void begin_control(course *on, int lane, cotree_real step)
 #if COTREE_TWO_ERRORS
     LANE(on->last_rough, lane) = COTREE_INFINITY;
     LANE(on->last_size, lane) = COTREE_F(1.0);
-    LANE(on->is_believed, lane) = 0;
+    LANE(on->is_confirmed, lane) = 0;
 #endif
 }
 
-/* Chooses where the next step ends. */
+/* Set the end of the next step. */
 static void plan(integrator *d)
 {
     course *const on = ON(d);
@@ -51,18 +51,19 @@ static void plan(integrator *d)
     d->h = d->t_new - on->t; /* as rounded: late in a run the two differ */
 }
 
-/* Returns whether the error of the step that was tried is small, and not by chance. */
+/* Return whether the error of the last trial step is within the tolerance, and not small by
+ * coincidence. */
 static MASK is_passed(integrator *d)
 {
     const MASK is_small = d->error <= COTREE_F(1.0);
 #if COTREE_TWO_ERRORS
-    /* Below the tolerance nothing is sudden, and the first step has nothing to be compared with.
-     * Two lengths have to agree on an error that may be small by chance: by chance they do not. */
+    /* A second estimate below the tolerance is never sudden, nor is that of a first step. An error
+     * that may be small by coincidence must be confirmed by a step of another size. */
     const course *const on = ON(d);
     const REAL ratio = d->h / on->last_size, square = ratio * ratio, fourth = square * square;
     const REAL expected = SUDDEN * SUDDEN * on->last_rough * (fourth * fourth);
     const MASK is_sudden = d->rough > cotree_larger(ALL(COTREE_F(1.0)), expected);
-    d->is_doubted = is_small & NOT(on->is_believed) & is_sudden;
+    d->is_doubted = is_small & NOT(on->is_confirmed) & is_sudden;
 #endif
 #if COTREE_IMPLICIT || COTREE_TWO_ERRORS
     return is_small & NOT(d->is_doubted);
@@ -71,11 +72,11 @@ static MASK is_passed(integrator *d)
 #endif
 }
 
-/* Chooses the size of the next step by the error of the one that was tried. */
+/* Choose the size of the next step from the error of the last trial step. */
 static void choose_step(integrator *d, MASK accepted)
 {
     course *const on = ON(d);
-    /* The floor keeps an error of zero from dividing by it. */
+    /* The lower bound avoids a division by zero. */
     const REAL error = cotree_log(cotree_larger(ALL(COTREE_F(1e-20)), d->error));
 #if COTREE_IMPLICIT
     const REAL share = cotree_exp(-COTREE_F(0.5) * EXPONENT * error);
@@ -96,7 +97,7 @@ static void choose_step(integrator *d, MASK accepted)
     factor = cotree_choose(d->is_doubted, ALL(COTREE_F(0.5)), factor);
 #endif
     next = cotree_abs(d->h) * factor;
-    /* A step that the goal cut short does not shorten the one after it. */
+    /* A step that was shortened to end at the goal does not limit the next one. */
     on->step = cotree_choose(accepted & d->lands, cotree_larger(on->step, next), next);
     on->largest_factor = cotree_choose(accepted, ALL(LARGEST_FACTOR), ALL(COTREE_F(1.0)));
 #if COTREE_IMPLICIT
@@ -108,6 +109,6 @@ static void choose_step(integrator *d, MASK accepted)
 #if COTREE_TWO_ERRORS
     on->last_rough = cotree_choose(accepted, d->rough, on->last_rough);
     on->last_size = cotree_choose(accepted, d->h, on->last_size);
-    on->is_believed = NOT(accepted) & (on->is_believed | d->is_doubted);
+    on->is_confirmed = NOT(accepted) & (on->is_confirmed | d->is_doubted);
 #endif
 }

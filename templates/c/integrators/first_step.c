@@ -1,5 +1,5 @@
-/* Chooses the size of the first step, by how fast the solution and, where a step of Euler's leads,
- * its rate change. Hairer, Norsett, Wanner, section II.4. */
+/* Choose the size of the first step from the rates of change of the solution and, after an Euler
+ * step, of its rate. Hairer, Norsett, Wanner, section II.4. */
 static cotree_status first_step(integrator *d, const REAL *y, const REAL *rate, REAL *there,
                                 REAL *found)
 {
@@ -15,13 +15,13 @@ static cotree_status first_step(integrator *d, const REAL *y, const REAL *rate, 
     if (status == COTREE_RATE_STOPPED) return status;
     if (status == COTREE_OK) {
         for (i = 0; i < N; ++i) d->trial[i] = there[i] - rate[i];
-        slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* or the curvature */
+        slope = cotree_larger(slope, norm(d, d->trial, y) / step); /* or the second derivative */
         better = cotree_choose(slope <= COTREE_F(1e-15),
                                cotree_larger(ALL(COTREE_F(1e-6)), COTREE_F(1e-3) * step),
                                cotree_exp(EXPONENT * cotree_log(COTREE_F(0.01) / slope)));
         step = cotree_smaller(COTREE_F(100.0) * step, better);
     }
-    /* Shorter steps are rounding. */
+    /* Shorter steps are below the resolution of t. */
     *found = cotree_larger(step, COTREE_F(2.0) * smallest_step(t));
     return COTREE_OK;
 }

@@ -1,4 +1,4 @@
-/* From one on, a relative tolerance accepts steps that are wrong by all that they are. */
+/* A relative tolerance of one or more would accept steps of any error. */
 static int are_tolerances(cotree_real rtol, cotree_real atol)
 {
     return rtol >= COTREE_F(0.0) && rtol < COTREE_F(1.0) && atol >= COTREE_F(0.0) &&
@@ -12,7 +12,7 @@ static cotree_status evaluate(integrator *d, cotree_real t, const cotree_real *y
     return status_of(result);
 }
 
-/* The same where a step begins, so that what is not finite is never built on. */
+/* Evaluate the rates at the start of a step. Return an error if they are not finite. */
 static cotree_status begin_at(integrator *d, cotree_real t, const cotree_real *y, cotree_real *dy)
 {
     const cotree_status status = evaluate(d, t, y, dy);
@@ -21,7 +21,7 @@ static cotree_status begin_at(integrator *d, cotree_real t, const cotree_real *y
 }
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
-/* Projects the solution, which belongs to t; where that fails, it stays. */
+/* Project the solution at t in place; leave it unchanged on failure. */
 static cotree_status project(integrator *d, cotree_real t)
 {
     int i;
@@ -34,12 +34,12 @@ static cotree_status project(integrator *d, cotree_real t)
 }
 
 #if COTREE_IMPLICIT
-#define ROUNDS 3 /* failures that tell what a step does from rounding: it is a 64th as long then */
+#define ROUNDS 3 /* failures after which the distance is rounding: the step is then 1/64 as long */
 
-/* Tells whether algebraic unknowns that a projection moved by these shares of tolerances were
- * farther from their equations than an estimated error can be trusted, and sets the shares to zero.
- * What is no less after ROUNDS shorter steps is rounding. */
-static int is_astray(integrator *d, cotree_real *shares)
+/* Return whether a projection moved the algebraic unknowns too far from their equations for the
+ * error estimate to be reliable; shares are the moves in units of the tolerance, and are reset
+ * to zero. A distance that does not decrease in ROUNDS shorter steps is rounding. */
+static int is_off_equations(integrator *d, cotree_real *shares)
 {
     const int *const places = d->equation.algebraic, n = d->equation.n_algebraic;
     cotree_real sum = COTREE_F(0.0);
@@ -50,12 +50,12 @@ static int is_astray(integrator *d, cotree_real *shares)
     }
     if (!(sum > (cotree_real)N) || d->equation.is_bent == NULL) return 0;
     if (!d->equation.is_bent(d->context)) return 0;
-    if (++d->n_astray == 1) d->brought = sum;
-    return d->n_astray <= ROUNDS || sum < COTREE_F(0.25) * d->brought;
+    if (++d->n_astray == 1) d->first_correction = sum;
+    return d->n_astray <= ROUNDS || sum < COTREE_F(0.25) * d->first_correction;
 }
 
 #endif
-/* The same for the end of a step, which may be moved so far and no farther. */
+/* Project the end of a step. Fail if it moves by more than the limit. */
 static cotree_status project_end(integrator *d, cotree_real t)
 {
     cotree_status status;
@@ -74,7 +74,7 @@ static cotree_status project_end(integrator *d, cotree_real t)
         d->trial[i] = (d->now[i] - d->raw[i]) / tolerance(d, i, size);
     }
 #if COTREE_IMPLICIT
-    if (is_astray(d, d->trial)) return COTREE_PROJECTION_FAILED;
+    if (is_off_equations(d, d->trial)) return COTREE_PROJECTION_FAILED;
 #endif
     for (i = 0; i < N; ++i) sum += d->trial[i] * d->trial[i];
     return sum > d->farthest * d->farthest * (cotree_real)N ? COTREE_PROJECTION_FAILED : status;

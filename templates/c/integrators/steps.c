@@ -1,15 +1,15 @@
 #if !COTREE_IMPLICIT
-/* Looks at the step that was taken. */
-static void look_for_stiffness(integrator *d)
+/* Monitor the stability limit after an accepted step. */
+static void monitor_stiffness(integrator *d)
 {
     cotree_stiffness *const s = &d->stiffness;
     const int is_deciding = s->n_stiff > 0 && !s->is_found;
     cotree_real reach;
     if (s->n == 0 || (!is_deciding && ++s->n_calm < CALM_STEPS)) return;
     s->n_calm = 0;
-    reach = reach_of(d, d->t - d->t_before);
+    reach = stability_ratio(d, d->t - d->t_before);
     if (s->is_found) {
-        /* A method at its bound goes to and fro about it, or comes to rest there. */
+        /* A method at its stability limit oscillates about it, or settles there. */
         if (reach == COTREE_F(0.0) || reach > COTREE_F(0.5) * STABLE) s->n_steps += CALM_STEPS;
     } else if (reach > STABLE) {
         if (s->n_stiff == 0) s->since = d->t_before;
@@ -30,8 +30,8 @@ void METHOD(watch)(integrator *d, int n)
 }
 
 #endif
-/* Stands at a point, with the first arrays of its workspace. */
-static cotree_status stand(integrator *d, int n, cotree_rate_function rate, void *context,
+/* Initialise at (t, y), with the first arrays of the workspace. */
+static cotree_status initialise(integrator *d, int n, cotree_rate_function rate, void *context,
                            cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
                            cotree_real *workspace)
 {
@@ -73,7 +73,7 @@ cotree_status METHOD(init)(integrator *d, cotree_implicit_equation equation, cot
     const int n = equation.n, n_algebraic = equation.n_algebraic;
     cotree_status status = COTREE_BAD_ARGUMENT;
     if (n_algebraic >= 0 && n_algebraic <= n) {
-        status = stand(d, n, equation.rate, equation.context, t, y, rtol, atol, workspace);
+        status = initialise(d, n, equation.rate, equation.context, t, y, rtol, atol, workspace);
     }
     if (status != COTREE_OK) return status;
     d->n_jacobians = d->n_factorisations = 0;
@@ -90,7 +90,7 @@ cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void
                            cotree_real t, const cotree_real *y, cotree_real rtol, cotree_real atol,
                            cotree_real *workspace)
 {
-    const cotree_status status = stand(d, n, rate, context, t, y, rtol, atol, workspace);
+    const cotree_status status = initialise(d, n, rate, context, t, y, rtol, atol, workspace);
     if (status != COTREE_OK) return status;
 #if COTREE_HAS_CONSTRAINTS
     d->rejected = NULL;
@@ -102,14 +102,14 @@ cotree_status METHOD(init)(integrator *d, int n, cotree_rate_function rate, void
 
 #define FAILURE_FACTOR COTREE_F(0.25) /* after a failure of the right-hand side */
 
-/* Sets out to a time. */
+/* Set the end and the direction of integration. */
 static void set_goal(integrator *d, cotree_real t_stop)
 {
     d->goal = t_stop;
     d->ahead = t_stop < d->t ? -COTREE_F(1.0) : COTREE_F(1.0);
 }
 
-/* The caller may have chosen the first step; else it is Hairer's. */
+/* If the caller has not set the first step, compute it. */
 cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
 {
 #if COTREE_IMPLICIT
@@ -132,7 +132,7 @@ cotree_status METHOD(begin)(integrator *d, cotree_real t_stop)
     return first_step(d, d->now, rate, there, &d->step);
 }
 
-/* Goes on to the end of the step that was tried. */
+/* Accept the trial step: advance to its end. */
 static void accept(integrator *d)
 {
 #if COTREE_IMPLICIT
@@ -143,17 +143,17 @@ static void accept(integrator *d)
     d->t = d->t_new;
     ++d->n_steps;
 #if !COTREE_IMPLICIT
-    look_for_stiffness(d);
+    monitor_stiffness(d);
 #endif
 }
 
-/* Tries steps until one is accepted. */
+/* Try steps until one is accepted. */
 static cotree_status take_step(integrator *d)
 {
     cotree_status trouble = COTREE_STEP_TOO_SMALL;
     d->largest_factor = LARGEST_FACTOR;
 #if COTREE_TWO_ERRORS
-    d->is_believed = 0;
+    d->is_confirmed = 0;
 #endif
 #if COTREE_IMPLICIT
     d->n_astray = 0;
@@ -208,7 +208,7 @@ cotree_status METHOD(step)(integrator *d, cotree_real t_stop)
     status = take_step(d);
     if (status != COTREE_OK) {
         exchange(d);
-        d->step = planned; /* so that a second attempt fails, or not, for its own reason */
+        d->step = planned; /* so that a second attempt is independent */
     }
     return status;
 }

@@ -15,7 +15,7 @@ cotree_real cotree_next_breakpoint(const cotree_breakpoints *breakpoints, cotree
                                    cotree_real t_end)
 {
     const cotree_real ahead = t_end > t ? COTREE_F(1.0) : -COTREE_F(1.0);
-    /* Excludes t itself, and the end. */
+    /* Excludes t itself and the end. */
     const cotree_real slack = SLACK * COTREE_FABS(t), last = COTREE_FABS(t_end) <= COTREE_MAX
                                                                  ? SLACK * COTREE_FABS(t_end)
                                                                  : COTREE_F(0.0);

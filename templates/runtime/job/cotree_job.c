@@ -315,7 +315,8 @@ static int compute_left_rates(cotree_job *job)
                : 0;
 }
 
-/* Let the sensitivities jump at a corner; the point stored there is the one after it. */
+/* Apply the jump of the sensitivities at a breakpoint; the point stored there is the one after
+ * it. */
 static int jump_sensitivities(cotree_job *job)
 {
     cotree_run *const run = ENGINE->run;
@@ -505,7 +506,7 @@ static int call_reach(cotree_job *job, int is_first)
 }
 #endif
 
-/* Start a segment: let sensitivities jump, apply events, restart the stepper. */
+/* Start a segment: apply jumps of sensitivities and events, restart the stepper. */
 static int begin_segment(cotree_job *job)
 {
     const int is_first = job->corner == 0;
@@ -600,7 +601,7 @@ static int is_near_singularity(cotree_job *job)
     return cotree_singularity_is_near(e->singularity, job->t, e->run->full);
 }
 
-/* Record that tolerances are loosened from here on. */
+/* Record the start of a stretch with loosened tolerances. */
 static void record_crossing(cotree_job *job)
 {
     const int n = job->model->n_states;
@@ -633,8 +634,8 @@ static void move_back(cotree_job *job, cotree_real t, const cotree_real *w)
     }
 }
 
-/* Enter another stretch near a singular position: one with looser tolerances where that with rates
- * on the constraints began, since rounding is smaller there. */
+/* Enter another stretch near a singular position. A stretch with looser tolerances begins where
+ * that with rates on the constraints began, since rounding is smaller there. */
 static int enter_stretch(cotree_job *job, cotree_stretch stretch)
 {
     cotree_singularity *const s = ENGINE->singularity;
@@ -661,8 +662,8 @@ static int retry_near_singularity(cotree_job *job, int status)
     return fail(job, status);
 }
 
-/* After a step from start that is short near a singular position: take it back, and enter a stretch
- * with rates on the constraints. Return COTREE_JOB_DONE if the step stays. */
+/* If the step from start is short near a singular position, revert it and enter a stretch with
+ * rates on the constraints. Return COTREE_JOB_DONE if the step is kept. */
 static int take_back(cotree_job *job, cotree_real start)
 {
     cotree_engine *const e = ENGINE;
@@ -692,7 +693,7 @@ static int begin_watched_step(cotree_job *job)
 #endif
 
 #if COTREE_HAS_EVENTS || COTREE_HAS_CONSTRAINTS
-/* Return whether the start of a step is read after it. */
+/* Return whether the start of a step is read after the step. */
 static int is_start_read(const cotree_job *job)
 {
 #if COTREE_HAS_CONSTRAINTS

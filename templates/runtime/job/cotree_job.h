@@ -62,7 +62,7 @@ typedef struct cotree_job {
               unknowns */
     cotree_real rtol;
     const cotree_real *atols; /* n */
-    cotree_real atol;         /* of algebraic unknowns */
+    cotree_real atol;         /* absolute tolerances of algebraic unknowns */
     cotree_real max_step;
     int n_corners; /* the start, time events, the end */
     const cotree_real *corners;
@@ -76,7 +76,7 @@ typedef struct cotree_job {
     const cotree_real *turn_tolerances; /* absolute tolerances of sensitivities to each parameter */
     int turned; /* the place in z of a sensitivity that does not exist after this time */
 #endif
-    /* Stored points: at the wanted times, or after each step if there are none. */
+    /* Stored points: at the wanted times, or after each step if n_wanted is 0. */
     int n_wanted;
     const cotree_real *wanted;
     cotree_real *times;  /* space for one row more than steps, or for the wanted times */
@@ -145,7 +145,7 @@ COTREE_EXPORT int cotree_job_run(cotree_job *job, long most_steps);
 COTREE_EXPORT int cotree_job_start(cotree_job *job);
 
 #endif
-/* Write the present point of a job with steps left; jobs that have ended or wait have written
+/* Write the present point of a job with steps left; a job that has ended or waits has written
  * it. */
 COTREE_EXPORT void cotree_job_sync(cotree_job *job);
 

@@ -41,8 +41,8 @@ typedef struct cotree_singularity {
 void cotree_singularity_init(cotree_singularity *s, const cotree_job *job, cotree_run *run,
                              cotree_arena *arena);
 
-/* Do not return to points before a corner or an event. A multistep method takes short steps after
- * it: forget the lengths of the last ones. */
+/* Do not return to points before a breakpoint or an event. Multistep methods take short steps
+ * after it, so the lengths of the last steps are discarded. */
 void cotree_singularity_restart(cotree_singularity *s, int is_multistep);
 
 /* Store the length of a step. Return the stretch that follows if a singular position is near. */
@@ -55,7 +55,7 @@ cotree_stretch cotree_singularity_next(const cotree_singularity *s, const cotree
 /* Return whether constraints are nearly dependent at t and x. */
 int cotree_singularity_is_near(cotree_singularity *s, cotree_real t, const cotree_real *x);
 
-/* Change the demands of a job until s->end, or restore them. The stepper has to restart. */
+/* Change the settings of a job until s->end, or restore them. The stepper has to restart. */
 void cotree_singularity_enter(cotree_singularity *s, cotree_job *job, cotree_stretch stretch,
                               cotree_real ahead);
 

@@ -39,7 +39,7 @@ typedef struct cotree_engine {
     cotree_real *w;     /* the present point, n numbers */
     cotree_real origin; /* the rounding of steps is relative to their distance from this time */
     int is_running;     /* 1: the last step can be interpolated */
-    int is_helped;      /* 1: w has the unknowns after a corner, not at it */
+    int is_helped;      /* 1: w has the unknowns after a breakpoint, not at it */
     int n_short;        /* successive steps at rounding level */
     void *own;          /* data of the stepper */
 } cotree_engine;
@@ -57,7 +57,7 @@ struct cotree_stepper {
     /* Return the time up to which wanted points can be interpolated now. */
     cotree_real (*known)(const cotree_job *job, int is_last);
     /* Compute the solution at a time within the last step, as accurate as the steps if
-     * is_careful. is_exact: it is the end of a step. The caller may change the values. */
+     * is_careful is set. is_exact: t is the end of a step. The caller may change the values. */
     int (*between)(cotree_job *job, cotree_real t, int is_careful, cotree_real **w, int *is_exact);
     /* Compute run->full: the point projected, with its algebraic unknowns. */
     int (*complete)(cotree_job *job, cotree_real t, cotree_real *w, int is_exact);

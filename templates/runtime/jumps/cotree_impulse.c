@@ -13,7 +13,7 @@ static int speed_change_place(const cotree_jumps *j, int event)
     return cotree_first_new_value(j, event) + j->hybrid->events[event].n_targets - 1;
 }
 
-/* Write the prescribed changes of speed, and their sensitivities, to z; zeros unless is_struck. */
+/* Write the prescribed changes of speed, and their sensitivities, to z; zeros if is_struck is 0. */
 static void set_required_changes(cotree_jumps *j, const cotree_impulse *s, int is_struck,
                                  cotree_real *z)
 {

@@ -28,15 +28,14 @@ COTREE_BEGIN_DECLS
 typedef struct cotree_jumps {
     cotree_run *run;
     const cotree_hybrid *hybrid;
-    cotree_real *values; /* event functions, then the branch of each piecewise function, then the
-                            quantities of ranges */
+    cotree_real *values; /* event functions, branches, quantities of ranges */
     cotree_real *rates;  /* time derivatives of the event functions, then of all new values */
     cotree_real *state_rates;
     cotree_real *before, *after;   /* all states and sensitivities at the last event */
     cotree_real *time_sensitivity; /* of the time of the event */
     /* The rest is private. */
     cotree_real *value_slopes, *new_values;
-    /* Of impacts. */
+    /* Work space for impacts. */
     cotree_real *w_work, *packed, *response, *impulse_forces, *force_slopes;
 #if COTREE_HAS_CONSTRAINTS
     cotree_assembly_tables constraints;
@@ -47,14 +46,13 @@ typedef struct cotree_jumps {
 /* An impulse at several constraints. */
 typedef struct cotree_impulse {
     int n_modes, stride;
-    const int *places;         /* of the modes, each stride-th */
+    const int *places;         /* of the modes, at each stride-th place */
     const cotree_real *modes;  /* in the impact */
     int n_edges, n_stops;      /* stops first, then friction at their contacts */
     const int *impulse_states; /* set to the change of speed */
     const int *speed_events;   /* whose last new value is the change of speed; -1: none */
     int n_forces;
-    const int *force_events; /* contact forces of stops, then slacks of friction to both limits,
-                                then loads */
+    const int *force_events; /* forces of stops, distances of friction from both limits, loads */
 } cotree_impulse;
 
 /* Initialise. The model must have events. */

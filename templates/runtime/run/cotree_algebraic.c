@@ -191,7 +191,7 @@ static int solve_sensitivities(cotree_run *run, cotree_real t)
 
 /* Integrated unknowns are far from their solution if a projection moves each by FAR_TOLERANCES
  * in the mean, or if pivots lose more digits than the tolerance leaves: the error test would
- * then measure rounding, and shorten steps without end. If this happens MAX_FAR times more often
+ * then measure rounding, and shorten steps without end. If this occurs MAX_FAR times more often
  * than not, the unknowns are solved for at each point from then on. */
 #define FAR_TOLERANCES COTREE_F(10.0)
 #define MAX_FAR 20

@@ -25,12 +25,12 @@
 /* A kink of the rates: the event only ends the branch that a step holds. */
 #define COTREE_KINK 11
 
-/* The same where the slope of a root is infinite on both sides. Its branch is the width of a band
- * around zero within which the root is replaced, or not positive. */
+/* A kink at which the slope of a root is infinite on both sides. Its branch is the half-width of
+ * the band around zero within which the root is replaced; it is not positive if there is none. */
 #define COTREE_STEEP_KINK 12
 
 /* Modes of dry friction, besides 1 and -1 of sliding. */
 #define COTREE_FRICTION_STICKS COTREE_F(0.0)
-#define COTREE_FRICTION_FREE COTREE_F(2.0) /* nothing presses the faces together */
+#define COTREE_FRICTION_FREE COTREE_F(2.0) /* no normal force presses the faces together */
 
 #endif

@@ -11,15 +11,17 @@
 
 COTREE_BEGIN_DECLS
 
-/* A result besides those of the functions: there is no further step, or no share is accepted. */
+/* Result in addition to those of the callbacks: no further step exists, or no damped step is
+ * accepted. */
 #define COTREE_NO_STEP 61
 
-/* Limits of the sizes of steps, and of their number. */
+/* Limits of step sizes, and of the number of steps. */
 typedef struct cotree_newton_limits {
     int max_steps;
-    cotree_real rounding; /* a step below it is the last one */
-    cotree_real small;    /* so is one below this that is not half the one before */
-    /* Of damping: steps below this that cannot be reduced are rounding; the least share. */
+    cotree_real rounding; /* a step below this is the last one */
+    cotree_real small;    /* so is a step below this that is not half the previous one */
+    /* Limits of damping: steps below `stalled` that cannot be reduced are rounding; `min_share`
+     * is the smallest damping factor. */
     cotree_real stalled, min_share;
 } cotree_newton_limits;
 
@@ -27,13 +29,13 @@ typedef struct cotree_iteration {
     /* Compute the step at x, and its size; 0 ends the iteration. is_new: with the matrix of this
      * point, else with that of the last one. */
     int (*step)(const struct cotree_iteration *a, int is_new, cotree_real *size);
-    /* Move x from the last point with a new matrix by a share of its step. NULL: there is no
-     * damping, and step moves x itself. */
+    /* Move x from the last point with a new matrix by a fraction of its step. NULL: no damping;
+     * step moves x itself. */
     int (*move)(const struct cotree_iteration *a, cotree_real share);
-    void *context;     /* of these functions */
+    void *context;     /* passed to the callbacks */
     cotree_real t, *x; /* time, and unknowns */
     const cotree_newton_limits *limits;
-    cotree_real size; /* of the last step with a new matrix */
+    cotree_real size; /* size of the last step with a new matrix */
 } cotree_iteration;
 
 /* Iterate to a solution. Return 0, a status of the functions, or COTREE_NO_STEP. */

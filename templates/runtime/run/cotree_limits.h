@@ -51,7 +51,7 @@
 #define COTREE_HISTORY_POINTS 6
 #define COTREE_HISTORY_DOUBT COTREE_F(4.0)
 
-/* The same limit of any method: implicit ones are read without rates. */
+/* The same limit for any method: implicit methods are interpolated without rates. */
 #define COTREE_DOUBT(uses_rates) ((uses_rates) ? COTREE_HISTORY_DOUBT : COTREE_F(1.0))
 
 #if COTREE_HAS_IMPLICIT

@@ -30,7 +30,7 @@
 #define COTREE_HAS_EVENTS 1 /* events, and kinks of rates whose times depend on states */
 #endif
 #ifndef COTREE_HAS_MOVING_CORNERS
-#define COTREE_HAS_MOVING_CORNERS 1 /* time events that depend on parameters of sensitivity */
+#define COTREE_HAS_MOVING_CORNERS 1 /* time events that parameters of sensitivity move */
 #endif
 #ifndef COTREE_HAS_IMPLICIT
 #define COTREE_HAS_IMPLICIT 1 /* an implicit method */
@@ -39,13 +39,13 @@
 #define COTREE_HAS_HELPER 1 /* solvers of the caller, used if iterations fail */
 #endif
 #ifndef COTREE_HAS_MENDING
-#define COTREE_HAS_MENDING 1 /* given values move where constraints ask for it */
+#define COTREE_HAS_MENDING 1 /* given values are changed to satisfy constraints */
 #endif
 #ifndef COTREE_HAS_SUNDIALS
 #define COTREE_HAS_SUNDIALS 1 /* methods of SUNDIALS */
 #endif
 #ifndef COTREE_HAS_START
-#define COTREE_HAS_START 1 /* of an FMU: constraints, conditions or modes at the start */
+#define COTREE_HAS_START 1 /* of an FMU: conditions at the start (constraints, modes) */
 #endif
 #ifndef COTREE_HAS_BREAKPOINTS
 #define COTREE_HAS_BREAKPOINTS 1 /* of an FMU: time events, or upper bounds of steps */

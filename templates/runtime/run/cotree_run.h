@@ -65,7 +65,7 @@ typedef struct cotree_arena {
 
 #if COTREE_HAS_ALGEBRAIC
 /* Linear systems of the algebraic equations g, if an implicit method provides them: linearise
- * factorises g_z at x, solve computes -g_z^-1 g. They return like kernels. */
+ * factorises g_z at x; solve computes -g_z^-1 g. They return a status like kernels. */
 typedef struct cotree_elimination {
     int (*linearise)(cotree_real t, const cotree_real *x, void *context);
     int (*solve)(const cotree_real *g, cotree_real *step, void *context);
@@ -112,10 +112,9 @@ typedef struct cotree_run {
 #if COTREE_HAS_ALGEBRAIC
     int is_extended; /* 1: w contains algebraic unknowns */
     int is_solving;  /* 1: these are solved for at each point, even if w contains them */
-    int n_far;       /* how often they were far from their solution, less how often they were not */
+    int n_far;       /* points with integrated unknowns far from their solution, minus others */
     cotree_real pivot_growth; /* growth of their errors by the planned pivots */
-    cotree_real bend; /* length of their last correction, as a share of the distance over which the
-                         equations bend */
+    cotree_real bend; /* last correction / distance over which the equations are nearly linear */
     cotree_real *newton, *found, *times;
     cotree_lu matrix; /* of the algebraic equations */
     int n_found;
@@ -174,7 +173,7 @@ void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_
 /* Copy z in the form w: also without algebraic unknowns. */
 void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_real *w);
 
-/* The same, and store the algebraic unknowns as a guess. */
+/* Copy z in the form w, and store the algebraic unknowns as a guess. */
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w);
 
 #if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
@@ -189,7 +188,7 @@ int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, in
 /* Compute run->u, the inputs at a time. */
 int cotree_run_inputs(cotree_run *run, cotree_real t);
 
-/* For integrators; the context is the run. */
+/* Rate function for integrators; the context is the run. */
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context);
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 int cotree_run_project(cotree_real t, cotree_real *w, void *context);
@@ -241,11 +240,12 @@ int cotree_run_is_projected(const cotree_run *run);
 /* Compute run->full, all states and sensitivities. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
-/* The same; call the helper if the iterations here fail. */
+/* Compute run->full, all states and sensitivities; call the helper if the iterations here fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
 #if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
-/* The same, without sensitivities. */
+/* Compute the states of run->full, without sensitivities; call the helper if the iterations here
+ * fail. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 
 #endif
@@ -261,8 +261,8 @@ int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, cons
 #endif
 #if COTREE_HAS_MOVING_CORNERS
 /* Compute the rates before a time event. After low and high are those of the next segment,
- * compute the rates after it, and let the sensitivities jump. A point has n entries: run->n, or
- * n_packed. */
+ * compute the rates after it, and apply the jump of the sensitivities. A point has n entries:
+ * run->n, or n_packed. */
 int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *point, int n,
                           cotree_corner_sensitivity *crossing);
 int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,

@@ -33,8 +33,7 @@ typedef struct cotree_stiff {
     cotree_real *linear;       /* derivatives at the start of a step */
     const cotree_real *values; /* derivatives that are factorised */
     cotree_real *carried, *couplings, *factors, *work, *given, *residual, *right;
-    cotree_real *zero_sensitivities; /* zero sensitivities, if only the states of a model with
-                                        sensitivities are integrated */
+    cotree_real *zero_sensitivities; /* used if only the states are integrated */
     cotree_lu dense;
     int *algebraic;
     int n_algebraic; /* entries of z */
@@ -47,8 +46,8 @@ void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton
 cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff);
 
 #if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
-/* Return whether points need a projection. Project a point: onto the constraints, and the
- * algebraic unknowns with their sensitivities onto their equations. */
+/* Return whether points need a projection. cotree_stiff_project projects a point onto the
+ * constraints, and the algebraic unknowns with their sensitivities onto their equations. */
 int cotree_stiff_is_projected(const cotree_stiff *stiff);
 int cotree_stiff_project(cotree_real t, cotree_real *z, void *context);
 

@@ -7,7 +7,7 @@
 #define COTREE_SYSTEMS_H
 
 #include "cotree_limits.h"
-#ifndef HOLDS /* else the file computes with vectors */
+#ifndef HOLDS /* otherwise the including file defines vectors */
 #include "cotree_numbers.h"
 #endif
 
