@@ -1,11 +1,11 @@
 """Across variables: prefix sums over the tree (paper, Eq. (2)).
 
 Quantities of a cluster are vectors resolved in its basis; those of a branch, in the basis of its
-parent. Accelerations contain minus gravity, so that weight needs no terminal equation of its own.
-A sensitivity graph runs over the same functions with duals; where its seed does not reach, the
-first graph's values serve.
+parent. Accelerations contain minus gravity, so that weight needs no terminal equation. A
+sensitivity graph evaluates the same functions with duals; values that do not depend on its seed are
+those of the first graph.
 
-The first graph sees vectors and nodes, a sensitivity graph their duals.
+The first graph uses vectors and nodes, a sensitivity graph their duals.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Circuits:
     frames: Frames
     #: The across variable of a branch, in the basis of its parent.
     across: Callable[[Branch], Vector]
-    #: The first graph's, where this is a sensitivity graph's: they serve where nothing changes.
+    #: Those of the first graph if this is a sensitivity graph, for values that do not change.
     known: Circuits | None = None
     _sums: dict[tuple[int, int], Vector] = field(default_factory=dict)
 
@@ -45,11 +45,10 @@ class Circuits:
             return self.known.between(ancestor, cluster, zero)
         total = zero
         for branch in self.clusters.path(cluster, ancestor):
-            # Paths from one ancestor share their beginnings, so that each sum extends a known one
-            # by one term.
+            # Paths from one ancestor share their beginnings: each sum adds one term to a known one.
             key = (ancestor, branch.child)
             if key not in self._sums:
-                # Sums are formed in the basis of the ancestor, not in that of the branch's parent.
+                # Sums are in the basis of the ancestor, not in that of the branch's parent.
                 step = inwards(
                     self.clusters, self.frames, self.across(branch), branch.parent, ancestor
                 )
@@ -61,8 +60,8 @@ class Circuits:
 def inwards(clusters: Clusters, frames: Frames, a: Vector, cluster: int, ancestor: int) -> Vector:
     """Resolve a vector of a cluster's basis in an ancestor's."""
     while cluster != ancestor:
-        # Bases change one branch at a time; where a cluster shares its parent's basis nothing is
-        # formed.
+        # Bases change one branch at a time; a cluster that shares its parent's basis needs no
+        # change.
         a = frames.up(cluster, a)
         branch = clusters.branches[cluster]
         assert branch is not None
@@ -81,13 +80,13 @@ def outwards(clusters: Clusters, frames: Frames, a: Vector, ancestor: int, clust
 class Motion:
     """Positions and velocities."""
 
-    #: What moves, and the axes it is resolved in.
+    #: The clusters, and the axes in which vectors are resolved.
     system: System
     clusters: Clusters
     frames: Frames
     geometry: tuple[Geometry, ...]  # every moving branch, parents before children
     omega: tuple[Vector, ...]  # angular velocity of each cluster, [rad/s]
-    first: Motion | None = None  # the first graph's, where this is a sensitivity graph's
+    first: Motion | None = None  # that of the first graph if this is a sensitivity graph
 
     def to(self, cluster: int) -> Geometry:
         """Return the branch that carries a cluster."""
@@ -111,8 +110,7 @@ class Motion:
 
     def _branch_velocity(self, branch: Branch) -> Vector:
         geometry = self.to(branch.child)
-        # The parent carries the whole offset; the motion space adds what the speeds move beyond
-        # that.
+        # The parent carries the whole offset; the motion space adds the motion relative to it.
         result = vector.cross(self.omega[branch.parent], geometry.offset)
         for speed, shifting in zip(branch.speeds, geometry.shifting, strict=True):
             result = vector.add(result, vector.scale(self.frames.seen(speed.symbol), shifting))
@@ -129,7 +127,7 @@ class Motion:
         return vector.add(self.positions.between(ancestor, point.cluster, zero), arm)
 
     def velocity(self, point: Point, ancestor: int = 0) -> Vector:
-        """Form a point's velocity less that of an ancestor's origin, in the ancestor's basis."""
+        """Form a point's velocity relative to an ancestor's origin, in the ancestor's basis."""
         own = vector.cross(self.omega[point.cluster], self.arm(point))
         own = inwards(self.clusters, self.frames, own, point.cluster, ancestor)
         zero = vector.zeros(self.system.dag)
@@ -143,19 +141,19 @@ class Accelerations:
     alpha: tuple[Vector, ...]  # angular acceleration of each cluster
     #: ``[alpha]x + [omega]x[omega]x`` of each cluster: times an arm, the acceleration across it.
     matrix: tuple[Matrix, ...]
-    origin: tuple[Vector, ...]  # acceleration of each cluster's origin, less gravity
+    origin: tuple[Vector, ...]  # acceleration of each cluster's origin, minus gravity
     #: Of each moving branch, from the parent's origin to the child's, in the parent's basis.
     across: tuple[Vector, ...]
-    rates: tuple[Node, ...]  # the accelerations that they belong to
+    rates: tuple[Node, ...]  # the accelerations of the speeds
 
 
 def move(system: System, clusters: Clusters, frames: Frames, first: Motion | None = None) -> Motion:
     """Form the geometry of the branches and the angular velocities of the clusters ([1] eq. 2).
 
-    A sensitivity graph passes ``first``, the motion of the first graph, and keeps what is constant.
+    A sensitivity graph passes ``first``, the motion of the first graph, and reuses constant values.
     """
     geometry = []
-    # The ground comes first: it does not turn. Branches come after those that carry them, so that
+    # The ground comes first: it does not rotate. Branches follow those that carry them, so that
     # each prefix sum adds one term (Eq. (2)).
     omega = [vector.zeros(system.dag)]
     for branch in clusters.branches[1:]:
@@ -180,7 +178,7 @@ def relative_spin(frames: Frames, geometry: Geometry) -> Vector:
 
 
 def _moving(frames: Frames, geometry: Geometry, directions: Sequence[Vector]) -> Vector:
-    """Sum directions of a motion space, times the speeds."""
+    """Sum the directions of a motion space times the speeds."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
     speeds = [frames.seen(v.symbol) for v in geometry.branch.speeds]
     return weighted(zero, directions, speeds)
@@ -207,8 +205,8 @@ def accelerate(
 ) -> Accelerations:
     """Form the accelerations of the clusters for given rates of the speeds.
 
-    A sensitivity graph passes ``first``, the first graph's accelerations, and holds ``rates``
-    fixed: their derivatives are its unknowns.
+    A sensitivity graph passes ``first``, the first graph's accelerations, and keeps ``rates``
+    constant: their derivatives are its unknowns.
     """
     system, frames = motion.system, motion.frames
     zero = vector.zeros(system.dag)
@@ -225,13 +223,13 @@ def accelerate(
             alpha.append(first.alpha[child])
             matrix.append(first.matrix[child])
             steps.append(first.across[child - 1])
-            # The step across the branch is the same; the sum up to the origin is the same only if
-            # the sum up to the parent is.
+            # The term of the branch is unchanged; the sum to the origin is unchanged only if the
+            # sum to the parent is.
             if origin[parent] == first.origin[parent]:
                 origin.append(first.origin[child])
                 continue
         with system.dag.labelled(f"f-circuits, acceleration of {branch.edge}"):
-            # Otherwise the step of the first graph was taken above, and only the sum is new.
+            # Otherwise the term of the first graph is used above, and only the sum is new.
             if len(steps) < child:
                 own = [rates[v.index] for v in branch.speeds]
                 spin = carrier_spin(motion, branch)
@@ -245,9 +243,9 @@ def accelerate(
 
 
 def _turn(frames: Frames, geometry: Geometry, rates: Sequence[Node], spin: Vector) -> Vector:
-    """Form the angular acceleration across a branch whose carrier spins."""
+    """Form the angular acceleration across a branch whose carrier rotates."""
     zero = vector.zeros(geometry.branch.anchor[0].dag)
-    # Axes of the motion space are constant in the carrier, so that their rate in space is spin x e.
+    # Axes of the motion space are constant in the carrier; their rate in space is spin x e.
     gyroscopic = vector.cross(spin, relative_spin(frames, geometry))
     return vector.add(weighted(zero, geometry.turning, rates), gyroscopic)
 
@@ -259,13 +257,13 @@ def _shift(
     spin: Vector,
     matrix: Sequence[Matrix],
 ) -> Vector:
-    """Form the acceleration of a branch's outer origin against the inner one."""
+    """Form the acceleration of a branch's outer origin relative to the inner one."""
     branch = geometry.branch
     zero = vector.zeros(branch.anchor[0].dag)
     # Tangential and centripetal acceleration of the arm that the parent carries.
     total = vector.times(matrix[branch.parent], geometry.from_parent)
     total = vector.add(total, weighted(zero, geometry.sliding, rates))
-    # 2 omega x v of what slides along axes that the carrier turns.
+    # 2 omega x v of translations along axes that the carrier turns.
     coriolis = vector.cross(spin, _moving(frames, geometry, geometry.sliding))
     total = vector.add(total, vector.add(coriolis, coriolis))
     # A joint that points inwards slides along axes of its child, which carries that part of the
@@ -279,16 +277,16 @@ def _shift(
 
 @dataclass(frozen=True)
 class View:
-    """Across variables of a graph, at some accelerations or without any."""
+    """Across variables of a graph, with or without accelerations."""
 
     motion: Motion  # positions and velocities
     accelerations: Accelerations | None = None
-    first: View | None = None  # the first graph's, where this is a sensitivity graph's
+    first: View | None = None  # those of the first graph if this is a sensitivity graph
 
     @property
     def across(self) -> Accelerations:
         """The accelerations."""
-        assert self.accelerations is not None  # views without them are for values and rates
+        assert self.accelerations is not None  # views without accelerations give values and rates
         return self.accelerations
 
     @cached_property
@@ -303,16 +301,16 @@ class View:
     @cached_property
     def _rates(self) -> dict[Node, Node]:
         speeds = self.motion.system.speeds
-        # Zeros in the view for the right-hand side, symbols in that for the balances.
+        # Zero in the view for the right-hand side, symbols in that for the balances.
         return {v.acceleration: rate for v, rate in zip(speeds, self.across.rates, strict=True)}
 
     def _inwards(self, a: Vector, cluster: int, ancestor: int) -> Vector:
         return inwards(self.motion.clusters, self.motion.frames, a, cluster, ancestor)
 
     def scalar(self, node: Node) -> Node:
-        """Return a field, a coordinate, a speed or an acceleration as this view sees it."""
+        """Return a field, coordinate, speed or acceleration in this view."""
         if self.accelerations is not None:
-            # The symbol of an acceleration stands for the value that this view was formed at.
+            # The symbol of an acceleration has the value at which this view was formed.
             node = self._rates.get(node, node)
         return self.motion.frames.seen(node)
 
@@ -321,31 +319,31 @@ class View:
         return self._inwards(self.motion.frames.resolved(cluster, local), cluster, ancestor)
 
     def position(self, point: Point, ancestor: int) -> Vector:
-        """See the vector from an ancestor's origin to a point."""
+        """Return the vector from an ancestor's origin to a point."""
         return self.motion.position(point, ancestor)
 
     def velocity(self, point: Point, ancestor: int) -> Vector:
-        """See a point's velocity less that of an ancestor's origin."""
+        """Return a point's velocity relative to an ancestor's origin."""
         return self.motion.velocity(point, ancestor)
 
     def acceleration(self, point: Point, ancestor: int) -> Vector:
-        """See a point's acceleration less that of an ancestor's origin."""
+        """Return a point's acceleration relative to an ancestor's origin."""
         zero = vector.zeros(self.motion.system.dag)
-        # Gravity enters at the ground's origin only; a sum from an ancestor on is free of it.
+        # Gravity enters at the ground's origin only; sums from an ancestor do not contain it.
         own = vector.times(self.across.matrix[point.cluster], self.motion.arm(point))
         own = self._inwards(own, point.cluster, ancestor)
         return vector.add(self._accelerations.between(ancestor, point.cluster, zero), own)
 
     def omega(self, cluster: int, ancestor: int) -> Vector:
-        """See an angular velocity."""
+        """Return an angular velocity."""
         return self._inwards(self.motion.omega[cluster], cluster, ancestor)
 
     def alpha(self, cluster: int, ancestor: int) -> Vector:
-        """See an angular acceleration."""
+        """Return an angular acceleration."""
         return self._inwards(self.across.alpha[cluster], cluster, ancestor)
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Put values in the place of a formula's arguments."""
+        """Substitute values for a formula's arguments."""
         return self.motion.frames.formula(node, arguments)
 
     def settled(self, a: Vector, ancestor: int, cluster: int) -> Vector:

@@ -1,4 +1,4 @@
-"""Chords that hold: joints that close loops and constraints, as rows of measures.
+"""Chords that constrain: joints that close loops, and constraints, as rows of measures.
 
 The across variable of a chord joint is zero along its reaction space; a multiplier acts there.
 """
@@ -44,7 +44,7 @@ class Row:
     """One scalar constraint: a measure that stays zero."""
 
     name: str  # ``edge.place``, for reports
-    edge: str  # the edge that holds it
+    edge: str  # the edge of the constraint
     unit: str  # unit of the measure
     measure: Measure  # what stays zero
 
@@ -64,7 +64,7 @@ def constraint_rows(motion: Motion) -> list[Row]:
 
 
 def joint_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Hold the across variables of a joint along its reaction space, in each graph's cotree."""
+    """Return rows for the across variables of a chord joint along its reaction space."""
     trees = motion.system.trees
     if not trees.is_branch(edge.name, rotates=False):
         yield from _translation_rows(motion, edge)
@@ -77,7 +77,7 @@ def _named(edge: BoundEdge, place: str, unit: str, measure: Measure) -> Row:
 
 
 def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Hold the nodes together, but for the translations of the motion space."""
+    """Return rows that keep the nodes together, except for translations of the motion space."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     sliding = [s for s in edge.component.motion_space if isinstance(s, Freedom) and not s.rotates]
     if "vector" in edge.vectors:
@@ -109,7 +109,7 @@ def _translation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 
 def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
-    """Hold the second node at the end of a vector fixed in the first."""
+    """Return rows that keep the second node at the end of a vector fixed in the first."""
     dag = motion.system.dag
     for i, place in enumerate("xyz"):
         axis = carried_by(motion, ends, 0, vector.identity(dag)[i])
@@ -119,7 +119,7 @@ def _arm_rows(motion: Motion, edge: BoundEdge, ends: Ends) -> Iterator[Row]:
 
 
 def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
-    """Hold the axes of the nodes together, but for the rotations of the motion space."""
+    """Return rows that keep the nodes' axes aligned, except for rotations of the motion space."""
     ends, dag = chord_ends(motion, edge), motion.system.dag
     turning = [s for s in edge.component.motion_space if s.rotates]
     if any(isinstance(s, FreeRotation) for s in turning):
@@ -127,8 +127,7 @@ def _rotation_rows(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     units = vector.identity(dag)
     if not turning:
         for i, place in enumerate(("xy", "yz", "zx")):
-            # Axes stay parallel where each axis of one node is perpendicular to the next of the
-            # other.
+            # Axes are parallel if each axis of one node is perpendicular to the next of the other.
             mark = units[(i + 1) % 3]
             if edge.rotation is not None:
                 mark = vector.transposed_times(edge.rotation, mark)
@@ -155,17 +154,17 @@ def _axis_of(edge: BoundEdge) -> Vector:
 
 
 def whole_angle(motion: Motion, edge: BoundEdge) -> Angle:
-    """Measure the rotation of a chord joint about its axis, beyond half a turn too.
+    """Measure the rotation of a chord joint about its axis without a jump at half a turn.
 
-    Raises FormulationError if only its sine and cosine are known: the angle would jump at half a
-    turn.
+    Raises FormulationError if only its sine and cosine are known, so that the angle would jump.
     """
     angle = joint_angle(motion, edge)
     if angle.sum is None:
         raise FormulationError(
-            f"the angle of joint '{edge.name}' is needed, but the joint is a chord of the tree "
-            f"({motion.system.trees.listed()}) and turns out of one plane, so that its "
-            "angle is only known within half a turn: name a tree that holds it"
+            f"the angle of joint '{edge.name}' is needed, but the joint is a chord of the "
+            f"tree ({motion.system.trees.listed()}) and does not rotate about the normal of a "
+            "plane, so that its angle is known only between -pi and pi: name a tree that "
+            "contains it"
         )
     return angle
 
@@ -189,7 +188,7 @@ def _angle_about(motion: Motion, edge: BoundEdge, axis: Vector) -> Angle:
 
 
 def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
-    """Sum the angles between the nodes where everything turns about one normal."""
+    """Sum the angles between the nodes if everything rotates about one normal."""
     system = motion.system
     if not system.plane:
         return None
@@ -201,14 +200,14 @@ def _plane_angle(motion: Motion, edge: BoundEdge, axis: Vector) -> Node | None:
 
 
 def node_angle(motion: Motion, point: Point, plane: str) -> Node:
-    """Sum the turns about the normal of a plane, from the ground to a node."""
+    """Sum the rotations about the normal of a plane, from the ground to a node."""
     n = "xyz".index(plane)
     total = motion.system.dag.zero
     for branch in motion.clusters.turning_path(point.cluster):
         along = vector.signed(branch.sign, branch.axes[0])[n]
         total = total + along * branch.position
     if point.turn is not None:
-        # The node itself may be turned within its rigid cluster, by a weld or an arm.
+        # The node itself may be rotated within its rigid cluster, by a weld or an arm.
         i, j = (n + 1) % 3, (n + 2) % 3
         total = total + motion.system.dag.function("atan2", point.turn[j][i], point.turn[i][i])
     return total
@@ -217,9 +216,9 @@ def node_angle(motion: Motion, point: Point, plane: str) -> Node:
 def chord_measure(
     motion: Motion, edge: BoundEdge, name: str, space: Sequence[MotionStep] = ()
 ) -> Measure | None:
-    """Measure a coordinate or a rate of a chord by name; None where there is none such.
+    """Measure a coordinate or a rate of a chord by name; None if it does not exist.
 
-    ``space`` is the motion space of a body, were it a branch; joints have their own.
+    ``space`` is the motion space that a body would have as a branch; joints have their own.
     """
     ends = chord_ends(motion, edge)
     units = vector.identity(motion.system.dag)
@@ -251,7 +250,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
     edge = system.edges.get(first)
     if edge is not None and edge.component.role is Role.JOINT:
         found = chord_measure(motion, edge, last)
-        # An expression must not jump where an angle passes half a turn.
+        # An expression must not jump at half a turn.
         if isinstance(found, Angle):
             return whole_angle(motion, edge)
         if found is not None:
@@ -265,7 +264,7 @@ def named_measure(motion: Motion, name: str) -> Measure | None:
 
 
 def expression_measure(motion: Motion, expression: Expression, offset: Node) -> Composite:
-    """Measure an expression of coordinates and positions, less an offset."""
+    """Measure an expression of coordinates and positions, minus an offset."""
     system = motion.system
     parts: list[Measure] = []
     known: dict[str, Node] = {**system.parameters, "t": system.time}
@@ -276,8 +275,8 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
             if measure is None:
                 names = [c.name for c in system.coordinates]
                 raise ExpressionError(
-                    f"uses '{name}', which is no coordinate, position of a node, parameter or t"
-                    f"{nearest(name, [*known, *names])}"
+                    f"uses '{name}', which is not a coordinate, position of a node, parameter "
+                    f"or t{nearest(name, [*known, *names])}"
                 )
             known[name] = system.dag.symbol("measure", len(parts))
             parts.append(measure)
@@ -288,10 +287,10 @@ def expression_measure(motion: Motion, expression: Expression, offset: Node) -> 
 
 
 def _prescribed(motion: Motion, edge: BoundEdge) -> Row:
-    """Hold a joint's coordinate at its prescribed motion."""
+    """Return the row of a joint's prescribed motion."""
     name = edge.component.motion_space[0].coordinates[0][0]
     measure = named_measure(motion, f"{edge.name}.{name}")
-    assert measure is not None  # fields say motion only where there is one coordinate
+    assert measure is not None  # fields are named motion only if there is one coordinate
     dag = motion.system.dag
     held = dag.symbol("measure", 0) - edge.scalars["motion"]
     unit = edge.component.motion_space[0].coordinates[0][1]
@@ -336,7 +335,7 @@ def _knife_edge(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
 
 def _rolling(motion: Motion, edge: BoundEdge) -> Iterator[Row]:
     ends, normal = chord_ends(motion, edge), edge.vectors["normal"]
-    # The height is a holonomic constraint, the two slips have rates only.
+    # The height is a holonomic constraint; the two slips have rates only.
     up = carried_by(motion, ends, 0, normal)
     body = surface_of(motion, edge, ends)
     for place, direction in zip(

@@ -1,12 +1,12 @@
-"""Rigid clusters: nodes held together by branches with an empty motion space.
+"""Rigid clusters: nodes connected by branches with an empty motion space.
 
-Such branches give no equation. Their across variables are constant in the cluster's frame, so
-their circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at
-the cluster's origin. What remains between clusters are the branches that move; where the trees of
-translation and rotation differ, a cluster's origin and its axes are reached from different ones.
+Such branches give no equation. Their across variables are constant in the cluster's frame, so their
+circuit sums are formed once, of parameters only, and the inertias beyond them are lumped at the
+cluster's origin. The moving branches remain between clusters; if the trees of translation and
+rotation differ, a cluster's origin and its axes are reached by different branches.
 
-The translation tree places the origins of the clusters, the rotation tree turns their axes. Where
-the trees are the same one step does both.
+The translation tree places the origins of the clusters, the rotation tree orients their axes. If
+the trees are equal, one step does both.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class Point:
 
     cluster: int
     local: Vector  # position from the cluster's origin, in its axes
-    turn: Matrix | None = None  # the node's own axes in the cluster's; None where they are the same
+    turn: Matrix | None = None  # the node's own axes in the cluster's; None if they are equal
 
     def resolved(self, a: Vector) -> Vector:
         """Resolve a vector of the node's axes in the cluster's."""
-        # Most nodes have the axes of their cluster, for which no product is formed.
+        # Most nodes have the axes of their cluster and need no product.
         return a if self.turn is None else vector.times(self.turn, a)
 
 
@@ -46,27 +46,27 @@ class Point:
 class Branch:
     """A branch with a motion space, from a parent cluster to its child.
 
-    The child's origin is the branch's outer node. A joint with successive freedoms is several
-    branches, with empty clusters between them.
+    The child's origin is the branch's outer node. A joint of successive degrees of freedom is
+    several branches, with empty clusters between them.
     """
 
     edge: str  # the joint
     sign: int  # +1 if the edge points away from the ground, else -1
     parent: int
-    #: The cluster that the child's axes are turned from: the parent, unless the trees differ.
+    #: The cluster relative to which the child's axes rotate: the parent, unless the trees differ.
     turn_parent: int
     child: int
     #: The cluster in whose axes the motion space is constant: that of the edge's first node, of the
     #: second for angular velocities.
     carrier: int
     anchor: Vector  # position of the branch's inner node in the parent's axes
-    #: Its coordinates and speeds; None where it only brings together the child's origin and axes.
+    #: Its coordinates and speeds; None if it only joins the child's origin and axes.
     step: Step | None
     axes: tuple[Vector, ...]  # the direction of each speed, in the carrier's frame
-    #: How far a unit of each speed moves along its axis: one for a translation, zero for a
+    #: Translation along the axis for a unit of each speed: one for a translation, zero for a
     #: rotation, the pitch of a screw.
     slides: tuple[Node, ...]
-    #: Of a free rotation: the axes that it starts from, in the turn parent's.
+    #: Of a free rotation: its initial axes, in those of the turn parent.
     mount: Matrix | None = None
 
     @property
@@ -86,7 +86,7 @@ class Branch:
 
     @property
     def position(self) -> Node:
-        """The only coordinate of a branch along one axis."""
+        """The single coordinate of a branch along one axis."""
         # A free rotation has four coordinates, which `quaternion` gives.
         return self.coordinates[0].symbol
 
@@ -100,10 +100,10 @@ class Branch:
 
 @dataclass(frozen=True)
 class EdgeEntry:
-    """The branches by which an edge leads a tree from one cluster to another."""
+    """The branches of an edge that lead a tree from one cluster to another."""
 
     sign: int  # +1 if the edge points away from the ground, else -1
-    #: The clusters that the innermost and the outermost of its branches carry.
+    #: The clusters of the innermost and the outermost of its branches.
     first: int
     last: int
 
@@ -123,7 +123,7 @@ class Clusters:
 
     points: dict[str, Point]  # every node
     branches: tuple[Branch | None, ...]  # the branch that carries each cluster; None for the ground
-    #: The lumped inertia of each cluster; None where there is none.
+    #: The lumped inertia of each cluster; None without inertia.
     inertias: tuple[Inertia | None, ...]
     #: For each graph, the branches that belong to every edge with a motion space.
     entries: Mapping[str, Mapping[str, EdgeEntry]]
@@ -139,12 +139,12 @@ class Clusters:
         return found[::-1]
 
     def turning_path(self, cluster: int) -> list[Branch]:
-        """List the branches of the rotation tree that turn a cluster, from the ground out."""
+        """List the branches of the rotation tree that rotate a cluster, ground first."""
         found: list[Branch] = []
         while cluster:
             branch = self.branches[cluster]
             assert branch is not None
-            # Branches that only slide leave the axes as they are.
+            # Translations leave the axes unchanged.
             if branch.turns:
                 found.append(branch)
             cluster = branch.turn_parent
@@ -155,8 +155,7 @@ class Clusters:
         while a != b:  # parents have smaller numbers than their children
             branch = self.branches[max(a, b)]
             assert branch is not None
-            # The cluster of the larger number cannot lead to the other, so that it is the one to
-            # step inwards.
+            # The cluster of the larger number cannot be an ancestor of the other: move it inwards.
             a, b = min(a, b), branch.parent
         return a
 
@@ -164,17 +163,17 @@ class Clusters:
 def shifted(mass: Node, offset: Vector, tensor: Matrix | None) -> Inertia:
     """Move an inertia from its centre of mass to a cluster's origin (Steiner).
 
-    ``offset`` leads from the origin to the centre of mass, [m]; ``tensor`` is None of a particle.
+    ``offset`` leads from the origin to the centre of mass, [m]; ``tensor`` is None for a particle.
     """
     moment = vector.scale(mass, offset)
-    # A particle has no inertia about its own centre, but has one about the origin.
+    # A particle has no inertia about its own centre, but about the origin.
     steiner = _steiner(moment, offset)
     return Inertia(mass, moment, steiner if tensor is None else vector.matadd(tensor, steiner))
 
 
 def _steiner(moment: Vector, offset: Vector) -> Matrix:
     """Form m (c.c 1 - c c^T) from m c and c."""
-    # Each product m c_i c_j is formed once, and stands in two entries of the tensor.
+    # Each product m c_i c_j is formed once and used in two entries of the tensor.
     xx, yy, zz = (moment[i] * offset[i] for i in range(3))
     xy, xz, yz = moment[0] * offset[1], moment[0] * offset[2], moment[1] * offset[2]
     return ((yy + zz, -xy, -xz), (-xy, xx + zz, -yz), (-xz, -yz, xx + yy))
@@ -184,7 +183,7 @@ def combined(a: Inertia | None, b: Inertia) -> Inertia:
     """Add two inertias about the same origin."""
     if a is None:
         return b
-    # Mass and both moments refer to one origin and one set of axes, so that they simply add.
+    # Mass and both moments refer to one origin and one set of axes, so they are added.
     return Inertia(
         a.mass + b.mass, vector.add(a.moment, b.moment), vector.matadd(a.tensor, b.tensor)
     )
@@ -203,7 +202,7 @@ def lump(system: System) -> Clusters:
 
 
 class _Walks:
-    """A walk over both trees from the ground outwards, with all that it has reached so far."""
+    """Simultaneous traversal of both trees from the ground outwards."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -211,14 +210,14 @@ class _Walks:
         self.branches: list[Branch | None] = [None]
         self.entries: dict[str, dict[str, EdgeEntry]] = {"translation": {}, "rotation": {}}
         # The step of the rotation tree into each node, and the node's axes in its cluster's (None
-        # where they are the same).
+        # if equal).
         self._to = {step.child: step for step in tree_walk(system.trees.rotation)}
         self._turns: dict[str, Matrix | None] = {"ground": None}
 
     def walk(self) -> None:
-        """Follow the translation tree, each body once the rotation tree has reached it too."""
-        # Each round places what both trees have reached. A round that places nothing means that
-        # each tree waits for the other, so that no order of the clusters exists.
+        """Traverse the translation tree; a body waits until the rotation tree has reached it."""
+        # Each round places the nodes that both trees have reached. If a round places none, each
+        # tree waits for the other, and no order of the clusters exists.
         rest = list(tree_walk(self.system.trees.translation))
         while rest:
             waiting = [step for step in rest if not self._is_done(step)]
@@ -227,14 +226,13 @@ class _Walks:
             rest = waiting
 
     def _is_done(self, step: TreeStep) -> bool:
-        """Place a node of the translation tree; False where it has to wait."""
+        """Place a node of the translation tree; return False if it has to wait."""
         inner = self.points.get(step.parent)
         if inner is None:
             return False
         edge = self.system.edges[step.edge]
         if edge.component.role is Role.ARM:
-            # Arms and welds are branches of both trees or of neither, so that the rotation tree
-            # agrees.
+            # Arms and welds are branches of both trees or of neither.
             self.points[step.child] = self._fixed_point(edge, step, inner)
             return True
         turning = self._entering(step.child)
@@ -245,7 +243,7 @@ class _Walks:
         return True
 
     def _opposite(self, waiting: list[TreeStep]) -> str:
-        """Name the bodies that the trees reach in opposite orders."""
+        """Describe the bodies that the trees reach in opposite orders."""
         step = next(step for step in waiting if step.parent in self.points)
         turning = self._entering(step.child)
         return (
@@ -258,14 +256,14 @@ class _Walks:
     def _entering(self, node: str) -> TreeStep:
         """Find the step of the rotation tree into a node's cluster."""
         step = self._to[node]
-        # Arms stay within a cluster, which is entered by the nearest edge inwards that is no arm.
+        # Arms stay within a cluster, which is entered by the nearest other edge inwards.
         while self.system.edges[step.edge].component.role is Role.ARM:
             step = self._to[step.parent]
         return step
 
     def _turn(self, node: str) -> Matrix | None:
-        """Return a node's own axes in its cluster's; the rotation tree alone decides on them."""
-        # Walk inwards to a node whose turn is known, then compose the turns outwards.
+        """Return a node's own axes in its cluster's, which the rotation tree determines."""
+        # Walk inwards to a node of known axes, then compose the rotations outwards.
         unknown = []
         while node not in self._turns:
             unknown.append(self._to[node])
@@ -295,15 +293,14 @@ class _Walks:
             # The arm is given in the axes of the edge's first node: that is the inner node here.
             local = inner.local if arm is None else vector.add(inner.local, inner.resolved(arm))
             return Point(inner.cluster, local, self._turn(step.child))
-        # The first node is the outer one, whose axes have to be known before the arm can be
-        # resolved.
+        # The first node is the outer one, whose axes must be known to resolve the arm.
         first = replace(inner, turn=self._turn(step.child))
         if arm is None:
             return first
         return replace(first, local=vector.sub(first.local, first.resolved(arm)))
 
     def _moved(self, step: TreeStep, inner: Point, turning: TreeStep) -> Point:
-        """Make the branches into a cluster, and give its origin."""
+        """Make the branches into a cluster, and return its origin."""
         first = len(self.branches)
         if turning == step:
             place = self._along(step, inner, inner)
@@ -313,8 +310,8 @@ class _Walks:
                 self.entries["translation"][step.edge] = entry
                 self.entries["rotation"][step.edge] = entry
             return place
-        # A joint slides in the axes of its first node: those of the cluster that it starts from,
-        # or of the one that it leads to, which is then turned first.
+        # A joint slides in the axes of its first node: those of the cluster at which it starts, or
+        # of the one to which it leads, whose axes are then found first.
         place, turned = inner, self.points[turning.parent]
         if step.sign > 0:
             place = self._along(step, place, place)
@@ -333,8 +330,8 @@ class _Walks:
         return place
 
     def _along(self, step: TreeStep, place: Point, turned: Point) -> Point:
-        """Make a branch of each step of an edge's motion space."""
-        # An edge that points inwards is walked from its second node: its last step comes first.
+        """Make a branch for each step of an edge's motion space."""
+        # An edge that points inwards is traversed from its second node: its last step comes first.
         for own in self.system.steps.get(step.edge, ())[:: step.sign]:
             place = turned = self._add(step, own, place, turned)
         return place
@@ -355,14 +352,15 @@ def _product(a: Matrix | None, b: Matrix | None) -> Matrix | None:
 def _branch(
     edge: BoundEdge, own: Step | None, sign: int, place: Point, turned: Point, child: int
 ) -> tuple[Branch, Point]:
-    """Make one branch of a joint, from ``place``, and its outer node.
+    """Make one branch of a joint, starting at ``place``, and its outer node.
 
-    ``turned`` is where its turn begins: another point only if the trees differ.
+    ``turned`` is the point at which its rotation begins; it differs from ``place`` only if the
+    trees differ.
     """
     dag = place.local[0].dag
     zero, units = vector.zeros(dag), vector.identity(dag)
     # At zero coordinates the child's axes are those of the turn parent, so that the inner node's
-    # turn holds for the outer node too.
+    # rotation applies to the outer node, too.
     inner, outer = turned.cluster, Point(child, zero, turned.turn)
     carrier = inner if sign > 0 else child
     mount: Matrix | None = None
@@ -371,7 +369,7 @@ def _branch(
     if own is not None and isinstance(own.kind, Freedom):
         axis = {**dict(zip("xyz", units, strict=True)), **edge.vectors}
         slide = dag.zero if own.kind.rotates else dag.one
-        # The axis is the same in both clusters, since a turn about it leaves it in place.
+        # The axis is the same in both clusters, since a rotation about it leaves it unchanged.
         axes = (turned.resolved(axis[own.kind.axis]),)
         slides = (edge.scalars[own.kind.pitch] if own.kind.pitch else slide,)
     elif own is not None:

@@ -35,7 +35,7 @@ class Constraints:
     sizes: tuple[tuple[Node, ...], ...]
     values: tuple[Node | None, ...]  # the measures; None for those that have a rate only
     rates: tuple[Node, ...]  # their rates
-    #: Their accelerations at zero accelerations of the coordinates, plus the stabilising terms.
+    #: Their accelerations at zero accelerations of the coordinates, plus the stabilisation terms.
     biases: tuple[Node, ...]
     baumgarte: float  # rate at which violated constraints decay
 
@@ -43,15 +43,15 @@ class Constraints:
 def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Constraints, list[Row]]:
     """Form the constraints of a scene, and the rows that no motion changes (those out of a plane).
 
-    ``view`` shows the first graph at accelerations zero; ``baumgarte`` is the rate, [1/s], at which
-    violated constraints decay.
+    ``view`` is the first graph at zero accelerations; ``baumgarte`` is the decay rate, [1/s], of
+    violated constraints.
     """
     dag, speeds = motion.system.dag, motion.system.speeds
     kept, idle = [], []
     for row in (*constraint_rows(motion), *paced_rows(motion)):
         with dag.labelled(f"constraint of {row.edge}"):
             pull = row.measure.pull(view)
-            # The power of the pull at a unit of each speed is the derivative of the rate by that
+            # The power of the pull for a unit of each speed is the derivative of the rate by that
             # speed: a row of G, without differentiating the value.
             gradient = tuple(along_speeds(motion, pull))
         # No multiplier could act on any speed: the row would only make the matrix singular.
@@ -59,14 +59,14 @@ def form_constraints(motion: Motion, view: View, baumgarte: float) -> tuple[Cons
             idle.append(row)
         else:
             kept.append((row, pull, gradient))
-    # Multipliers are numbered on from the accelerations: both are unknowns of one system.
+    # Multipliers are numbered after the accelerations: both are unknowns of one system.
     symbols = [dag.symbol("w", len(speeds) + i) for i in range(len(kept))]
     values, rates, biases = [], [], []
     for row, _, _ in kept:
         with dag.labelled(f"constraint of {row.edge}"):
             values.append(row.measure.value(view))
             rates.append(row.measure.rate(view))
-            # The view has zero accelerations, so that c'' = G v' + b leaves b alone.
+            # The accelerations of the view are zero, so c'' = G v' + b gives b.
             biases.append(stabilised(row.measure, view, baumgarte))
     constraints = Constraints(
         tuple(row for row, _, _ in kept),
@@ -95,7 +95,7 @@ def _sizes(motion: Motion, pull: Pull, gradient: Sequence[Node]) -> tuple[Node, 
 
 
 def stabilised(measure: Measure, view: View, rate: float) -> Any:
-    """Form c'' + 2 b c' + b^2 c of a measure c, without the last term where c has no value.
+    """Form c'' + 2 b c' + b^2 c of a measure c, without the last term if c has no value.
 
     The rate b = 0 leaves c'' alone (J. Baumgarte, Comput. Methods Appl. Mech. Eng. 1 (1972) 1).
     """
@@ -114,13 +114,13 @@ def along_speeds(motion: Motion, pull: Pull) -> list[Node]:
 
 
 def sizes_along_speeds(motion: Motion, pull: Pull) -> list[Node]:
-    """Sum the squares of what :func:`along_speeds` sums: its size before anything cancels."""
+    """Sum the squares of the terms of :func:`along_speeds`: its magnitude without cancellation."""
     return _along_speeds(motion, pull, _projected_size, lambda effort: effort * effort)
 
 
 def _projected_size(geometry: Geometry, i: int, wrench: Wrench) -> Node:
     turning, shifting = geometry.turning[i], geometry.shifting[i]
-    # |e|^2 |T|^2 bounds (e.T)^2: where entries are far smaller than that they consist of rounding.
+    # |e|^2 |T|^2 bounds (e.T)^2: entries far below the bound are rounding.
     turned = vector.dot(turning, turning) * vector.dot(wrench.torque, wrench.torque)
     return turned + vector.dot(shifting, shifting) * vector.dot(wrench.force, wrench.force)
 
@@ -131,15 +131,15 @@ def _along_speeds(
     projected: Callable[[Geometry, int, Wrench], Node],
     of_effort: Callable[[Node], Node],
 ) -> list[Node]:
-    """Walk inwards from each cluster that is pulled on."""
+    """Traverse the branches inwards from each cluster that is pulled."""
     dag, frames = motion.system.dag, motion.frames
     totals = [dag.zero] * len(motion.system.speeds)
     for index, effort in pull.efforts.items():
-        # Efforts act along speeds themselves and need no projection.
+        # Efforts act along speeds and need no projection.
         totals[index] = totals[index] + of_effort(effort)
     for pulled, force, torque in pull.wrenches:
-        # Each wrench walks alone, since sizes add squares term by term. Parents have smaller
-        # numbers, so that no sum beyond its own cluster is touched.
+        # Each wrench is propagated separately, since sizes add squares term by term. Parents have
+        # smaller numbers, so that no sum beyond its own cluster changes.
         sums = Sums(pulled + 1)
         sums.gather(pulled, Wrench(force, torque))
         for cluster in range(pulled, 0, -1):

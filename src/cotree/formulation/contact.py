@@ -1,4 +1,4 @@
-"""Measures of contact: of a blade, of a disc that rolls, and of bodies that may touch."""
+"""Measures of contact: of a blade, of a rolling disc, and of bodies that may touch."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def _against_first(ends: Ends, view: View) -> tuple[Any, Any]:
 
 @dataclass(frozen=True)
 class Slip:
-    """Velocity of the second node, as the first sees it, along an axis that the second carries."""
+    """Velocity of the second node relative to the first body, along an axis of the second."""
 
     ends: Ends
     axis: Carried
 
     def value(self, view: View) -> Any:
-        """Return None: there is no such coordinate."""
+        """Return None: the coordinate does not exist."""
         return None
 
     def _velocity(self, view: View) -> Any:
         omega, _ = _against_first(self.ends, view)
-        # The rate in space of r less the part by which the first body's turn carries it.
+        # The rate of r in space minus the part due to the rotation of the first body.
         return vector.sub(self.ends.closing(view), vector.cross(omega, self.ends.reach(view)))
 
     def rate(self, view: View) -> Any:
@@ -64,7 +64,7 @@ class Slip:
 
 
 class Facing(Protocol):
-    """A direction across a contact, which points from the first body to the second."""
+    """A direction across a contact, from the first body to the second."""
 
     def value(self, view: View) -> Any:
         """Return the unit vector."""
@@ -77,7 +77,7 @@ class Facing(Protocol):
 
 @dataclass(frozen=True)
 class Centres:
-    """The direction from one ball's centre to the other's, of an edge by its name."""
+    """The direction between the centres of two balls, of an edge by its name."""
 
     ends: Ends
     edge: str
@@ -91,7 +91,7 @@ class Centres:
         return self._polar(view)[1]
 
     def rate(self, view: View) -> Any:
-        """Return the part of r' across it, over the distance."""
+        """Return the part of r' perpendicular to it, divided by the distance."""
         length, along = self._polar(view)
         closing = self.ends.closing(view)
         across = vector.sub(closing, vector.scale(vector.dot(along, closing), along))
@@ -100,7 +100,7 @@ class Centres:
 
 @dataclass(frozen=True)
 class Tangent:
-    """The part of an axis of the ancestor that is across a contact's direction."""
+    """The part of an axis of the ancestor that is perpendicular to a contact's direction."""
 
     facing: Facing
     axis: Vector
@@ -111,7 +111,7 @@ class Tangent:
         return vector.sub(self.axis, vector.scale(vector.dot(n, self.axis), n))
 
     def rate(self, view: View) -> Any:
-        """Return the rate of that, where the axis stays."""
+        """Return its rate for a constant axis."""
         n, n_rate = self.facing.value(view), self.facing.rate(view)
         turned = vector.add(
             vector.scale(vector.dot(n_rate, self.axis), n),
@@ -121,18 +121,18 @@ class Tangent:
 
 
 class Surface(Protocol):
-    """The shape of the second body: the place of it that is furthest down."""
+    """The shape of the second body, and its lowest point."""
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return how far it reaches down from the second node."""
+        """Return the depth of the lowest point below the second node."""
         ...
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return the vector from the second node to the place."""
+        """Return the vector from the second node to the lowest point."""
         ...
 
     def place_rate(self, view: View, facing: Facing) -> Any:
-        """Return the rate of that vector; the place moves over the body."""
+        """Return the rate of that vector; the point moves over the body."""
         ...
 
 
@@ -157,21 +157,21 @@ class Ball:
 
 @dataclass(frozen=True)
 class Rim:
-    """A circle about the second node, across an axle that it carries, of an edge by its name."""
+    """A circle about the second node, perpendicular to an axle that it carries."""
 
     axle: Carried
     radius: Node
     edge: str
 
     def _down(self, view: View, facing: Facing) -> tuple[Any, Any, Any]:
-        """Return the part of the normal within the disc, its length, and its direction."""
+        """Return the part of the normal in the plane of the disc, its length, and its direction."""
         n, d = facing.value(view), self.axle.value(view)
-        # The contact lies on the rim, furthest down: opposite to the normal's projection on the
-        # disc. Where the disc lies flat the projection vanishes, and no point is lowest.
+        # The contact is the lowest point of the rim, opposite to the projection of the normal on
+        # the disc. If the disc lies flat the projection vanishes, and no point is lowest.
         part = vector.sub(n, vector.scale(vector.dot(n, d), d))
         origin = (
-            f"tilt of edge '{self.edge}', whose axis must not lie along the normal; tilt it, or "
-            "take a box or an ellipsoid"
+            f"tilt of edge '{self.edge}', whose axis must not be parallel to the normal; tilt "
+            "it, or use a box or an ellipsoid"
         )
         return part, *vector.polar(part, origin)
 
@@ -192,7 +192,7 @@ class Rim:
         along = vector.dot(n_rate, d) + vector.dot(n, d_rate)
         turned = vector.add(vector.scale(along, d), vector.scale(vector.dot(n, d), d_rate))
         part_rate = vector.sub(n_rate, turned)
-        # The rate of a unit vector p / |p| is the part of p' across it, over |p|.
+        # The rate of a unit vector p / |p| is the part of p' perpendicular to it, divided by |p|.
         across = vector.sub(part_rate, vector.scale(vector.dot(up, part_rate), up))
         return vector.scale(-(view.scalar(self.radius) / length), across)
 
@@ -218,11 +218,11 @@ class Ellipsoid:
         return entries, function("sqrt", total)
 
     def depth(self, view: View, facing: Facing) -> Any:
-        """Return how far the tangential plane is away."""
+        """Return the distance of the tangential plane."""
         return self._entries(view, facing)[1]
 
     def place(self, view: View, facing: Facing) -> Any:
-        """Return - sum a^2 m e / depth, where the surface is normal to n."""
+        """Return - sum a^2 m e / depth, the point at which the surface is normal to n."""
         entries, depth = self._entries(view, facing)
         parts = [
             vector.scale(-(s * m / depth), axis.value(view))
@@ -257,9 +257,9 @@ class Touching:
     ends: Ends  # a node of the plane, or the centre of a ball; and the second body's node
     facing: Facing  # the direction across the contact
     surface: Surface  # the second body's shape
-    direction: Facing  # along which the velocity is taken
-    #: Along the direction across: by how much the first body's surface rises above its node; the
-    #: gap is then a value. None along others.
+    direction: Facing  # the direction of the velocity
+    #: Only for the normal direction: the height of the first body's surface above its node, with
+    #: which the gap is the value. None for other directions.
     rise: Node | None
 
     def value(self, view: View) -> Any:
@@ -270,11 +270,11 @@ class Touching:
         return height - self.surface.depth(view, self.facing) - view.scalar(self.rise)
 
     def _velocity(self, view: View) -> Any:
-        """Return the velocity of the second body's material there, as the first sees it."""
+        """Return the velocity of the second body's material point relative to the first body."""
         contact = self.surface.place(view, self.facing)
         omega, _ = _against_first(self.ends, view)
         spin = view.omega(self.ends.second.cluster, self.ends.ancestor)
-        # Of the material point of the body at the contact; in pure rolling it stands still.
+        # The velocity of the material point at the contact; it is zero in pure rolling.
         own = vector.add(self.ends.closing(view), vector.cross(spin, contact))
         carried = vector.cross(omega, vector.add(self.ends.reach(view), contact))
         return vector.sub(own, carried)
@@ -284,7 +284,7 @@ class Touching:
         return vector.dot(self.direction.value(view), self._velocity(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of that velocity; the contact itself moves over the bodies."""
+        """Return the time derivative of that velocity; the contact moves over the bodies."""
         contact = self.surface.place(view, self.facing)
         contact_rate = self.surface.place_rate(view, self.facing)
         omega, alpha = _against_first(self.ends, view)
@@ -319,7 +319,7 @@ def surface_of(motion: Motion, edge: BoundEdge, ends: Ends) -> Surface:
 
 
 def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
-    """Measure the gap or a slip at one of the places of a contact.
+    """Measure the gap or a slip at one of the points of a contact.
 
     Raises FormulationError if a planar contact law acts in a system that is not planar.
     """
@@ -334,12 +334,12 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
         return Touching(ends, facing, surface, facing, rise)
     if touch.is_planar and not motion.system.plane:
         raise FormulationError(
-            f"edge '{edge.name}' has friction, which rigid contact knows where everything moves in "
-            "one plane: leave it out, or take a contact that gives way"
+            f"edge '{edge.name}' has friction, which rigid contact supports in planar systems "
+            "only: remove it, or use a compliant contact"
         )
     along = _directions(motion, edge)[int(touch.quantity.removeprefix("slip")) - 1]
-    # No two directions are across that of the centres wherever they are: three axes always have
-    # parts that span them.
+    # No two fixed directions are perpendicular to that of the centres everywhere; the perpendicular
+    # parts of three axes always span the tangential plane.
     direction: Facing = Tangent(facing, along)
     if "normal" in edge.vectors:
         direction = carried_by(motion, ends, 0, along)
@@ -347,7 +347,7 @@ def touching(motion: Motion, edge: BoundEdge, touch: Touch) -> Touching:
 
 
 def _directions(motion: Motion, edge: BoundEdge) -> tuple[Vector, ...]:
-    """List the directions in which a body slides: across a plane's normal, and axes of a ball.
+    """List the directions of slip: in a plane, or parts of the axes of a ball.
 
     The first two and the normal are right-handed. In a planar system the first is normal x e, with
     e the axis across the plane of motion, and the second is against e.
@@ -363,7 +363,7 @@ def _directions(motion: Motion, edge: BoundEdge) -> tuple[Vector, ...]:
 
 
 def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
-    """Move the second end from its node to a place that may touch."""
+    """Move the second end from its node to a point that may touch."""
     offset = _offset(edge, spot)
     if offset is None:
         return ends
@@ -373,12 +373,12 @@ def _ends_at(ends: Ends, edge: BoundEdge, spot: int) -> Ends:
 
 
 def _offset(edge: BoundEdge, spot: int) -> Vector | None:
-    """Return the place from the node, in its axes; None where it is the node."""
+    """Return the point relative to the node, in its axes; None if it is the node."""
     if "size" in edge.vectors:
         size = edge.vectors["size"]
         corner = list(vector.zeros(size[0].dag))
         sides = [i for i in range(3) if not size[i].is_zero]
-        # An edge that a parameter makes zero has two corners at one place, as many as otherwise.
+        # An edge of zero length keeps two corners at one point, for a constant number of points.
         signs = list(product((-1, 1), repeat=len(sides)))
         for i, sign in zip(sides, signs[spot % len(signs)], strict=True):
             corner[i] = 0.5 * sign * size[i]

@@ -1,7 +1,7 @@
-"""Checks of a scene and its first graph by its numbers, before anything is made of it.
+"""Checks of a scene and its first graph by its numbers, before further work.
 
-Deriving sensitivities, writing C and compiling it take minutes for a large robot; what its numbers
-alone refuse is found here in a moment.
+Deriving sensitivities, writing C and compiling it take minutes for a large robot; these checks find
+errors in the numbers at once.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: Singular values of a matrix with rows and columns of length one that are but rounding.
+#: Singular values below this are rounding, for a matrix with rows and columns of length one.
 _ROUNDING = 1e-15
-#: Configurations, of any numbers, in all of which a motion must be without inertia to be refused.
+#: The number of random configurations in all of which a motion must be without inertia.
 _N_TRIED = 3
 
 
 @contextmanager
 def within_range(scene: SceneDescription) -> Iterator[None]:
-    """Name the value of a scene that is likely to be at fault where a constant overflows."""
+    """Return the scene's value that probably makes a constant overflow."""
     try:
         yield
     except ArithmeticError as error:
-        # What is furthest from one leads beyond the range of doubles first.
+        # The value farthest from one is most likely to exceed the range of doubles.
         rows = [(abs(math.log(abs(x))), x, where) for x, where in _numbers(scene) if x]
         _, number, where = max(rows, default=(0.0, 0.0, f"scene '{scene.name}'"))
         raise FormulationError(
-            f"{where} holds {number:g}, from which the equations have no finite numbers ({error}): "
-            "give a number nearer to one, in other units if need be"
+            f"{where} is {number:g}, for which the equations overflow or underflow ({error}): "
+            "give a number closer to one, in other units if necessary"
         ) from None
 
 
 def _numbers(scene: SceneDescription) -> Iterator[tuple[float, str]]:
-    """List the numbers that stand in a scene, with what they belong to."""
+    """List the numbers in a scene, with their owners."""
     for edge in scene.edges.values():
         for name, value in (*edge.fields.items(), *edge.initial.items()):
             for number in _constants(value):
@@ -77,7 +77,7 @@ def _constants(value: object) -> Iterator[float]:
 
 
 def check_numbers(first: FirstGraph) -> None:
-    """Raise for what is wrong at every state.
+    """Raise for errors that occur at every state.
 
     ParameterError if the scene's values violate a guard; SingularSystemError if the bordered mass
     matrix is singular in every configuration.
@@ -86,9 +86,9 @@ def check_numbers(first: FirstGraph) -> None:
     names = list(system.tunable)
     for guard in first.guards:
         number = system.at_scene(guard.value)
-        # Infinities, too, are mistakes here, and no guard accepts nan.
+        # Infinities are errors, too, and every guard fails for nan.
         guard.named(names).check(number if np.isfinite(number) else np.nan)
-    # Certain pivots need no trial.
+    # Pivots known to be positive need no trial.
     if all(first.is_safe[: len(system.speeds)]):
         return
     motion = _motion_without_inertia(first)
@@ -101,8 +101,8 @@ def check_numbers(first: FirstGraph) -> None:
     moved = [v.name if v.coordinate is None else v.coordinate.name for v in speeds]
     edges = _listed(dict.fromkeys(v.edge for v in speeds))
     raise SingularSystemError(
-        f"the mass matrix is singular in every configuration: a motion of {_listed(moved)} moves "
-        f"no inertia; give {edges}, or the bodies beyond, mass or inertia, or weld a joint"
+        f"the mass matrix is singular in every configuration: a motion of {_listed(moved)} "
+        f"moves no inertia; give {edges}, or bodies beyond, mass or inertia, or weld a joint"
     )
 
 
@@ -113,10 +113,10 @@ def _listed(names: Iterable[str]) -> str:
 def _motion_without_inertia(first: FirstGraph) -> Array | None:
     """Return speeds that neither mass matrix nor constraints resist at random states, or None."""
     n = len(first.system.speeds)
-    # The mass matrix above the gradients: speeds in the null space of both are resisted by nothing.
+    # The mass matrix above the gradients: nothing resists speeds in the null space of both.
     entries = [entry for row in first.matrix for entry in row[:n]]
     symbols = sorted(symbols_in(entries), key=lambda symbol: symbol.data)
-    # A fixed seed: the same scene is always judged alike.
+    # A fixed seed: a scene always gets the same result.
     random = np.random.default_rng(0)
     motion = None
     for _ in range(_N_TRIED):
@@ -125,7 +125,7 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
             found = np.array(evaluate(entries, _random_state(first, symbols, random)), dtype=float)
         if not (np.all(np.isfinite(found)) and np.all(np.isfinite(least))):
             return None
-        # One configuration that resists all speeds settles it.
+        # One configuration that resists all speeds is sufficient.
         motion = _null_vector(found.reshape(-1, n), least)
         if motion is None:
             return None
@@ -135,7 +135,7 @@ def _motion_without_inertia(first: FirstGraph) -> Array | None:
 def _random_state(
     first: FirstGraph, symbols: Sequence[Node], random: np.random.Generator
 ) -> dict[Node, float]:
-    """Assign every symbol a number: parameters their own, quaternions of unit length."""
+    """Assign a number to every symbol: parameters their own, quaternions of unit length."""
     system = first.system
     values = dict(zip(symbols, random.uniform(0.3, 1.0, len(symbols)).tolist(), strict=True))
     values |= {s: first.scene.parameters[name].number for name, s in system.tunable.items()}
@@ -149,7 +149,7 @@ def _random_state(
 
 
 def _carried(first: FirstGraph) -> Array:
-    """Sum the inertia that uncertain speeds carry, whatever the axis, as a measure of rounding."""
+    """Sum the inertia that uncertain speeds may move, as a reference for rounding."""
     n_clusters = len(first.motion.clusters.branches)
     masses, moments = np.zeros(n_clusters), np.zeros(n_clusters)
     found = np.zeros(len(first.system.speeds))
@@ -168,7 +168,7 @@ def _carried(first: FirstGraph) -> Array:
 
 
 def _null_vector(rows: Array, least: Array) -> Array | None:
-    """Return a null vector to rounding, or None; ``least`` bounds the scales of the diagonal."""
+    """Return a null vector up to rounding, or None; ``least`` bounds the scales of the diagonal."""
     if not np.all(np.isfinite(rows)):
         return None
     n = len(least)

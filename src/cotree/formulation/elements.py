@@ -1,7 +1,7 @@
 """Terminal equations of the force elements: chords whose through variable follows from a law.
 
-Everything of one element is resolved in the basis of the outermost cluster that both its nodes
-hang from, so that only the circuit between them is summed.
+All vectors of an element are resolved in the basis of the nearest common ancestor of its nodes, so
+that only the circuit between them is summed.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Wrench:
 
 
 class Sums:
-    """Sums of wrenches on clusters; of a sensitivity graph, sums of their derivatives."""
+    """Sums of wrenches on clusters; in a sensitivity graph, of their derivatives."""
 
     def __init__(self, n_clusters: int) -> None:
         self._on_cluster: list[Wrench | None] = [None] * n_clusters
@@ -52,7 +52,7 @@ class Sums:
         self._on_cluster[cluster] = wrench if known is None else known.plus(wrench)
 
     def at(self, cluster: int) -> Wrench | None:
-        """Return the sum on a cluster; None where there is nothing."""
+        """Return the sum on a cluster; None if there is no wrench."""
         return self._on_cluster[cluster]
 
     def takes(self, cluster: int, *parts: Any) -> bool:
@@ -92,7 +92,7 @@ def act(motion: Motion, edge: BoundEdge) -> Action:
     """Form the terminal equation of a force element."""
     clusters, frames = motion.clusters, motion.frames
     first, second = clusters.points[edge.first], clusters.points[edge.second]
-    # What moves the ancestor moves both nodes, and drops out of the circuit between them.
+    # Motion of the ancestor moves both nodes, and cancels in the circuit between them.
     ancestor = clusters.common_ancestor(first.cluster, second.cluster)
     zero = vector.zeros(motion.system.dag)
     arms = (
@@ -133,7 +133,7 @@ def _line(
     if is_central:
         if vector.is_zero(reach):
             raise ParameterError(
-                f"the nodes of edge '{edge.name}' coincide whatever the coordinates, so the line "
+                f"the nodes of edge '{edge.name}' coincide for all coordinates, so the line "
                 "between them has no direction: give the edge an axis"
             )
         length, direction = vector.polar(
@@ -144,11 +144,11 @@ def _line(
         length = vector.dot(direction, reach)
     seen = {name: motion.frames.seen(node) for name, node in edge.scalars.items()}
     arguments = {**seen, "length": length}
-    # The rate costs velocities: form it only where the law really depends on it.
+    # The rate requires velocities: form it only if the law depends on it.
     if "rate" in law.arguments and not _is_inert(edge):
         closing = vector.sub(motion.velocity(second, ancestor), motion.velocity(first, ancestor))
-        # Rate of e.r is e.r' + e'.r; along the line of the nodes e'.r vanishes, since e' is across
-        # it.
+        # The rate of e.r is e.r' + e'.r; along the line of the nodes e'.r vanishes, since e' is
+        # perpendicular to it.
         arguments["rate"] = vector.dot(direction, closing)
         if not is_central:
             turn = axis_spin(motion, first, ancestor, direction)
@@ -171,7 +171,7 @@ def _line(
 
 
 def _is_inert(edge: BoundEdge) -> bool:
-    """Whether the damping is the constant zero."""
+    """Return whether the damping is the constant zero."""
     damping = edge.scalars.get("damping")
     return damping is not None and damping.is_zero
 
@@ -184,17 +184,17 @@ def axis_spin(motion: Motion, first: Point, ancestor: int, direction: Vector) ->
 
 
 def wrenches(motion: Motion, action: Action) -> list[tuple[int, Wrench]]:
-    """Return the wrenches of an element on the clusters of its nodes; the ground feels nothing."""
+    """Return the wrenches of an element on the clusters of its nodes, the ground excepted."""
     found = []
     moved = [(action.second, 1, action.arms[1])]
-    # The reaction acts where the force does, so that the pair has no moment of its own.
+    # The reaction acts at the point of the force, so that the pair has no moment.
     reaction_arm = action.arms[0]
     if not action.is_central:
-        # A force along an axis need not point through the first node; a central one does.
+        # A force along an axis need not pass through the first node; a central one does.
         reaction_arm = vector.add(reaction_arm, action.reach)
     moved.append((action.first, -1, reaction_arm))
     for point, sign, arm in moved:
-        # The ground takes any load.
+        # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
         # Wrenches of a cluster are summed at its origin, hence the moment of the arm.

@@ -1,4 +1,4 @@
-"""The two nodes of a chord: what lies between them, what they carry, and what pulls on them."""
+"""The two nodes of a chord: vectors between them, axes they carry, and forces on them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pull:
-    """Wrenches on clusters and efforts along speeds for a unit of a through variable."""
+    """Wrenches on clusters and efforts along speeds, for a unit of a through variable."""
 
     #: On clusters, at their origins and in their bases; the ground is left out.
     wrenches: tuple[tuple[int, Any, Any], ...] = ()
@@ -46,8 +46,8 @@ class Pull:
     def plus(self, other: Pull) -> Pull:
         """Add another pull."""
         efforts = dict(self.efforts)
-        # Wrenches are listed, since they are summed on their clusters anyway; efforts of one speed
-        # add.
+        # Wrenches are listed, since they are summed on their clusters later; efforts of one speed
+        # are added.
         for index, effort in other.efforts.items():
             efforts[index] = efforts[index] + effort if index in efforts else effort
         return Pull((*self.wrenches, *other.wrenches), efforts)
@@ -55,7 +55,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Ends:
-    """The nodes of a chord, and the outermost cluster that both hang from."""
+    """The nodes of a chord, and their nearest common ancestor."""
 
     first: Point
     second: Point
@@ -64,7 +64,7 @@ class Ends:
     @classmethod
     def of(cls, clusters: Clusters, first: Point, second: Point) -> Ends:
         """Pair two nodes with their common ancestor."""
-        # The ancestor moves both nodes alike: what lies within it cancels, and is never formed.
+        # The ancestor moves both nodes equally: terms within it cancel and are not formed.
         return cls(first, second, clusters.common_ancestor(first.cluster, second.cluster))
 
     def _between(self, see: Any) -> Any:
@@ -99,7 +99,7 @@ class Ends:
 
 
 class Seen(Protocol):
-    """A vector as a view sees it."""
+    """A vector as seen in a view."""
 
     def value(self, view: View) -> Any:
         """Return the vector."""
@@ -147,7 +147,7 @@ class Carried:
         inner = vector.cross(omega, self.value(view))
         explicit = self._explicit(view, 1)
         total = vector.add(vector.cross(alpha, self.value(view)), vector.cross(omega, inner))
-        # Coriolis term of a vector that changes in a turning frame: 2 omega x explicit rate.
+        # Coriolis term of a vector that changes in a rotating frame: 2 omega x explicit rate.
         relative = vector.cross(omega, explicit)
         total = vector.add(total, vector.add(relative, relative))
         return vector.add(total, self._explicit(view, 2))
@@ -164,7 +164,7 @@ def pair_pull(
     found = []
     arms = arms or (ends.arm(view, 0), ends.arm(view, 1))
     for point, arm, sign in ((ends.second, arms[1], 1), (ends.first, arms[0], -1)):
-        # The ground takes any load.
+        # Loads on the ground have no effect.
         if point.cluster == 0:
             continue
         # Moment about the origin of the cluster, where its wrenches are summed.
@@ -186,9 +186,9 @@ def pair_pull(
 def pull_in_place(view: View, ends: Ends, axis: Seen, beyond: Any | None = None) -> Pull:
     """Apply a force along ``axis`` to the second node, and its opposite to the first's body.
 
-    Both act at the same place; ``beyond`` leads there from the second node.
+    Both act at the same point; ``beyond`` leads there from the second node.
     """
-    # The place is the second node, as seen from the origins of both clusters.
+    # The point is the second node, relative to the origins of both clusters.
     arms = vector.add(ends.arm(view, 0), ends.reach(view)), ends.arm(view, 1)
     if beyond is not None:
         arms = vector.add(arms[0], beyond), vector.add(arms[1], beyond)

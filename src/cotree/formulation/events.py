@@ -25,15 +25,14 @@ def bind_events(
 ) -> tuple[EventRow, ...]:
     """Bind the events of a scene to the states that they set.
 
-    Raises SceneError if an event sets neither a mode nor a state with a rate of its own, or a speed
-    that its impact changes.
+    Raises SceneError if an event sets anything but modes and states with rates of their own, or
+    sets a speed that its impact changes.
     """
     places = {state.name: i for i, state in enumerate(states)}
     speeds = {speed.name: places[speed.name] for speed in system.speeds}
     rows: list[EventRow] = []
-    # Values that events look at come first; see event_expressions.
-    # Results are ordered as outputs, one expression for each event, then new values and
-    # restitutions event by event.
+    # Conditions come first; see event_expressions. Results are ordered as outputs, one expression
+    # for each event, then new values and restitutions event by event.
     place, result = len(scene.outputs) + len(scene.events), 0
     for i, event in enumerate(scene.events.values(), start=len(scene.outputs)):
         _check(event, system, states, places, speeds)
@@ -61,7 +60,7 @@ def bind_events(
                 event.part is ModePart.SLIP and len(targets) > 2,
             )
         )
-        # The restitution takes one more place after the new values.
+        # The restitution follows the new values.
         place, result = new_values.stop + has_impact, result + len(targets)
     return tuple(rows)
 
@@ -73,36 +72,38 @@ def _check(
     places: Mapping[str, int],
     speeds: Collection[str],
 ) -> None:
-    """Refuse an event that sets what cannot be set."""
+    """Raise if an event sets a variable that cannot be set."""
     if event.restitution is not None and not speeds:
-        raise SceneError(
-            f"event '{event.name}' has an impact, but nothing in the scene has mass and moves"
-        )
+        raise SceneError(f"event '{event.name}' has an impact, but the scene has no moving mass")
     for target in event.set:
         whose = f"event '{event.name}' sets '{target}'"
         if target in system.inputs:
             raise SceneError(
-                f"{whose}, an input, which comes from outside: set a mode, and let what names the "
-                "input name the mode, too"
+                f"{whose}, an input, which is given from outside: set a mode, and use the "
+                "mode wherever the input is used"
             )
         if target not in places:
             known = [state.name for state in states if not state.is_algebraic]
-            raise SceneError(f"{whose}, which is no state and no mode{nearest(target, known)}")
+            raise SceneError(
+                f"{whose}, which is neither a state nor a mode{nearest(target, known)}"
+            )
         if states[places[target]].is_algebraic:
             raise SceneError(
-                f"{whose}, an algebraic unknown, which the equations give at each instant: set a "
-                "state that has a rate, or a mode that these equations use"
+                f"{whose}, an algebraic unknown, which the equations determine at each "
+                "instant: set a state that has a rate, or a mode that these equations use"
             )
         if event.restitution is not None and target in speeds:
-            raise SceneError(f"{whose}, a speed, but its impact changes all speeds: leave one out")
+            raise SceneError(
+                f"{whose}, a speed, but its impact changes all speeds: remove one of the two"
+            )
 
 
 def started(
     states: Sequence[State], jumps: Mapping[str, Node], system: System
 ) -> tuple[State, ...]:
-    """Set the modes of jumps to the signs of their expressions at the initial states, at t = 0.
+    """Return the modes of jumps by the signs of their expressions at the initial states, at t = 0.
 
-    A mode that depends on more than parameters begins at zero;
+    A mode that depends on more than parameters starts at zero;
     :func:`cotree.model.start.find_start` finds it.
     """
     if not jumps:
@@ -122,7 +123,7 @@ def started(
 def _at_start(value: Node, of_time: Mapping[Node, Node], known: Mapping[Node, Node]) -> Node:
     try:
         (found,) = substitute(substitute([value], of_time), known)
-    except (ArithmeticError, ValueError):  # a constant without a value: what follows is refused
+    except (ArithmeticError, ValueError):  # a constant without a value: later checks raise
         return value.dag.zero
     is_known = kinds_in([found]) <= {PARAMETER}
     return found if is_known else value.dag.zero

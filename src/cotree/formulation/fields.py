@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Resolver = Callable[[str], "Node"]
 
-#: Fields that give a direction: their length does not matter.
+#: Fields that are directions: their length does not matter.
 UNIT_VECTORS = frozenset({"axis", "axis2", "normal"})
 
 
@@ -48,14 +48,14 @@ class BoundEdge:
 
 @dataclass(frozen=True)
 class Resolvers:
-    """Functions from names to nodes: of parameters, of time too, of coordinates and inputs too."""
+    """Functions from names to nodes: of parameters; of time, too; of coordinates and inputs."""
 
     constant: Resolver
     timed: Resolver
     signal: Resolver
 
     def of(self, row: Field) -> Resolver:
-        """Choose by what a field may depend on."""
+        """Return the function for the names that a field may use."""
         if row.timed:
             return self.timed
         return self.constant if row.constant else self.signal
@@ -66,7 +66,7 @@ def bind_edge(
 ) -> tuple[BoundEdge, list[Guard]]:
     """Bind the fields of an edge to nodes; axes become unit vectors.
 
-    Returns the guards on parameter values too. ``at_scene`` evaluates a node of parameters at the
+    Also returns the guards on parameter values. ``at_scene`` evaluates a node of parameters at the
     scene's values. Raises ParameterError if an axis has no direction or a constant the wrong sign.
     """
     expressions: dict[str, Expression] = {}
@@ -82,7 +82,7 @@ def bind_edge(
             assert isinstance(value, Expression)
             expressions[name] = value
         elif isinstance(value, Expression):
-            # A message about a value that is no number names the field that it comes from.
+            # A message about an undefined value names its field.
             scalars[name] = value.lower(dag, resolve)
             dag.note_origin(scalars[name], f"{name} of edge '{edge.name}'")
         elif row.shape is Shape.INERTIA:
@@ -94,13 +94,13 @@ def bind_edge(
             if name in UNIT_VECTORS and not row.timed:
                 where = f"{name} of edge '{edge.name}'"
                 square = vector.dot(vectors[name], vectors[name])
-                if square.value is None:  # parameters may take the direction away
+                if square.value is None:  # parameters may make its length zero
                     guards.append(Guard(square, f"the squared length of {where}", is_strict=True))
                 vectors[name] = _unit(vectors[name], square, where)
     if "normal" in vectors:
-        # A planar joint slides along two axes that follow its normal.
+        # A planar joint slides along two axes that follow from its normal.
         vectors["normal_x"], vectors["normal_y"] = plane_axes(vectors["normal"])
-    first, second = edge.nodes or ("ground", "ground")  # none where it sits on a joint
+    first, second = edge.nodes or ("ground", "ground")  # none if it acts on a joint
     bound = BoundEdge(
         edge.name, edge.component, first, second, scalars, vectors, inertia, rotation, expressions
     )
@@ -129,7 +129,7 @@ def _unit(axis: Vector, square: Node, where: str) -> Vector:
     """Scale an axis of known squared length to unit length; numbers fold."""
     if square.is_zero:
         raise ParameterError(f"{where} has no direction: give a vector that is not zero")
-    # A length of one but for rounding needs no division, and axes of numbers stay as given.
+    # A length of one up to rounding needs no division, so that axes of numbers stay as given.
     if square.value is not None and math.isclose(square.value, 1.0, rel_tol=1e-15):
         return axis
     length = square.dag.function("sqrt", square)
@@ -150,7 +150,7 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
                 if not is_varying(entry)
             ]
         elif row.sign and row.name == "inertia" and bound.inertia is not None:
-            # The diagonal has the sign of the field; its minors limit the other entries.
+            # The diagonal has the sign of the field; its minors bound the other entries.
             entries = (bound.inertia[i][i] for i in range(3))
             found += [
                 Guard(entry, f"entry {i + 1} of {what}", is_strict)
@@ -165,14 +165,14 @@ def _guards(edge: Edge, bound: BoundEdge, at_scene: Callable[[Node], float]) -> 
 
 
 def is_varying(node: Node) -> bool:
-    """Whether a value depends on more than parameters, which is all that ``prepare`` knows."""
+    """Return whether a value depends on more than parameters."""
     return any(symbol.data[0] != "p" for symbol in symbols_in([node]))
 
 
 def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> list[Guard]:
-    """Guard the minors of an inertia tensor, none of which is negative for a real body."""
-    # Thin rods, and entries of 1e-35 beside zeros, have minors of zero but for rounding: a share of
-    # the tensor's own size on its diagonal leaves room for that.
+    """Guard the minors of an inertia tensor, which are not negative for a real body."""
+    # Thin rods, and entries of 1e-35 beside zeros, have minors of zero up to rounding: a fraction
+    # of the tensor's size is added to its diagonal as a tolerance.
     room = ROUNDING * (tensor[0][0] + tensor[1][1] + tensor[2][2])
     found = []
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -185,7 +185,7 @@ def _minors(tensor: Matrix, what: str, at_scene: Callable[[Node], float]) -> lis
 
 def _is_met(guard: Guard, at_scene: Callable[[Node], float]) -> bool:
     number = at_scene(guard.value)
-    return number >= 0.0 or not math.isfinite(number)  # where it has no value the guard says so
+    return number >= 0.0 or not math.isfinite(number)  # if it has no value the guard reports it
 
 
 def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
@@ -196,7 +196,7 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
     if isinstance(cast("Sequence[Any]", value)[0], Expression):
         angles = lower_vector(value, dag, resolve)
         matrix = vector.identity(dag)
-        # Fixed axes: each later rotation multiplies from the left.
+        # Fixed axes: later rotations multiply from the left.
         for axis, angle in zip(vector.identity(dag), angles, strict=True):
             if not angle.is_zero:
                 matrix = vector.matmul(about(axis, angle).matrix, matrix)
@@ -206,16 +206,17 @@ def rotation_matrix(value: FieldValue, dag: Dag, resolve: Resolver) -> Matrix:
 
 
 def plane_axes(normal: Vector) -> tuple[Vector, Vector]:
-    """Return two unit axes that follow a unit normal right-handedly.
+    """Return two unit axes that form a right-handed system with a unit normal.
 
     They are the next coordinate axes if the normal is one. Otherwise the first is the projection on
     the plane of the coordinate axis that follows the normal's largest entry.
     """
     dag = normal[0].dag
-    # An entry of parameters has no size here; any choice is valid where it is no pole.
+    # An entry of parameters has no known size; any choice is valid if it is not singular.
     sizes = [abs(entry.value) if entry.value is not None else 0.5 for entry in normal]
     start = vector.identity(dag)[(sizes.index(max(sizes)) + 1) % 3]
-    # Gram-Schmidt; the start is not the axis of the largest entry, so never parallel to the normal.
+    # Gram-Schmidt; the start is not the axis of the largest entry, so it is never parallel to the
+    # normal.
     along = vector.dot(normal, start)
     first = vector.sub(start, vector.scale(along, normal))
     if not along.is_zero:
@@ -232,23 +233,23 @@ def resolver_of(
 ) -> Resolver:
     """Return the function from names to nodes; later mappings of ``known`` take precedence.
 
-    ``allowed`` and ``advice`` complete its error messages: what may be used, and what to write
-    instead. Names in ``refused`` have a node elsewhere but are not allowed here.
+    ``allowed`` and ``advice`` complete its error messages: permitted names, and an alternative.
+    Names in ``refused`` exist elsewhere but are not allowed here.
     """
     by_name = {name: node for mapping in known for name, node in mapping.items()}
 
     def resolve(name: str) -> Node:
         if name in by_name:
             return by_name[name]
-        # Known elsewhere but not allowed here: that is another mistake than a misspelt name.
+        # A name that is not allowed here is another mistake than a misspelt name.
         if allowed and (name == "t" or "." in name or name in refused):
             told = f"uses '{name}', but may depend on {allowed} only"
             if name in refused:
-                told += ": let an output depend on modes, which fields may name"
+                told += ": let an output depend on modes, and use the output in the field"
             elif advice:
                 told += f": {advice}"
             raise ExpressionError(told)
-        # Whoever writes T means a temperature or a torque, and hardly the time.
+        # T usually means a temperature or a torque, rarely the time.
         hint = nearest(name, by_name.keys() - {"t"} if name == "T" else by_name)
         raise ExpressionError(f"uses the unknown name '{name}'{hint}")
 
@@ -259,7 +260,7 @@ class FieldNames:
     """Names that fields may use: parameters, inputs, states, outputs and across variables.
 
     The motion, and so the across variables, is formed after the first fields are bound: a variable
-    gets a symbol when a field names it, until :meth:`gathered` is called. ``others`` are nodes and
+    gets a symbol when a field uses it, until :meth:`gathered` is called. ``others`` are nodes and
     edges of the scalar networks.
     """
 
@@ -280,24 +281,24 @@ class FieldNames:
     def node(self, name: str, resolve: Resolver | None = None) -> Node:
         """Return the node of a name; ``resolve`` resolves the names inside an output.
 
-        Raises ExpressionError if the name is unknown, or that of an output that is made of itself.
+        Raises ExpressionError if the name is unknown, or an output that depends on itself.
         """
-        # Parameters hide outputs of the same name.
+        # In expressions a parameter hides an output of the same name.
         if name in self._scene.outputs and name not in self._scene.parameters:
             return self._output(name, resolve or self.node)
-        # States have dots in their names too: they are known, and need no symbol of a measure.
+        # Names of states contain dots, too; they are known and need no symbol of a measure.
         is_across = bool(owner_among(name, self._places))
         if not is_across or name in self._known:
             return self._of_known(name)
         if name not in self._measured:
-            assert not self._is_gathered  # nothing would say what it stands for
+            assert not self._is_gathered  # its symbol would have no value
             self._measured[name] = self._dag.symbol(MEASURED, len(self._measured))
         return self._measured[name]
 
     def _output(self, name: str, resolve: Resolver) -> Node:
         if name in self._pending:
-            raise ExpressionError(f"uses output '{name}', which is made of itself")
-        # Outputs may name outputs; a name that is pending has led back to itself.
+            raise ExpressionError(f"uses output '{name}', which depends on itself")
+        # Outputs may use outputs; a pending name means a cycle.
         self._pending.append(name)
         found = self._scene.outputs[name].lower(self._dag, resolve)
         self._pending.remove(name)
@@ -305,11 +306,11 @@ class FieldNames:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of the across variables that fields use so far, in the order of their use."""
+        """Names of the across variables that fields use so far, in order of first use."""
         return tuple(self._measured)
 
     def gathered(self) -> dict[str, Node]:
-        """Return the symbols of all across variables by name; no further ones may follow."""
+        """Return the symbols of all across variables by name, and accept no further ones."""
         self._is_gathered = True
         return dict(self._measured)
 
@@ -324,13 +325,13 @@ def initial_values(
     """Bind the initial values of a branch, by short names of its coordinates and rates.
 
     ``start`` has the values that the scene does not give; the others are zero. Raises SceneError if
-    the scene gives a value that the branch has no coordinate for.
+    the scene gives a value for a coordinate that the branch does not have.
     """
     values = {name: dag.zero for kind in space for name, _ in (*kind.coordinates, *kind.rates)}
     # Without a rotation the quaternion is one, not zero.
     if "q0" in values:
         values["q0"] = dag.one
-    # What the scene says itself, below, has the last word.
+    # The scene's own values, below, take precedence.
     values |= start
     for name, given in edge.initial.items():
         if name == "rotation" and "q0" in values:
@@ -338,8 +339,8 @@ def initial_values(
             values |= {f"q{i}": node for i, node in enumerate(turned)}
         elif name not in values:
             raise SceneError(
-                f"edge '{edge.name}' moves along {', '.join(values) or 'nothing'} in this scene, "
-                f"so it has no initial '{name}'{nearest(name, values)}"
+                f"edge '{edge.name}' moves along {', '.join(values) or 'nothing'} in this "
+                f"scene, so it has no initial '{name}'{nearest(name, values)}"
             )
         else:
             # All but rotations are single expressions; the scene has checked their shape.
@@ -349,7 +350,7 @@ def initial_values(
 
 
 def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
-    """Turn roll, pitch and yaw, or a matrix of numbers, into a quaternion."""
+    """Convert roll, pitch and yaw, or a matrix of numbers, to a quaternion."""
     assert isinstance(given, tuple)
     if isinstance(given[0], Expression):
         return quaternion_of_angles(lower_vector(given, dag, resolve))
@@ -361,7 +362,7 @@ def _quaternion(given: object, dag: Dag, resolve: Resolver) -> tuple[Node, ...]:
 def guards_of(
     value: Node, moving: Sequence[Node], time: Node, what: str, breach: str
 ) -> Iterator[Guard]:
-    """Refuse a value that jumps while ``moving`` symbols change; guard it if parameters decide.
+    """Raise if a value jumps with the ``moving`` symbols; guard it if only parameters decide.
 
     ``what`` and ``breach`` are subject and predicate of the message.
     """
@@ -369,7 +370,7 @@ def guards_of(
         if may_jump(value, moving, time):
             raise FormulationError(f"{what} {breach}")
         return
-    # A margin is negative where the value jumps; one that is a number is known now.
+    # A margin is negative if the value jumps; a constant margin is decided now.
     for margin in margins(time.dag, value, time):
         if margin.value is None:
             yield Guard(margin, what, False, breach)
@@ -378,7 +379,7 @@ def guards_of(
 
 
 def is_timed(value: Node, time: Node) -> bool:
-    """Return whether parameters and time alone decide where a value may jump, and when is known."""
+    """Return whether parameters and time alone determine where a value may jump."""
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
     return of_time and are_seen(time.dag, value, [time])
 
@@ -400,6 +401,6 @@ def motion_guards(edge: BoundEdge, time: Node) -> Iterator[Guard]:
         if edge.component.role is Role.JOINT and name != "motion":
             continue
         (rate,) = tangents([value], {time: time.dag.one})
-        # A jump of the position, or of the speed, would take an impulse.
+        # A jump of the position, or of the speed, would require an impulse.
         for node in (value,) if edge.component.name in PACED else (value, rate):
             yield from guards_of(node, [time], time, f"{name} of edge '{edge.name}'", _BREACH)

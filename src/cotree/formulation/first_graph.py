@@ -1,7 +1,7 @@
 """The first graph: from a scene and its tree to governing equations, step by step.
 
-This page names the branch-chord formulation in order: bind the components, lump what moves
-together, f-circuits (across), terminal equations (loads), f-cutsets (through) projected on the
+This module contains the branch-chord formulation in order: bind the components, lump rigid
+clusters, f-circuits (across), terminal equations (loads), f-cutsets (through) projected on the
 motion spaces.
 """
 
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 class FirstGraph:
     """The first graph, solved for its through and across variables."""
 
-    scene: SceneDescription  # what it was made from
+    scene: SceneDescription  # its scene
     #: Across and through variables, at the accelerations and multipliers ``unknowns``.
     motion: Motion
     loads: Loads
@@ -69,23 +69,24 @@ class FirstGraph:
     balance: Balance
     #: Through variables along measures: laws of chord joints, then multipliers.
     applied: tuple[Applied, ...]
-    constraints: Constraints  # what the chords hold
-    conditions: tuple[Condition, ...]  # initial values of what is no state
-    measured: Mapping[Node, Node]  # what the symbols of across variables in fields stand for
-    reactions: frozenset[Node]  # those of them that stand for accelerations and reactions
+    constraints: Constraints  # the constraints of the chords
+    conditions: tuple[Condition, ...]  # initial values of variables that are not states
+    measured: Mapping[Node, Node]  # values of the symbols of across variables in fields
+    reactions: frozenset[Node]  # those symbols that are accelerations or reactions
     unknowns: tuple[Node, ...]  # symbols of the accelerations, then of the multipliers
     matrix: Sequence[Sequence[Node]]  # the mass matrix, bordered by the constraints
     forcing: tuple[Node, ...]  # right-hand side of ``matrix @ unknowns = forcing``
     is_safe: tuple[bool, ...]  # whether each pivot of the matrix is positive for every state
-    guards: tuple[Guard, ...]  # what parameter values must satisfy
+    guards: tuple[Guard, ...]  # conditions on parameter values
     states: tuple[State, ...]  # coordinates, then their rates
     rates: tuple[Node, ...]  # rates of the states
     outputs: Outputs
-    network: Network | None = None  # the scalar networks, whose states come after the speeds
+    network: Network | None = None  # the scalar networks, whose states follow the speeds
     couplings: tuple[Coupling, ...] = ()  # the ports by which they act on the multibody system
-    #: Whether storages of the networks are tied to joints, so that the mass matrix holds them.
+    #: Whether storages of the networks are coupled to joints, so that the mass matrix contains
+    #: them.
     has_far_inertia: bool = False
-    #: The tree, where the unknowns are to be eliminated along it; see :func:`tree_links`.
+    #: The tree, if the unknowns are to be eliminated along it; see :func:`tree_links`.
     links: tuple[TreeLink, ...] = ()
     events: tuple[EventRow, ...] = ()
 
@@ -125,7 +126,7 @@ def form_first_graph(
     dag = Dag()
     whole = with_stops(with_friction(scene))
     scene = whole.mechanics
-    # Bodies in the tree start where the joints put them, as functions of parameters.
+    # Bodies in the tree start at positions given by the joints, as functions of parameters.
     starts = body_starts(scene, trees, motion_spaces(scene).of, dag)
     system = bind(scene, trees, dag, starts, names=_network_names(whole))
     clusters = lump(system)
@@ -135,14 +136,14 @@ def form_first_graph(
     still = View(motion, accelerate(motion, [dag.zero] * len(system.speeds)))
     accelerations = tuple(v.acceleration for v in system.speeds)
     view = View(motion, accelerate(motion, accelerations))
-    # Networks come before the loads, since transducers put their through variables on the
+    # Networks come before the loads, since the through variables of transducers act on the
     # mechanism.
     attached = attach_network(whole, view)
     network, observed = attached.network, attached.observed
     # Terminal equations (Eq. (3)): laws depend on positions and velocities only.
     laws = [*applied_laws(motion, still), *attached.loads]
     loads = loads_of(motion, actions(motion)).plus(multiplier_loads(laws))
-    # Chords: each closes an f-circuit and holds the across variables of its reaction space at zero.
+    # Each chord closes an f-circuit, which keeps the across variables of its reaction space zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
 
@@ -152,15 +153,15 @@ def form_first_graph(
         check_inertia(system, mass, constraints.gradient)
         return mass
 
-    # Storages tied to joints add entries that elimination along the tree knows nothing of.
+    # Storages coupled to joints add entries that elimination along the tree does not handle.
     may_wait = trees.is_one and not attached.slopes and is_deep(motion)
     mass = [] if may_wait else form_mass()
     # f-cutsets projected on the motion spaces (Eqs. (1) and (5)): the residual is M v' - f - G^T
-    # lambda, so that -f is what is left at zero accelerations, without multipliers.
+    # lambda; at zero accelerations and multipliers it is -f.
     at_rest = balance(motion, loads, still.across)
     applied = (*laws, *constraints.applied)
     is_safe, pivot_guards = safe_pivots(system, clusters)
-    # The same balance at the unknowns: reactions that outputs ask for are read from it.
+    # The same balance at the unknowns, from which outputs read reactions.
     loaded = loads.plus(multiplier_loads(constraints.applied))
     balanced = balance(motion, loaded, view.across)
     owners = {*whole.nodes, *whole.edges}
@@ -181,7 +182,7 @@ def form_first_graph(
         measured=measured,
         reactions=reactions,
         unknowns=(*accelerations, *constraints.multipliers),
-        # Where every pivot is safe, every speed has inertia.
+        # If every pivot is positive, every speed has inertia.
         matrix=LateMatrix(
             lambda: _bordered(form_mass(), constraints, dag),
             len(is_safe),
@@ -190,7 +191,7 @@ def form_first_graph(
         if may_wait and all(is_safe)
         else _bordered(mass or form_mass(), constraints, dag),
         forcing=(*(-row for row in at_rest.residual), *constraints.biases),
-        # A multiplier has a zero on the diagonal: never a pivot that is positive for certain.
+        # A multiplier has a zero on the diagonal, which is never a positive pivot.
         is_safe=(*is_safe, *(False for _ in constraints.rows)),
         guards=(
             *system.guards,
@@ -215,7 +216,7 @@ def form_first_graph(
 
 
 def _network_names(scene: SceneDescription) -> frozenset[str]:
-    """List the names of edges and nodes that belong to scalar networks."""
+    """Return the names of edges and nodes that belong to scalar networks."""
     edges = [e for e in scene.edges.values() if e.component.role is Role.NETWORK]
     return frozenset(name for edge in edges for name in (edge.name, *edge.nodes))
 
@@ -223,25 +224,25 @@ def _network_names(scene: SceneDescription) -> frozenset[str]:
 def _measured(
     observer: Observer, reacting: Collection[str]
 ) -> tuple[dict[Node, Node], frozenset[Node]]:
-    """Form the variables that fields use; return which are accelerations and reactions, too."""
+    """Form the variables that fields use; also return which are accelerations and reactions."""
     motion, found = observer.motion, {}
     symbols = motion.system.signals.gathered()
     for name, symbol in symbols.items():
         value = observer.networks.get(name)
         if value is None:
-            # A name that no network knows belongs to the mechanism. Its value acts on the motion,
-            # so that an angle must not jump at half a turn.
+            # A name that no network has belongs to the mechanism. Its value affects the motion, so
+            # that an angle must not jump at half a turn.
             value = observe_motion(motion, name, is_acting=True)
         if value is not None:
             found[symbol] = value
         elif name not in reacting:
             raise ExpressionError(
-                f"a field uses '{name}', which is no coordinate, position, velocity or orientation "
-                "of this scene; accelerations and reactions can be used in fields of dry friction "
-                "on joints only"
+                f"a field uses '{name}', which is not a coordinate, position, velocity or "
+                "orientation of this scene; accelerations and reactions can be used in "
+                "fields of dry friction on joints only"
             )
     late = [name for name, symbol in symbols.items() if symbol not in found]
-    # Reactions hold the forces of friction themselves, which have symbols of their own.
+    # Reactions contain the forces of friction, which have symbols of their own.
     values = substitute([observer.value(name) for name in late], found)
     found |= {symbols[name]: value for name, value in zip(late, values, strict=True)}
     return found, frozenset(symbols[name] for name in late)
@@ -253,7 +254,7 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     Empty if a pivot may vanish, or if translation and rotation have different trees.
     """
     n = len(first.system.speeds)
-    # Articulated inertias need one parent for each body, and all inertia within the tree.
+    # Articulated inertias require one parent for each body, and all inertia within the tree.
     if first.has_far_inertia or not first.system.trees.is_one:
         return ()
     if not all(first.is_safe[:n]):
@@ -304,10 +305,10 @@ def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:
 
 
 def _is_given(scene: SceneDescription, name: str) -> bool:
-    """Whether the scene gives the initial value of a state."""
+    """Return whether the scene gives the initial value of a state."""
     edge, short = split_name(name)
     initial = scene.edges[edge].initial
-    # The four entries of a quaternion are given together, or none of them.
+    # The four entries of a quaternion are given together or not at all.
     turn = {"q0", "q1", "q2", "q3"}
     if short in turn:
         return not (turn | {"rotation"}).isdisjoint(initial)

@@ -1,9 +1,9 @@
 """Axes in which each cluster's vectors are resolved, and the geometry of the moving branches.
 
 A cluster's vectors are resolved in its parent's axes or in its own. Ground axes throughout suit
-planar chains, where a turn adds its angle to the one before; own axes suit spatial arms, whose
-inertias are then constant. Both give the same values; :mod:`cotree.choice` counts
-what they cost. Where the trees differ a cluster has two parents, and ground axes suit both.
+planar chains, in which rotation angles add; own axes suit spatial arms, whose inertias are then
+constant. Both give the same values; :mod:`cotree.choice` counts their costs. If the trees differ, a
+cluster has two parents, and ground axes are used.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Frames:
-    """Axes of the clusters, and the values seen in them.
+    """Axes of the clusters, and the values resolved in them.
 
-    The first graph sees plain values. In a sensitivity graph the axes turn with what changes, and
+    The first graph uses plain values. In a sensitivity graph the axes rotate with the seed, and
     values are duals (:class:`cotree.sensitivity.turning.Turning`).
     """
 
@@ -62,7 +62,7 @@ class Frames:
         return vector.times(self.rotations[cluster].matrix, local)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
-        """See a vector whose components in the cluster's basis are constant."""
+        """Return a vector whose components in the cluster's basis are constant."""
         return a
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
@@ -83,21 +83,21 @@ class Frames:
         return own if step is None else vector.matmul(step, own)
 
     def seen(self, node: Node) -> Node:
-        """Return a field, a coordinate or a speed as this graph sees it: the value itself here."""
+        """Return a field, coordinate or speed in this graph: here, the value itself."""
         return node
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
-        """Put values in the place of a formula's arguments."""
+        """Substitute values for a formula's arguments."""
         return substitute([node], arguments)[0]
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector of others and of tensors that turn with a cluster; here nothing turns."""
+        """Form a vector from others and from tensors that rotate with a cluster."""
         return form(*vectors)
 
 
 def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int]) -> Frames:
     """Resolve the clusters of ``own_axes`` in their own axes, the others in their parent's."""
-    assert system.trees.is_one or not own_axes  # of two parents neither basis would do
+    assert system.trees.is_one or not own_axes  # with two parents, neither basis is suitable
     rotations = [no_rotation(system.dag)]
     steps: list[Matrix | None] = [None]
     with system.dag.labelled("f-circuits, rotation"):
@@ -107,32 +107,31 @@ def choose_frames(system: System, clusters: Clusters, own_axes: Collection[int])
             relative = _turned(rotations[branch.turn_parent], branch)
             if branch.turns and branch.child in own_axes:
                 rotations.append(no_rotation(system.dag))
-                # The child is its own basis: its fields are constant there, and the turn is a step
+                # The child has its own basis: its fields are constant there, and the rotation leads
                 # to the parent's.
                 steps.append(relative.matrix)
             else:
-                # The child shares its parent's basis: no step between the two, but its fields have
-                # to be turned.
+                # The child shares its parent's basis: vectors need no rotation between the two, but
+                # its fields do.
                 rotations.append(relative)
                 steps.append(None)
     return Frames(tuple(rotations), tuple(steps))
 
 
 def _turned(parent: Rotation, branch: Branch) -> Rotation:
-    """Turn the axes of the turn parent by a branch."""
+    """Rotate the axes of the turn parent by a branch."""
     if not branch.turns:
         return parent
     if branch.quaternion is None:
-        # Angles about one axis add up before their sine and cosine are formed; `then` takes care of
-        # that.
+        # Angles about one axis are added before their sine and cosine are formed, see `then`.
         angle = branch.position
         return parent.then(branch.axes[0], angle if branch.sign > 0 else -angle)
     own = of_quaternion(branch.quaternion)
-    # The quaternion turns the axes of the edge's second node to those of its first, so that an edge
-    # that points inwards needs the inverse.
+    # The quaternion rotates the axes of the edge's second node to those of its first; an edge that
+    # points inwards needs the inverse.
     matrix = own if branch.sign > 0 else vector.transpose(own)
     if branch.mount is not None:
-        # The inner node may be turned within its cluster, by a weld or an arm.
+        # The inner node may be rotated within its cluster, by a weld or an arm.
         matrix = vector.matmul(branch.mount, matrix)
     return Rotation(matrix if parent.is_identity else vector.matmul(parent.matrix, matrix))
 
@@ -142,9 +141,9 @@ class Geometry:
     """A moving branch, resolved in the basis of its parent."""
 
     branch: Branch
-    axes: tuple[Vector, ...]  # unit axes of the motion space, pointing the edge's way
-    #: The parts of the vector from the parent's origin to the child's that are carried by the
-    #: parent and by the child.
+    axes: tuple[Vector, ...]  # unit axes of the motion space, in the direction of the edge
+    #: The parts of the vector from the parent's origin to the child's that the parent and the child
+    #: carry.
     from_parent: Vector
     from_child: Vector
     #: The motion space: angular velocity of the child and velocity of its origin, for a unit of
@@ -163,7 +162,7 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
     """Resolve a branch in the basis of its parent."""
     zero = vector.zeros(system.dag)
     axes = tuple(frames.carried(branch, axis) for axis in branch.axes)
-    # Translations of a motion space are coordinates along axes that the carrier turns.
+    # Translations of a motion space are coordinates along axes that the carrier rotates.
     slide = zero  # in the carrier's axes
     for axis, length in zip(branch.axes, branch.slides, strict=True):
         if not length.is_zero:
@@ -173,16 +172,17 @@ def resolve_branch(system: System, frames: Frames, branch: Branch) -> Geometry:
         from_parent = frames.resolved(branch.parent, vector.add(branch.anchor, slide))
         from_child = zero
     else:
-        # The edge begins at the outer node: the child carries the slide, which counts inwards.
+        # The edge begins at the outer node: the child carries the slide, which is positive inwards.
         from_parent = frames.resolved(branch.parent, branch.anchor)
         from_child = vector.neg(frames.carried(branch, slide))
     turning, shifting, sliding = [], [], []
     for axis, length in zip(axes, branch.slides, strict=True):
         along = vector.signed(branch.sign, axis)
-        # Speeds count along the edge; the sums run outwards, hence the sign.
+        # Speeds are positive along the edge; the sums run outwards, hence the sign.
         turning.append(along if branch.turns else zero)
         sliding.append(vector.scale(frames.seen(length), along))
-        # A child that turns about its parent's point takes along what it carries itself.
+        # If a child rotates about its parent's point, the part of the vector that it carries moves,
+        # too.
         shifting.append(vector.add(vector.cross(turning[-1], from_child), sliding[-1]))
     return Geometry(
         branch, axes, from_parent, from_child, tuple(turning), tuple(shifting), tuple(sliding)

@@ -1,7 +1,7 @@
-"""Through variables along measures: laws of chord joints, bushings, and laws that users write.
+"""Through variables along measures: laws of chord joints, bushings, and user-defined laws.
 
-A law is a formula over the values and rates of measures, with the edge's fields in it; what it
-gives acts along a measure.
+A law is a formula of the values and rates of measures and of the edge's fields; its value is a
+through variable along a measure.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ if TYPE_CHECKING:
 class Applied:
     """A through variable along a measure."""
 
-    #: What it belongs to, and its own name.
+    #: Its edge, and its own name.
     edge: str
     name: str
-    measure: Measure  # the across variable that it is dual to
-    pull: Pull  # the wrenches and efforts of a unit of it
+    measure: Measure  # its dual across variable
+    pull: Pull  # wrenches and efforts for a unit of it
     magnitude: Node  # its value
     formula: Node | None = None  # its law over the symbols of ``arguments``; None for a multiplier
-    #: What the symbols stand for: the value of a measure, or its rate where true.
+    #: The meaning of the symbols: the value of a measure, or its rate if true.
     arguments: Mapping[Node, tuple[Measure, bool]] = field(default_factory=dict)
-    potential: Node | None = None  # the energy that it stores, where it is a linear spring
+    potential: Node | None = None  # the stored energy, for a linear spring
 
     def amount(self, view: View) -> Any:
         """Evaluate the law in a view."""
@@ -103,7 +103,7 @@ def _symbols(motion: Motion) -> tuple[Node, Node]:
 
 
 def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate the law of a joint along its coordinate where that is of a chord."""
+    """Evaluate the law of a joint along its coordinate if the joint is a chord."""
     law = edge.component.law
     if law is None:
         return
@@ -120,7 +120,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
     formula = law.value(motion.system.dag, {**scalars, step.name: value, f"{step.name}_dot": rate})
     if formula.is_zero:
         return
-    # A law that depends on the angle, and not on its rate only, would jump at half a turn.
+    # A law that depends on the angle, not only on its rate, would jump at half a turn.
     if isinstance(measure, Angle) and not tangents([formula], {value: value.dag.one})[0].is_zero:
         measure = whole_angle(motion, edge)
     stored = stored_energy(scalars, value) if "stiffness" in scalars else None
@@ -131,7 +131,7 @@ def _chord_joint(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applie
 def stored_energy(scalars: Mapping[str, Node], at: Node) -> Node:
     """Form the energy of a linear spring at a length or an angle."""
     rest = scalars.get("free_angle", scalars.get("free_length"))
-    # Zero where the edge has no free length or angle.
+    # Zero if the edge has no free length or angle.
     stretch = at if rest is None else at - rest
     return 0.5 * scalars["stiffness"] * (stretch * stretch)
 
@@ -144,7 +144,7 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
     value, rate = _symbols(motion)
     dag = motion.system.dag
     first, second, third = (dag.symbol("measure", i) for i in range(3))
-    # 2 q_i^2 of the relative quaternion, 1 - cos for a turn about that axis: smooth at every
+    # 2 q_i^2 of the relative quaternion, 1 - cos for a rotation about that axis: smooth at every
     # orientation, in contrast to three successive angles.
     bend = 0.5 * (1.0 + first - second - third)
     along = tuple(Cosine(ends, a[i], b[i]) for i in range(3))
@@ -156,8 +156,8 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
             edge.vectors.get(name, vector.zeros(dag))[i]
             for name in ("stiffness", "damping", "rotation_stiffness", "rotation_damping")
         )
-        # Through variables on the second node point against measures and rates. A torque per
-        # measure of one is the slope of the energy by it.
+        # Through variables on the second node oppose measures and rates. A torque per unit measure
+        # is the derivative of the energy.
         rows = (
             ("", length, -(pull * value + drag * rate), stored_energy({"stiffness": pull}, value)),
             ("rotation_", turn, -twist, twist * value),
@@ -174,13 +174,13 @@ def _bushing(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
 
 
 def _user_law(motion: Motion, edge: BoundEdge, view: View) -> Iterator[Applied]:
-    """Evaluate a law that a user wrote, in Python or as an expression of the scene."""
+    """Evaluate a user-defined law, in Python or as an expression of the scene."""
     ends = chord_ends(motion, edge)
     if edge.component.acts is Acts.VELOCITY:
         yield from _against_motion(motion, edge, view)
         return
     measure: Measure = Distance(ends)
-    # With an axis the length is signed; the distance of two nodes never is.
+    # Along an axis the length is signed; the distance of two nodes is not.
     if "axis" in edge.vectors:
         measure = AxisLength(ends, carried_by(motion, ends, 0, edge.vectors["axis"]))
     value, rate = _symbols(motion)
@@ -216,8 +216,8 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
     arguments = {rate: (part, True) for rate, part in zip(rates, parts, strict=True)}
     square = rates[0] * rates[0] + rates[1] * rates[1] + rates[2] * rates[2]
     known = {**edge.scalars, "speed": dag.function("sqrt", square), "t": motion.system.time}
-    # The law is divided by the speed in symbols, so that no 0 / 0 arises at rest where it has a
-    # limit.
+    # The law is divided by the speed symbolically, so that no 0 / 0 occurs at rest if a limit
+    # exists.
     factor = law.over("speed").value(dag, known)
     for letter, part, rate in zip("xyz", parts, rates, strict=True):
         yield _act(edge, f"{edge.name}.{letter}", part, factor * rate, arguments, view)
@@ -225,7 +225,7 @@ def _against_motion(motion: Motion, edge: BoundEdge, view: View) -> Iterator[App
 
 @dataclass(frozen=True)
 class Sitter:
-    """A component that sits on a joint."""
+    """A component that acts on a joint."""
 
     #: Its name and its type.
     edge: str
@@ -235,23 +235,23 @@ class Sitter:
 
 @dataclass(frozen=True)
 class Paced:
-    """A measure less a given course: its rate is held, and its value follows."""
+    """A coordinate minus a prescribed course: its rate is constrained, and its value follows."""
 
     measure: Measure  # the coordinate
-    #: The rate that it has, of parameters and time, and the symbol of time.
+    #: The prescribed rate, of parameters and time, and the symbol of time.
     speed: Node
     time: Node
 
     def value(self, view: View) -> Any:
-        """Return None: positions are free at the start."""
+        """Return None: initial positions are free."""
         return None
 
     def rate(self, view: View) -> Any:
-        """Return what the rate differs by."""
+        """Return the deviation of the rate."""
         return self.measure.rate(view) - view.formula(self.speed, {})
 
     def acceleration(self, view: View) -> Any:
-        """Return the time derivative of that."""
+        """Return the time derivative of the deviation."""
         (change,) = tangents([self.speed], {self.time: self.time.dag.one})
         return self.measure.acceleration(view) - view.formula(change, {})
 
@@ -272,9 +272,9 @@ def paced_rows(motion: Motion) -> Iterator[Row]:
 
 
 def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
-    """Measure the coordinate ``joint`` or ``joint.coordinate`` that a component sits on.
+    """Measure the coordinate ``joint`` or ``joint.coordinate`` on which a component acts.
 
-    Raises SceneError if there is no such coordinate, or it slides where the component turns.
+    Raises SceneError if there is no such coordinate, or it slides but the component rotates.
     """
     # A joint of a part has dots in its name.
     joint, wanted = (place, "") if place in motion.system.edges else split_name(place)
@@ -283,25 +283,25 @@ def joint_measure(sitter: Sitter, place: str, motion: Motion) -> Measure:
     if edge is None or edge.component.role is not Role.JOINT:
         known = [e.name for e in motion.system.edges.values() if e.component.role is Role.JOINT]
         raise SceneError(
-            f"edge '{sitter.edge}' acts on '{joint}', which is no joint{nearest(joint, known)}"
+            f"edge '{sitter.edge}' acts on the unknown joint '{joint}'{nearest(joint, known)}"
         )
-    # Components of rotation act about joints that turn, of translation along those that slide. A
-    # free rotation has no single angle to act about.
+    # Rotational components act about revolute joints, translational ones along sliding joints. A
+    # free rotation has no single angle.
     steps = [step for step in edge.component.motion_space if isinstance(step, Freedom)]
     known = [step.name for step in steps if step.rotates is sitter.turns]
     names = [name for name in known if wanted in ("", name)]
     if len(names) != 1:
-        raise SceneError(_told(sitter, edge, wanted, known, bool(steps)))
+        raise SceneError(_joint_message(sitter, edge, wanted, known, bool(steps)))
     measure = named_measure(motion, f"{joint}.{names[0]}")
     if measure is None:
         raise SceneError(
-            f"edge '{sitter.edge}' acts on '{joint}.{names[0]}', which closes a loop and cannot "
-            "be measured there: name a tree that holds the joint"
+            f"edge '{sitter.edge}' acts on '{joint}.{names[0]}', which closes a loop and "
+            "cannot be measured there: name a tree that contains the joint"
         )
     return measure
 
 
-def _told(
+def _joint_message(
     sitter: Sitter, joint: BoundEdge, wanted: str, known: Sequence[str], has_others: bool
 ) -> str:
     """Describe why a component cannot act on a joint, and which can."""
@@ -313,8 +313,8 @@ def _told(
         return f"{own} acts on {on}, which has {len(known)} {what}s: name one, {named}"
     if known:
         place = f"{joint.name}.{wanted}"
-        return f"{own} acts on '{place}', which is no {what} of {on}: name {named}"
+        return f"{own} acts on '{place}', which is not a {what} of {on}: name {named}"
     other, cure = counterpart_of(sitter.type), f"act on a joint that {does}"
     if other and has_others:
-        cure = f"take a {other} in place of the {sitter.type}, or {cure}"
+        cure = f"use a {other} instead of the {sitter.type}, or {cure}"
     return f"{own} {does}, but {on} has no {what} to act on: {cure}"

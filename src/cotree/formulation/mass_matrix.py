@@ -1,22 +1,22 @@
-"""The mass matrix: whether it is formed, its augmented bodies, and pivots that are safe.
+"""The mass matrix: singularity checks, augmented bodies, and pivots that are certainly positive.
 
-Give each joint the inertia of the rigid cluster that it carries, as if all other joints were
-locked. If it is positive definite for every joint, every motion has kinetic energy: with
-clusters taken from the ground outwards, the velocities of the coordinates map to those of the
-clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is then
-positive definite in every configuration, and so is each of its Schur complements.
+Suppose that each joint moves the inertia of the rigid cluster that it carries, with all other
+joints locked. If that inertia is positive definite for every joint, every motion has kinetic
+energy: with clusters taken from the ground outwards, the velocities of the coordinates map to those
+of the clusters by a block triangular matrix whose diagonal blocks are injective. The mass matrix is
+then positive definite in every configuration, and so is each of its Schur complements.
 
 This requires clusters whose kinetic energy is never negative. A cluster whose inertia tensor, at
-the scene's values, is not that of any body makes the pivots of all joints that move it unsafe.
+the scene's values, is physically impossible makes the pivots of all joints that move it unsafe.
 
-What lies beyond a branch then does not move as one body, so that it has no composite inertia. But
-all mass that the translation tree carries beyond a branch moves with the branch's outer node, so
-that it counts as a point mass there of the cluster inside (an augmented body: J. Wittenburg,
-Dynamics of Systems of Rigid Bodies, 1977). A turn of a cluster then needs its augmented first
-moment and inertia only.
+If the trees differ, the clusters beyond a branch do not move as one body, so that they have no
+composite inertia. But all mass that the translation tree carries beyond a branch moves with the
+branch's outer node, so that it is a point mass of the inner cluster there (an augmented body: J.
+Wittenburg, Dynamics of Systems of Rigid Bodies, 1977). A rotation of a cluster then depends on its
+augmented first moment and inertia only.
 
 Elimination along the tree does not need the mass matrix and takes O(n) operations; the matrix of a
-chain has n^2 entries. The matrix is formed only when its rows are asked for.
+chain has n^2 entries. The matrix is formed only if its rows are used.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
 
 
-#: Metres or radians that nodes may be apart where nothing can bring them together: rounding.
+#: Distance of nodes, in metres or radians, that is rounding if nothing can bring them together.
 _LARGEST_GAP = 1e-9
 
 
 def check_inertia(
     system: System, matrix: Sequence[Sequence[Node]], gradient: Sequence[Sequence[Node]]
 ) -> None:
-    """Raise SingularSystemError if a coordinate moves nothing and no constraint holds it.
+    """Raise SingularSystemError if a coordinate moves no inertia and no constraint determines it.
 
     ``gradient`` is of the constraints' rates by the speeds, (n_constraints, n_speeds).
     """
@@ -79,17 +79,21 @@ def met_where_idle(rows: Sequence[Row], view: View) -> list[Guard]:
     for row in rows:
         gap = row.measure.value(view)
         kinds = set() if gap is None else {symbol.data[0] for symbol in symbols_in([gap])}
-        # A constraint on rates only, or one that states enter, never fails by parameters alone.
+        # A constraint on rates only, or one that depends on states, is not violated by parameters
+        # alone.
         if gap is None or not kinds <= {"p", "t"}:
             continue
         guard = Guard(
             _LARGEST_GAP * _LARGEST_GAP - gap * gap,
             f"constraint '{row.name}'",
             is_strict=False,
-            breach="is not met and nothing moves along it: change the vectors, axes or prescribed "
-            f"motion that place the nodes of edge '{row.edge}', or give a joint this direction",
+            breach=(
+                "is violated, and no motion changes it: change the vectors, axes or "
+                f"prescribed motion that place the nodes of edge '{row.edge}', or add a "
+                "joint that moves in this direction"
+            ),
         )
-        # A guard is a function of parameters only, which a gap that varies with time is not.
+        # A guard is a function of parameters only, so a gap that depends on time has none.
         if "t" in kinds:
             raise ParameterError(guard.demand)
         if guard.value.value is None:
@@ -106,11 +110,11 @@ def safe_pivots(system: System, clusters: Clusters) -> tuple[tuple[bool, ...], l
     """
     safe: dict[str, bool] = {}
     guards: list[Guard] = []
-    # A tensor of negative energy takes inertia away from every joint that moves it.
+    # A tensor of negative energy reduces the inertia of every joint that moves it.
     unsafe = _below(clusters, _unreal(system, clusters))
     for branches in _by_cluster(clusters):
         own = _own_inertias(system, clusters, branches)
-        # At the scene's values now; guards keep it so when parameters change.
+        # Positive at the scene's values now; guards keep it so when parameters change.
         is_safe = bool(own) and all(_is_positive(node, system.at_scene) for node in own)
         is_safe = is_safe and unsafe.isdisjoint(branch.child for branch in branches)
         if is_safe:
@@ -129,7 +133,7 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
     for cluster, inertia in enumerate(clusters.inertias):
         if inertia is not None and not _is_real(system, inertia.tensor, inertia):
             found.append(cluster)
-    # Parameters may take away what makes up for a tensor that is no body's: it has no guard.
+    # Parameters may remove the inertia that compensates an impossible tensor: it has no guard.
     for body in system.bodies:
         if body.inertia is None or _is_real(system, body.inertia):
             continue
@@ -141,18 +145,18 @@ def _unreal(system: System, clusters: Clusters) -> list[int]:
 
 
 def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> bool:
-    """Return whether a tensor turns nothing at negative energy, at the scene's values."""
+    """Return whether all rotations of a tensor have positive energy, at the scene's values."""
     try:
         central = np.array([[system.at_scene(entry) for entry in row] for row in tensor])
         room = ROUNDING * np.trace(central)
         mass = 0.0 if inertia is None else system.at_scene(inertia.mass)
         if inertia is not None and mass:
             moment = np.array([system.at_scene(entry) for entry in inertia.moment])
-            # Steiner: about the centre of mass, where a real body's tensor has no negative
+            # Steiner: the tensor of a real body about its centre of mass has no negative
             # eigenvalue.
             central -= (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass
         if system.plane:
-            # In a plane only turns about its normal occur.
+            # In a plane, rotations are about its normal only.
             axis = "xyz".index(system.plane)
             return bool(mass >= 0.0 and central[axis, axis] >= -room)
         return bool(mass >= 0.0 and np.linalg.eigvalsh(central)[0] >= -room)
@@ -161,7 +165,7 @@ def _is_real(system: System, tensor: Matrix, inertia: Inertia | None = None) -> 
 
 
 def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
-    """List some clusters and all whose motion moves them."""
+    """Return some clusters and all clusters whose motion moves them."""
     found: set[int] = set()
     waiting = list(outer)
     while waiting:
@@ -169,7 +173,7 @@ def _below(clusters: Clusters, outer: Sequence[int]) -> set[int]:
         branch = clusters.branches[cluster]
         if branch is not None and cluster not in found:
             found.add(cluster)
-            # Whatever carries or turns the cluster gives it kinetic energy.
+            # Any motion that carries or rotates the cluster gives it kinetic energy.
             waiting += [branch.parent, branch.turn_parent]
     return found
 
@@ -179,14 +183,14 @@ def _is_positive(node: Node, value: Callable[[Node], float]) -> bool:
 
 
 def _by_cluster(clusters: Clusters) -> list[list[Branch]]:
-    """Gather the branches into each cluster that holds nodes, from the ground outwards."""
+    """Collect the branches into each cluster that has nodes, from the ground outwards."""
     held = {point.cluster for point in clusters.points.values()}
     found: list[list[Branch]] = []
     own: list[Branch] = []
     for branch in clusters.branches[1:]:
         assert branch is not None
         own.append(branch)
-        # A joint of several steps is one motion: its massless clusters in between carry no nodes.
+        # A joint of several steps is one motion: its intermediate massless clusters have no nodes.
         if branch.child in held:
             found.append(own)
             own = []
@@ -207,14 +211,14 @@ def _own_inertias(system: System, clusters: Clusters, branches: Sequence[Branch]
         if not turning:
             return sliding
         central = _central(inertia)
-        # Several axes may reach any direction: the central tensor has to be positive definite,
-        # which leading minors tell.
+        # Several axes may span any direction: the central tensor must be positive definite, which
+        # its leading minors decide.
         if len(turning) > 1 or turning[0].quaternion is not None:
             return [*sliding, *_minors(central)]
         if turning[0] is not branches[-1]:
             return []  # the axis turns in the cluster's frame
         axis = turning[0].axes[0]
-        # Where translations are free the kinetic energy of a turn is at least that about the
+        # If translations are free, the kinetic energy of a rotation is at least that about the
         # centre of mass.
         return [*sliding, vector.dot(axis, vector.times(central, axis))]
 
@@ -252,11 +256,11 @@ def augmented_mass_matrix(motion: Motion) -> list[list[Node]]:
     for geometry in motion.geometry:
         for i, speed in enumerate(geometry.branch.speeds):
             with dag.labelled(f"mass matrix, column of {speed.edge}"):
-                # Forces of the masses that are moved, then what turns and slides couple.
+                # Forces of the accelerated masses, then couplings of rotations and translations.
                 pull = _forces(motion, bodies, geometry, i)
                 rows = _own(motion, bodies, tensors, geometry, i)
                 for row, entry in enumerate(along_speeds(motion, pull)):
-                    # A carrier's acceleration does the same to what it carries.
+                    # An acceleration of the carrier has the same effect on the carried clusters.
                     matrix[row][speed.index] = matrix[row][speed.index] + entry
                     matrix[speed.index][row] = matrix[speed.index][row] + entry
                 for row, entry in rows.items():
@@ -291,8 +295,9 @@ def _arm(branch: Branch) -> Vector:
 
 
 def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matrix | None]:
-    """Sum the inertia tensors of all that turns with each cluster."""
-    # A torque on a cluster reaches all that turns it, so that tensors add along the rotation tree.
+    """Sum the inertia tensors of all clusters that rotate with each cluster."""
+    # A torque on a cluster acts on all rotations that move it, so that tensors add along the
+    # rotation tree.
     tensors = [None if body is None else body.tensor for body in bodies]
     for geometry in reversed(motion.geometry):
         parent, own = geometry.branch.turn_parent, tensors[geometry.branch.child]
@@ -303,10 +308,10 @@ def _turned_together(motion: Motion, bodies: list[Inertia | None]) -> list[Matri
 
 
 def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i: int) -> Pull:
-    """Form the forces that a unit acceleration needs, on the clusters where they act."""
+    """Form the forces for a unit acceleration, on the clusters where they act."""
     branch, zero = geometry.branch, vector.zeros(motion.system.dag)
     wrenches = []
-    # All clusters that turn with the branch: in the rotation tree parents come first, so one pass
+    # All clusters that rotate with the branch: in the rotation tree parents come first, so one pass
     # finds them.
     turned = {branch.child} if branch.turns else set()
     for other in motion.geometry:
@@ -315,11 +320,12 @@ def _forces(motion: Motion, bodies: list[Inertia | None], geometry: Geometry, i:
     for cluster in sorted(turned):
         body = bodies[cluster]
         if body is not None:
-            # alpha x h: the augmented first moment holds all mass that this turn accelerates.
+            # alpha x h: the augmented first moment contains all mass that this rotation
+            # accelerates.
             wrenches.append((cluster, vector.cross(geometry.turning[i], body.moment), zero))
     body, shifting = bodies[branch.child], geometry.shifting[i]
     if body is not None and branch.parent and not vector.is_zero(shifting):
-        # The branch itself is left to _own, which counts it once.
+        # The branch itself is left to _own, which includes it once.
         force = vector.scale(body.mass, shifting)
         wrenches.append((branch.parent, force, vector.cross(geometry.offset, force)))
     return Pull(tuple(wrenches))
@@ -332,12 +338,12 @@ def _own(
     geometry: Geometry,
     i: int,
 ) -> dict[int, Node]:
-    """Form the entries of a speed's column by itself and by the turns that carry it, by speed."""
+    """Form a speed's column for the speed itself and the rotations that carry it, by speed."""
     branch = geometry.branch
     found: dict[int, Node] = {}
     tensor, body = tensors[branch.child], bodies[branch.child]
     if branch.turns and tensor is not None:
-        # J alpha, felt by every turn between the ground and the branch.
+        # J alpha acts on every rotation between the ground and the branch.
         torque = vector.times(tensor, geometry.turning[i])
         for other in motion.clusters.turning_path(branch.child):
             outer = motion.to(other.child).turning
@@ -347,25 +353,26 @@ def _own(
                     found[speed.index] = vector.dot(outer[k], torque)
     if body is not None and not vector.is_zero(geometry.shifting[i]):
         at, shifting = branch.speeds[i].index, geometry.shifting[i]
-        # The carried mass resists its own slide; what lies further inwards is in _forces.
+        # The carried mass resists its own translation; entries further inwards are in _forces.
         push = body.mass * vector.dot(shifting, shifting)
         found[at] = found[at] + push if at in found else push
     return found
 
 
-# Squared depth of speeds, on average: elimination by the matrix costs that many operations a speed,
-# and along the tree 90 (in a plane) to 600.
+# Mean squared depth of speeds: elimination by the matrix costs that many operations per speed, and
+# along the tree 90 (in a plane) to 600.
 _DEEP = 1000.0
 
 
 def is_deep(motion: Motion) -> bool:
-    """Return whether elimination along the tree is bound to cost less than by the matrix."""
+    """Return whether elimination along the tree certainly costs less than by the matrix."""
     depths, squares = {0: 0}, []
     for geometry in motion.geometry:
         branch = geometry.branch
         below = depths[branch.parent]
         depths[branch.child] = below + len(branch.speeds)
-        # A speed at depth d couples with all d above it; eliminating it touches d^2 entries.
+        # A speed at depth d is coupled with all d speeds above it; eliminating it changes d^2
+        # entries.
         squares += [depth**2 for depth in range(below + 1, depths[branch.child] + 1)]
     return sum(squares) > _DEEP * len(squares)
 

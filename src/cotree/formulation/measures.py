@@ -1,9 +1,9 @@
 """Measures: scalar across variables with their rates, and the through variables dual to them.
 
-A measure gives its value, its rate and its acceleration, and its pull: the forces and torques that
-a unit of the dual through variable puts on clusters and coordinates, such that their power is the
-measure's rate. Constraints hold a measure at zero and pull with their multiplier; laws of chord
-joints, couplings, prescribed motions and outputs use measures too.
+A measure has a value, a rate and an acceleration, and a pull: the forces and torques on clusters
+and coordinates for a unit of the dual through variable, such that their power is the measure's
+rate. Constraints keep a measure zero, and their multiplier acts along its pull; laws of chord
+joints, couplings, prescribed motions and outputs use measures, too.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Measure(Protocol):
     """A scalar across variable; nonholonomic ones have a rate but no value."""
 
     def value(self, view: View) -> Any:
-        """Form the value; None where there is only a rate."""
+        """Form the value; None if only a rate exists."""
         ...
 
     def rate(self, view: View) -> Any:
@@ -42,7 +42,7 @@ class Measure(Protocol):
         ...
 
     def pull(self, view: View) -> Pull:
-        """Form the wrenches and efforts of a dual through variable of size one."""
+        """Form the wrenches and efforts for a unit of the dual through variable."""
         ...
 
 
@@ -73,10 +73,10 @@ class CoordinateMeasure:
 
 @dataclass(frozen=True)
 class Coincidence:
-    """One component of the vector between nodes that a constraint holds together.
+    """A component of the vector between two nodes that a constraint keeps together.
 
     The direction is an axis of the ancestor's basis: on the constraint the vector and its rates
-    vanish, whatever axes they are resolved in.
+    vanish, so any axes may be used.
     """
 
     ends: Ends
@@ -86,21 +86,21 @@ class Coincidence:
         return view.motion.frames.constant(self.ends.ancestor, self.direction)
 
     def value(self, view: View) -> Any:
-        """Return the component."""
+        """Return the component of the vector."""
         return vector.dot(self._along(view), self.ends.reach(view))
 
     def rate(self, view: View) -> Any:
-        """Return the component of the velocity."""
+        """Return the component of the relative velocity."""
         return vector.dot(self._along(view), self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return the component of the acceleration."""
+        """Return the component of the relative acceleration."""
         return vector.dot(self._along(view), self.ends.opening(view))
 
     def pull(self, view: View) -> Pull:
         """Return a force along the direction."""
-        # Both nodes are at one place on the constraint, so that opposite forces at the nodes have
-        # no moment.
+        # Both nodes coincide on the constraint, so that opposite forces at the nodes have no
+        # moment.
         return pair_pull(view, self.ends, self._along(view), None)
 
 
@@ -135,8 +135,8 @@ class AxisLength:
 
     def pull(self, view: View) -> Pull:
         """Act with a force along the axis at the second node, and its reaction there too."""
-        # The axis turns with its node: the power of e'.r comes from the moment of the reaction,
-        # which acts on the first body at the place of the second node.
+        # The axis rotates with its node: the power of e'.r comes from the moment of the reaction,
+        # which acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)
 
 
@@ -154,15 +154,15 @@ class Distance:
         return self._polar(view)[0]
 
     def rate(self, view: View) -> Any:
-        """Return e.r', e being the direction."""
+        """Return e.r', with the direction e."""
         return vector.dot(self._polar(view)[1], self.ends.closing(view))
 
     def acceleration(self, view: View) -> Any:
         """Return e.r'' + (r'.r' - (e.r')^2) / |r|."""
         length, direction = self._polar(view)
         closing, rate = self.ends.closing(view), self.rate(view)
-        # The square of the velocity across the line, over its length: the centripetal part, which
-        # grows without bound as the nodes meet.
+        # The square of the velocity perpendicular to the line, over its length: the centripetal
+        # part, which grows without bound as the nodes meet.
         across = (vector.dot(closing, closing) - rate * rate) / length
         return vector.dot(direction, self.ends.opening(view)) + across
 
@@ -174,7 +174,7 @@ class Distance:
 
 @dataclass(frozen=True)
 class Cosine:
-    """The scalar product of two directions, one carried by each node."""
+    """The scalar product of two directions, each carried by one of the nodes."""
 
     ends: Ends
     a: Carried
@@ -193,13 +193,12 @@ class Cosine:
         return vector.dot(self._moment(view), self.ends.spin(view))
 
     def acceleration(self, view: View) -> Any:
-        """Return (b x a).turn + (b x a)'.spin."""
+        """Return (b x a).alpha + (b x a)'.spin, with the relative angular acceleration alpha."""
         moving = vector.add(
             vector.cross(self.b.rate(view), self.a.value(view)),
             vector.cross(self.b.value(view), self.a.rate(view)),
         )
-        # The moment arm moves with both bodies, hence a term beside that of the angular
-        # acceleration.
+        # The moment arm moves with both bodies, hence a second term.
         return vector.dot(self._moment(view), self.ends.turn(view)) + vector.dot(
             moving, self.ends.spin(view)
         )
@@ -246,7 +245,7 @@ class Angle(Spin):
     #: angle zero.
     reference: Carried
     mark: Carried
-    #: The angle itself where everything turns about one axis; else it is found between -pi and pi.
+    #: The angle itself if everything rotates about one axis; otherwise computed between -pi and pi.
     sum: Node | None = None
 
     def value(self, view: View) -> Any:
@@ -254,7 +253,8 @@ class Angle(Spin):
         if self.sum is not None:
             return view.scalar(self.sum)
         reference, mark = self.reference.value(view), self.mark.value(view)
-        # Both directions are perpendicular to the axis, so that sine and cosine tell the quadrant.
+        # Both directions are perpendicular to the axis, so that sine and cosine determine the
+        # quadrant.
         sine = vector.dot(self.axis.value(view), vector.cross(reference, mark))
         return function("atan2", sine, vector.dot(reference, mark))
 
@@ -284,35 +284,35 @@ class Composite:
     def _acceleration(self) -> Node:
         values, rates, second = self._symbols
         seed = dict(zip(values, rates, strict=True)) | {self.time: self.time.dag.one}
-        # A rate depends on values, rates and time: the chain rule runs along all three at once.
+        # A rate depends on values, rates and time: the chain rule differentiates by all three at
+        # once.
         return tangents([self._rate], seed | dict(zip(rates, second, strict=True)))[0]
 
     def _arguments(self, view: View, order: int) -> dict[Node, Any]:
         forms = ("value", "rate", "acceleration")[: order + 1]
         return {
             symbol: getattr(part, form)(view)
-            # Values and rates suffice where no acceleration is asked for, so there may be fewer
-            # forms.
+            # Without accelerations, values and rates suffice, so there may be fewer forms.
             for form, symbols in zip(forms, self._symbols, strict=False)
             for part, symbol in zip(self.parts, symbols, strict=True)
         }
 
     def value(self, view: View) -> Any:
-        """Put the measures in."""
+        """Substitute the values of the measures."""
         return view.formula(self.expression, self._arguments(view, 0))
 
     def rate(self, view: View) -> Any:
-        """Put the measures and their rates in."""
+        """Substitute the measures and their rates."""
         return view.formula(self._rate, self._arguments(view, 1))
 
     def acceleration(self, view: View) -> Any:
-        """Put the measures, their rates and accelerations in."""
+        """Substitute the measures, their rates and accelerations."""
         return view.formula(self._acceleration, self._arguments(view, 2))
 
     def pull(self, view: View) -> Pull:
-        """Sum what the measures pull, each by its partial derivative."""
+        """Sum the pulls of the measures, each times its partial derivative."""
         total = Pull()
-        # An explicit part of time does no work through the pull, so that only the measures count.
+        # The explicit part of time does no work through the pull.
         values = self._symbols[0]
         for part, symbol in zip(self.parts, values, strict=True):
             partial = tangents([self.expression], {symbol: symbol.dag.one})[0]

@@ -1,4 +1,4 @@
-"""Outputs, and the quantities that they observe by name, with units.
+"""Outputs, and the observable quantities by name, with units.
 
 Values are formed only for the names that an output or a field uses.
 """
@@ -67,7 +67,7 @@ ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
 
 
 def observed_unit(name: str) -> str:
-    """Return the unit of a name that may be observed; nothing where it has none."""
+    """Return the unit of an observable name; "" if it has none."""
     variable = split_name(name)[1]
     return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
@@ -75,8 +75,8 @@ def observed_unit(name: str) -> str:
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
     """Return a position or a velocity by name, ``node.variable`` or ``edge.coordinate``, or None.
 
-    ``is_acting``: the value acts on the motion. Raises FormulationError if such a value is an angle
-    that is only known within half a turn.
+    ``is_acting``: the value affects the motion. Raises FormulationError if such a value is an angle
+    that is known only between -pi and pi.
     """
     first, last = split_name(name)
     edge, point = motion.system.edges.get(first), motion.clusters.points.get(first)
@@ -102,7 +102,7 @@ def _chord_coordinate(motion: Motion, edge: BoundEdge, name: str, is_acting: boo
     measure = chord_measure(motion, edge, name)
     if measure is None:
         return None
-    # A measure gives both; the name tells which is meant.
+    # A measure has both; the name selects one.
     is_value = any(name == n for step in edge.component.motion_space for n, _ in step.coordinates)
     if is_acting and is_value and isinstance(measure, Angle):
         measure = whole_angle(motion, edge)
@@ -134,8 +134,8 @@ def _orientation(axes: Matrix, name: str) -> Node:
     if name == "roll":
         return roll
     if name == "yaw":
-        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), at a pitch
-        # of a right angle, too, where any roll has a yaw that goes with it.
+        # The second column of R Rx(-roll) = Rz(yaw) Ry(pitch) is (-sin yaw, cos yaw, 0), also at a
+        # pitch of a right angle, for which any roll has a matching yaw.
         sine, cosine = dag.function("sin", roll), dag.function("cos", roll)
         return dag.function(
             "atan2",
@@ -160,7 +160,7 @@ class Observer:
     applied: Sequence[Applied]  # through variables along measures
     networks: Mapping[str, Node]  # variables of the scalar networks, by name
     owners: Collection[str]  # names of the scene's nodes and edges, for messages
-    #: What scenes call the variables of the networks, for messages; None where there are none.
+    #: Names of the variables of the networks, for messages; None without networks.
     names: Names | None = None
 
     @property
@@ -169,7 +169,7 @@ class Observer:
         return self.view.motion
 
     def value(self, name: str) -> Node:
-        """Form what a name stands for."""
+        """Form the value of a name."""
         if name == "energy.kinetic":
             return self._kinetic()
         if name == "energy.potential":
@@ -184,9 +184,9 @@ class Observer:
         return found
 
     def _unknown(self, name: str) -> str:
-        """Describe the fault of a name."""
+        """Describe why a name is unknown."""
         system = self.motion.system
-        # Variables of several ports have a dot of their own, which belongs to no owner.
+        # Variables of several ports contain a dot, which does not follow an owner's name.
         first = owner_among(name, {*self.owners, *system.edges}) or split_name(name)[0]
         last = name[len(first) + 1 :] if first else ""
         if first in self.motion.clusters.points:
@@ -239,13 +239,13 @@ class Observer:
         return wrench.force[i] if last[0] == "f" else wrench.torque[i]
 
     def _power(self, edge: BoundEdge, wrench: Wrench) -> Node:
-        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction adds nothing."""
+        """Return F.(v2 - v1 - w1 x r) + T.(w2 - w1), to which a reaction contributes nothing."""
         motion, points = self.motion, self.motion.clusters.points
         first, second = points[edge.first], points[edge.second]
         spins = [_in_ground(motion, motion.omega[p.cluster], p.cluster) for p in (first, second)]
         reach = vector.sub(motion.position(second), motion.position(first))
         closing = vector.sub(motion.velocity(second), motion.velocity(first))
-        # The reaction acts on the first body at the place of the second node, hence w1 x r.
+        # The reaction acts on the first body at the position of the second node, hence w1 x r.
         against = vector.sub(closing, vector.cross(spins[0], reach))
         turning = vector.dot(wrench.torque, vector.sub(spins[1], spins[0]))
         return vector.dot(wrench.force, against) + turning
@@ -254,12 +254,12 @@ class Observer:
         """Form force and torque of an edge on its second node, about it, in ground axes."""
         if edge.component.role is Role.ARM and edge.name in self.motion.system.trees.branches:
             raise ExpressionError(
-                f"asks what '{edge.name}' transmits, but what it holds is lumped to one body: "
-                "let a joint hold it where the reaction is wanted"
+                f"asks for the load of '{edge.name}', but its bodies are lumped to one: "
+                "insert a joint where the reaction is needed"
             )
         pushing = self._transmitted(edge, "translation")
         turning = self._transmitted(edge, "rotation")
-        # A branch of both trees: what it transmits is the whole cutset sum, its own law included.
+        # A branch of both trees transmits the whole cutset sum, its own law included.
         if pushing is not None and turning is not None:
             return Wrench(pushing.force, turning.torque)
         second = self.motion.clusters.points[edge.second]
@@ -287,7 +287,7 @@ class Observer:
         for row in self.applied:
             if row.edge != edge.name:
                 continue
-            # The pair acts on both clusters; the ground is left out, so take either side.
+            # The pair acts on both clusters; the ground has no sum, so either side is used.
             for cluster, force, torque in row.pull.scaled(row.magnitude).wrenches:
                 sign = 1 if cluster == second.cluster else -1
                 if sign < 0 and second.cluster != 0:
@@ -307,16 +307,16 @@ class Observer:
         return Wrench(force, vector.add(torque, vector.cross(arm, force)))
 
     def _transmitted(self, edge: BoundEdge, domain: str) -> Wrench | None:
-        """Return the cutset sum of a branch, on its second node; None of a chord."""
+        """Return the cutset sum of a branch, on its second node; None for a chord."""
         entry = self.motion.clusters.entries[domain].get(edge.name)
         if entry is None:
             return None
-        # The second node lies at the outer end of an edge that points outwards, else at the inner
+        # The second node is at the outer end of an edge that points outwards, else at the inner
         # end.
         geometry = self.motion.to(entry.last if entry.sign > 0 else entry.first)
         branch = geometry.branch
         wrench = self.balance.beyond[branch.child - 1]
-        if entry.sign < 0:  # the second node is the inner one: it feels the reaction
+        if entry.sign < 0:  # the second node is the inner one: the reaction acts on it
             anchor = self.motion.frames.resolved(branch.parent, branch.anchor)
             to_inner = vector.sub(geometry.offset, anchor)
             wrench = shifted(wrench, to_inner)
@@ -361,7 +361,7 @@ class Observer:
             total = total + (row.potential or system.dag.zero)
         for arguments in (effort.arguments for effort in self.loads.efforts):
             if "stiffness" in arguments:
-                # Tree joints with a spring turn or slide along one coordinate.
+                # Tree joints with a spring rotate or slide along one coordinate.
                 at = arguments["theta"] if "theta" in arguments else arguments["s"]
                 total = total + stored_energy(arguments, at)
         return total
@@ -377,7 +377,7 @@ class Outputs:
     #: Positions and velocities of nodes that they use, by ``node.variable``.
     across: Mapping[str, Node]
     networks: Mapping[str, Node]  # variables of scalar networks that they use, by name
-    #: Initial values of the modes that stand for jumps inside expressions, by name.
+    #: Initial values of the modes that represent jumps inside expressions, by name.
     jumps: Mapping[str, Node]
 
 
@@ -398,7 +398,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
 
     def of_output(name: str) -> Node:
         if name in pending:
-            raise ExpressionError(f"uses output '{name}', which is made of itself")
+            raise ExpressionError(f"uses output '{name}', which depends on itself")
         if name not in formed:
             pending.append(name)
             formed[name] = scene.outputs[name].lower(system.dag, resolve)
@@ -409,7 +409,7 @@ def form_outputs(observer: Observer, scene: SceneDescription) -> Outputs:
         if name not in known and name in scene.outputs:
             return of_output(name)
         if name not in known:
-            # Formed once and only for names that occur: reactions and energies are expensive.
+            # Formed once and only for used names: reactions and energies are expensive.
             known[name] = observer.value(name)
             # Positions and velocities have tangents from the motion of a sensitivity graph;
             # differentiating their long expressions would form all of it again.
@@ -445,7 +445,7 @@ def output_tangents(motion: Motion, outputs: Outputs) -> dict[Node, Node]:
     seed = {}
     for name, value in outputs.across.items():
         place = _place(name)
-        assert place is not None  # only such are kept
+        assert place is not None  # only those are kept
         point = motion.clusters.points[split_name(name)[0]]
         order, i = place
         see = motion.velocity if order else motion.position
@@ -458,7 +458,7 @@ def units_of_expressions(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Return the units of outputs and of derived parameters; none if a name in them has none.
 
-    The unit of a sum is written as in its terms, that of a product in SI.
+    The unit of a sum is that of its terms, that of a product in SI.
     """
     units = {**stated_units(scene), "t": "s", **states}
     found: dict[str, str] = {}
@@ -476,7 +476,7 @@ def units_of_expressions(
         return dimension_of_unit(unit_of(name))
 
     def output(name: str) -> str:
-        # An output that is made of itself is refused elsewhere.
+        # An output that depends on itself is refused elsewhere.
         if name not in found and name not in pending:
             pending.add(name)
             found[name] = unit_in(scene.outputs[name].tree)
@@ -491,7 +491,7 @@ def units_of_expressions(
         dimension = Dimensions(dimension_of, with_plain_numbers=True).of(tree)
         return "" if dimension is None else unit_text(dimension)
 
-    # Each after those it is made of, since chains may be longer than recursion goes.
+    # Each after those it depends on, since chains may exceed the recursion limit.
     derived = {}
     for name in in_order(scene.parameters):
         value = scene.parameters[name].value
@@ -508,7 +508,7 @@ class VariableUnits:
         self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
 
     def __call__(self, name: str) -> str:
-        """Return the unit of ``edge.variable`` or ``node.variable``; nothing where it has none."""
+        """Return the unit of ``edge.variable`` or ``node.variable``; "" if it has none."""
         edge = self._scene.edges.get(owner_among(name, self._scene.edges))
         own = self._units(edge.component) if edge is not None else {}
         rest = name[len(edge.name) + 1 :] if edge is not None else ""
@@ -534,7 +534,7 @@ class VariableUnits:
 
 
 def _is_celsius(tree: ast.expr) -> bool:
-    """Whether the zero of temperatures is taken from something."""
+    """Return whether the zero of temperatures is subtracted from something."""
     match tree:
         case ast.BinOp(op=ast.Sub(), right=ast.Constant(value=273.15)):
             return True
@@ -542,7 +542,7 @@ def _is_celsius(tree: ast.expr) -> bool:
 
 
 def _terms(tree: ast.expr) -> list[str]:
-    """List the names that a sum is of; a term that is no name is an empty one."""
+    """List the names of a sum; a term that is not a name is an empty string."""
     match tree:
         case ast.UnaryOp(operand=operand):
             return _terms(operand)

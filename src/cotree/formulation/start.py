@@ -1,8 +1,8 @@
 """Start of a motion: absolute coordinates by forward kinematics, conditions on chords.
 
-Bodies in the tree start where the joints put them: the across variables of the joints' tree at
-its initial coordinates. An initial value that a scene gives for a coordinate that is not a state
-is a condition that the consistent start satisfies.
+Joints determine the start of bodies in the tree: the across variables of the joints' tree at its
+initial coordinates. An initial value of a coordinate that is not a state is a condition of the
+consistent start.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ if TYPE_CHECKING:
     from cotree.formulation.system import System
     from cotree.scene.description import SceneDescription
 
-#: What a scene may give of a free rotation.
+#: Initial values that a scene may give for a free rotation.
 _TURN = ("rotation", "q0", "q1", "q2", "q3")
 
 
 def body_starts(
     scene: SceneDescription, trees: Trees, spaces: Mapping[str, Sequence[MotionStep]], dag: Dag
 ) -> dict[str, dict[str, Node]]:
-    """Return where bodies in the tree start, by short names of coordinates and rates.
+    """Return the start of bodies in the tree, by short names of coordinates and rates.
 
-    Bodies that no joints reach are left out: they start where the scene says.
+    Bodies that no joints reach are left out: they start at the scene's values.
     """
     # Bodies in the tree have absolute coordinates, for which a scene need not give initial values.
     placed = [name for name in trees.branches if _is_body(scene, name)]
     if not placed:
         return {}
-    # Bodies that are branches in the joints' own tree are reached by no joint.
+    # Bodies that are branches of the joints' own tree are reached by no joint.
     reference = joint_branches(scene)
     placed = [name for name in placed if name not in reference.branches]
     if not placed:
         return {}
-    # The formulation's own walks, over nodes of initial values instead of coordinates.
+    # The formulation's own traversals, with initial values instead of coordinates.
     system = bind(scene, reference, dag, is_start=True)
     clusters = lump(system)
     motion = move(system, clusters, choose_frames(system, clusters, ()))
@@ -91,7 +91,7 @@ def _start(
         axes = frames.rotations[point.cluster].matrix
         if point.turn is not None:
             axes = vector.matmul(axes, point.turn)
-        # Numbers decide which entry is the largest; the values stay functions of parameters.
+        # Numbers decide which entry is the largest; the values remain functions of parameters.
         quaternion = quaternion_of_nodes(axes, lambda n: float(evaluate([n], values)[0]))
         found |= {name: node for (name, _), node in zip(step.coordinates, quaternion, strict=True)}
         # Speeds of a free rotation are in the axes of the body's node.
@@ -145,18 +145,18 @@ def start_conditions(scene: SceneDescription, motion: Motion, view: View) -> tup
     for edge, name, value in given:
         if name in _TURN and edge.name in placing:
             continue  # the bodies start there
-        # Bodies and joints measure by the steps that they would have as branches.
+        # Bodies and joints have the measures of the steps that they would have as branches.
         steps = spaces[edge.name]
         measure = chord_measure(motion, system.edges[edge.name], name, steps)
         if measure is None or name in _TURN or not isinstance(value, Expression):
             raise SceneError(
-                f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord in "
-                f"the tree ({system.trees.listed()}); give initial values of "
-                "branches, or name a tree that holds it"
+                f"initial {name} of edge '{edge.name}' cannot be used: the edge is a chord of "
+                f"the tree ({system.trees.listed()}); give initial values of branches, or "
+                "name a tree that contains it"
             )
         rates = {n: unit for step in steps for n, unit in step.rates}
         units = {n: unit for step in steps for n, unit in step.coordinates} | rates
-        # Newton's method of the start needs derivatives of the measure: its pull gives them.
+        # Newton's method of the start needs derivatives of the measure: its pull has them.
         gradient = tuple(along_speeds(motion, measure.pull(view)))
         node = value.lower(system.dag, system.of_parameters)
         own = f"{edge.name}.{name}"
@@ -175,7 +175,7 @@ def given_names(scene: SceneDescription) -> tuple[str, ...]:
 
 
 def _is_state(system: System, edge: str, name: str) -> bool:
-    """Whether an initial value is that of a state, or of the four of a rotation."""
+    """Return whether an initial value is that of a state, or of the four of a rotation."""
     # A rotation is given as one field, which sets all four entries of the quaternion.
     state = "q0" if name == "rotation" else name
     return f"{edge}.{state}" in system.names

@@ -1,7 +1,7 @@
 """A scene bound to nodes: every symbol, coordinate and field as a value of one program.
 
-In: a scene and its trees. Out: a :class:`System`, which the walks of
-:mod:`cotree.formulation` and :mod:`cotree.sensitivity` read.
+In: a scene and its trees. Out: a :class:`System`, which :mod:`cotree.formulation` and
+:mod:`cotree.sensitivity` evaluate.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Speed:
     unit: str
     index: int  # its place among the speeds
     edge: str  # the branch
-    #: What it is the rate of; None for angular velocities, which are rates of no coordinate.
+    #: The coordinate of which it is the rate; None for angular velocities, which have none.
     coordinate: Coordinate | None
     #: The speed and its rate as arguments of the program.
     symbol: Node
@@ -95,15 +95,15 @@ class System:
     #: The motion space of each branch that has one, in the order of the scene's edges: of an edge
     #: in one tree only, its translations or its rotations.
     steps: Mapping[str, tuple[Step, ...]]
-    plane: str  # the normal of the plane that everything moves in: ``x``, ``y``, ``z`` or nothing
+    plane: str  # the normal of the common plane of motion: ``x``, ``y``, ``z`` or empty
     edges: Mapping[str, BoundEdge]  # the bound edges
     gravity: Vector  # acceleration of free fall, in ground axes
     trees: Trees  # the branches
-    guards: tuple[Guard, ...]  # what parameter values must satisfy
+    guards: tuple[Guard, ...]  # conditions on parameter values
     at_scene: Callable[[Node], float]  # evaluates a node of parameters at the scene's values
     input_values: tuple[Node, ...]  # the scene's own value of every input, of time and parameters
-    of_parameters: Resolver  # gives the node of a parameter's name
-    signals: FieldNames  # gives the node of any name that a field may use
+    of_parameters: Resolver  # returns the node of a parameter's name
+    signals: FieldNames  # returns the node of any name that a field may use
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -169,8 +169,8 @@ def bind(
         [parameters, {"t": time}],
         "parameters and t",
         scene.modes,
-        "what is held is differentiated by t alone; where it follows states, let the torque or "
-        "force of a joint, or a damper on it, drive towards them",
+        "is differentiated by t only; if it follows states, let the torque or force of a "
+        "joint, or a damper on it, drive towards them",
     )
     resolvers = Resolvers(of_parameters, held, signals.node)
     edges: dict[str, BoundEdge] = {}
@@ -178,8 +178,8 @@ def bind(
     for edge in scene.edges.values():
         with dag.labelled(f"parameters of {edge.name}"):
             edges[edge.name], own = bind_edge(edge, dag, resolvers, at_scene)
-            # Prescribed motions enter the equations with two time derivatives, so that they must
-            # not jump.
+            # Prescribed motions enter the equations with two time derivatives, so they must not
+            # jump.
             guards += [*own, *motion_guards(edges[edge.name], time)]
     return System(
         dag=dag,
@@ -220,9 +220,9 @@ def _parameters(scene: SceneDescription, dag: Dag) -> tuple[dict[str, Node], dic
 
 
 def _at_start(step: Step) -> Step:
-    """Put initial values in the place of the symbols."""
+    """Substitute initial values for the symbols."""
     coordinates = tuple(replace(c, symbol=c.initial) for c in step.coordinates)
-    # A freedom has one coordinate; the speeds of a free rotation have none of their own.
+    # A degree of freedom has one coordinate; the speeds of a free rotation have none.
     own = coordinates[0]
     return replace(
         step,
@@ -236,7 +236,7 @@ def _at_start(step: Step) -> Step:
 def _modes(
     scene: SceneDescription, dag: Dag, n_before: int, resolve: Resolver
 ) -> tuple[State, ...]:
-    """Assign every mode its symbol, after those of the coordinates and speeds."""
+    """Assign a symbol to every mode, after those of the coordinates and speeds."""
     return tuple(
         State(
             mode.name,
@@ -262,8 +262,8 @@ def _steps(
     resolve: Resolver,
     starts: Mapping[str, Mapping[str, Node]],
 ) -> dict[str, tuple[Step, ...]]:
-    """Assign every branch its coordinates and speeds, numbered, with their initial values."""
-    # Where the trees differ, an edge has coordinates only in the tree that it is a branch of.
+    """Assign coordinates and speeds to every branch, numbered, with their initial values."""
+    # If the trees differ, an edge has coordinates only in the tree of which it is a branch.
     kept = {
         name: [kind for kind in spaces[name] if trees.is_branch(name, kind.rotates)]
         for name in scene.edges
@@ -274,8 +274,7 @@ def _steps(
     i = j = 0
     for edge in moving:
         start = starts.get(edge.name, {})
-        # The whole motion space, so that an initial value of the part that is a chord is no
-        # mistake.
+        # The whole motion space, so that an initial value of the part that is a chord is accepted.
         initial = initial_values(edge, spaces[edge.name], dag, resolve, start)
         own = []
         for kind in kept[edge.name]:

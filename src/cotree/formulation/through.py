@@ -1,6 +1,6 @@
 """f-cutsets: through variables of the branches as suffix sums, projected on motion spaces.
 
-The cutset equation of a branch says that its through variable is the sum of those of the chords
+The cutset equation of a branch states that its through variable is the sum of those of the chords
 beyond it (paper, Eq. (1)). Chords are inertias, whose terminal equations need accelerations, and
 force elements. Projection on the motion space gives one equation for each coordinate (Eq. (5)).
 """
@@ -43,11 +43,11 @@ class Loads:
     actions: tuple[Action, ...]  # the force elements
     on_cluster: tuple[Wrench | None, ...]  # their sum on each cluster
     efforts: tuple[Effort, ...]  # force or torque of each tree joint's own law along each speed
-    along: tuple[Node, ...]  # all that acts along each speed itself
+    along: tuple[Node, ...]  # sum of efforts along each speed
     inertias: tuple[Inertia | None, ...]  # lumped inertia of each cluster, resolved in its basis
 
     def plus(self, pulls: Sequence[Pull]) -> Loads:
-        """Add what acts along measures."""
+        """Add through variables along measures."""
         on_cluster, along = list(self.on_cluster), list(self.along)
         for pull in pulls:
             for cluster, force, torque in pull.wrenches:
@@ -63,9 +63,10 @@ class Balance:
     """The projected f-cutset equations."""
 
     residual: tuple[Node, ...]  # one for each speed; zero on a motion
-    #: Sum of inertia less load on each cluster and beyond it, at its origin and in its basis.
+    #: Sum of inertia minus load on each cluster and beyond it, at its origin and in its basis.
     totals: tuple[Wrench, ...]
-    #: The same of each moving branch's child, in the parent's basis: what the branch transmits.
+    #: The same for each moving branch's child, in the parent's basis: the wrench that the branch
+    #: transmits.
     beyond: tuple[Wrench, ...]
 
 
@@ -168,7 +169,7 @@ def balance(motion: Motion, loads: Loads, across: Accelerations) -> Balance:
 
 
 def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sums) -> None:
-    """Add the chords at each cluster, its inertia less its loads, to ``sums``."""
+    """Add the chords at each cluster, its inertia minus its loads, to ``sums``."""
     dag = motion.system.dag
     with dag.labelled("terminal equations of inertias"):
         for cluster, inertia in enumerate(loads.inertias):
@@ -186,12 +187,12 @@ def gather_chords(motion: Motion, loads: Loads, across: Accelerations, sums: Sum
                 sums.gather(cluster, inertial_wrench(motion, across, cluster, inertia))
             applied = loads.on_cluster[cluster]
             if applied is not None:
-                # Inertia less load: the cutset equation then reads total = 0.
+                # Inertia minus load: the cutset equation then reads total = 0.
                 sums.gather(cluster, applied.minus())
 
 
 def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...]:
-    """Sum inwards what the branches transmit, and project it on their motion spaces."""
+    """Sum inwards the wrenches that branches transmit, and project them on their motion spaces."""
     system, frames = motion.system, motion.frames
     residual: dict[str, Node] = {}
     for geometry in reversed(motion.geometry):
@@ -199,8 +200,7 @@ def project_cutsets(motion: Motion, loads: Loads, sums: Sums) -> tuple[Node, ...
         total = sums.at(branch.child)
         if total is None:
             continue
-        # All that hangs from the child has been handed on to it, since children follow their
-        # parents.
+        # The sum at the child is complete, since children follow their parents.
         with system.dag.labelled(f"f-cutset of {branch.edge}"):
             wrench = carried(frames, branch.child, total)
             for i, speed in enumerate(branch.speeds):
@@ -234,11 +234,11 @@ def hand_on(sums: Sums, geometry: Geometry, wrench: Wrench) -> None:
     """Add the wrench that a branch transmits, at its child's origin, to the sums of its parents."""
     branch = geometry.branch
     if branch.parent == branch.turn_parent:
-        if branch.parent:  # nobody asks what the ground feels
+        if branch.parent:  # the sum on the ground is not used
             sums.gather(branch.parent, shifted(wrench, geometry.offset))
         return
-    # Where the trees differ the torque goes the way of the rotation graph, the force that of the
-    # translation graph; its moment is carried by the parent of the arm.
+    # If the trees differ, the torque follows the rotation graph and the force the translation
+    # graph; the parent of the arm carries its moment.
     zero = vector.zeros(branch.anchor[0].dag)
     sums.gather(branch.turn_parent, Wrench(zero, wrench.torque))
     sums.gather(branch.parent, shifted(Wrench(wrench.force, zero), geometry.offset))
@@ -260,7 +260,7 @@ def mass_matrix(motion: Motion, loads: Loads) -> list[list[Node]]:
             composite = _up(motion, branch.child, composite)
             at_parent = carried_inertia(composite, geometry.offset)
             known = composites[branch.parent]
-            # Nothing needs the composite of the ground.
+            # The composite of the ground is not needed.
             composites[branch.parent] = combined(known, at_parent) if branch.parent else None
         with system.dag.labelled(f"mass matrix, column of {branch.edge}"):
             for i, speed in enumerate(branch.speeds):

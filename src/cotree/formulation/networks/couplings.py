@@ -1,7 +1,7 @@
 """Ports of transducers that act on a multibody system: on a joint, or between two nodes.
 
-Their across variable is the rate of a measure, as that of a chord beside the joint; their through
-variable acts along it.
+The across variable of such a port is the rate of a measure, like that of a chord beside the joint;
+its through variable acts along the measure.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ class Coupling:
     """A port that acts on a multibody system."""
 
     port: Port
-    measure: Measure  # the measure that it acts along
-    #: The integral of its across variable, that itself, and its rate.
+    measure: Measure  # the measure along which it acts
+    #: The integral of its across variable, the across variable, and its rate.
     value: Node
     rate: Node
     acceleration: Node
-    pull: Pull  # the wrenches and efforts of a unit of its through variable
+    pull: Pull  # wrenches and efforts for a unit of its through variable
 
 
 def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]:
-    """Find the measures that transducers act along, at the symbols of the accelerations.
+    """Find the measures along which transducers act, at the symbols of the accelerations.
 
-    Raises SceneError if there is no such joint or node, or the port turns where the joint slides.
+    Raises SceneError if the joint or node is unknown, or the port rotates but the joint slides.
     """
     found = {}
     for name, port in ports.items():
@@ -54,7 +54,7 @@ def form_couplings(ports: Mapping[str, Port], view: View) -> dict[str, Coupling]
                 measure,
                 measure.value(view),
                 measure.rate(view),
-                # At the symbols of the accelerations, since storages tied to the joint need this
+                # At the symbols of the accelerations, since storages coupled to the joint need this
                 # rate.
                 measure.acceleration(view),
                 measure.pull(view),
@@ -89,28 +89,28 @@ def _line(port: Port, motion: Motion) -> Measure:
     _check_nodes(port, motion)
     if port.kind is Kind.ACROSS_SOURCE:
         raise SceneError(
-            f"edge '{port.edge.name}' gives a velocity along a line, whose length is prescribed: "
-            'take a distance between its nodes with length = "...", an expression of t whose rate '
-            "is that velocity"
+            f"edge '{port.edge.name}' prescribes a velocity along a line; use a distance "
+            'between its nodes with length = "...", an expression of t whose rate is that '
+            "velocity"
         )
     if port.terminal.domain == "rotational":
         raise SceneError(
-            f"edge '{port.edge.name}' turns, so that it cannot act along a line: name a joint that "
-            'turns as joint = "..."'
+            f"edge '{port.edge.name}' rotates, so that it cannot act along a line: name a "
+            'revolute joint as joint = "..."'
         )
     first, second = (motion.clusters.points[node] for node in port.ends.acts_on)
-    # Power is force times the rate of the distance, as across times through asks for.
+    # Power is force times the rate of the distance, as across times through requires.
     return Distance(Ends.of(motion.clusters, first, second))
 
 
 def coupling_loads(
     couplings: Mapping[str, Coupling], throughs: Mapping[str, Node]
 ) -> list[Applied]:
-    """Put the through variables of couplings on the multibody system."""
+    """Apply the through variables of couplings to the multibody system."""
     return [
         Applied(
-            # A port takes power in where across and through have one sign: the mechanism feels the
-            # reaction.
+            # A port absorbs power if across and through have the same sign: the reaction acts on
+            # the mechanism.
             coupling.port.edge.name,
             f"{name}.law",
             coupling.measure,
@@ -123,5 +123,5 @@ def coupling_loads(
 
 
 def through_name(port: Port) -> str:
-    """Name the through variable of a port as scenes do."""
+    """Return the name of a port's through variable in scenes."""
     return f"{port.name}.{DOMAINS[port.terminal.domain].through_symbol}"

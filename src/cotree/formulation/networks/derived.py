@@ -1,7 +1,7 @@
 """Laws that follow from a terminal equation: solved for a rate, as a residual, differentiated.
 
 Like the laws of the components, they are SymPy expressions with partial derivatives. Each is formed
-once for each terminal equation.
+once per terminal equation.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ def stored_value(terminal: Terminal, is_across: bool) -> Law:
 
 @lru_cache(maxsize=1024)
 def stored_residual(terminal: Terminal, is_across: bool) -> Law:
-    """Form the residual of a storage: rate of its content plus loss, less what flows in."""
+    """Form the residual of a storage: rate of its content plus loss, minus the inflow."""
     return Law.of(_stored(terminal, is_across) - _sides(terminal, is_across)[0])
 
 
 @lru_cache(maxsize=1024)
 def linear_content(terminal: Terminal) -> Law | None:
-    """Return the content of a storage of constant capacity; None where its loss stores too."""
+    """Return the content of a storage of constant capacity; None if its loss stores energy, too."""
     is_across = terminal.kind is Kind.ACROSS_STORAGE
     loss = terminal.through if is_across else terminal.across
-    # A loss that contains rates stores something itself, so that the content is not all there is.
+    # A loss that contains rates stores something itself, so that the content is incomplete.
     if terminal.storage is None or (loss is not None and any("_rate" in a for a in loss.arguments)):
         return None
     return Law.of(terminal.storage.expression * law_symbol("across" if is_across else "through"))
@@ -80,10 +80,10 @@ def _sides(terminal: Terminal, is_across: bool) -> tuple[Any, Any]:
 def across_residual(terminal: Terminal) -> Law:
     """Return the equation of a branch whose across variable is unknown."""
     if terminal.through is not None and terminal.kind is not Kind.COUPLED:
-        # Symmetric, where the laws are.
+        # Symmetric if the laws are.
         return Law.of(terminal.through.expression - law_symbol("through"))
     assert terminal.across is not None
-    # The variable less its law, with the slope one where the law does not depend on it.
+    # The variable minus its law; the slope is one if the law does not depend on the variable.
     return Law.of(law_symbol("across") - terminal.across.expression)
 
 
@@ -100,19 +100,20 @@ def through_residual(terminal: Terminal) -> Law:
 def friction_residual(terminal: Terminal) -> Law:
     """Form the equation of dry friction: no relative acceleration, or the law of its mode.
 
-    Every mode has the same variables in the same place, so that one elimination serves all.
+    All modes have the same variables in the same places, so that one elimination serves all.
     """
     assert terminal.friction is not None
     own = terminal.friction
     through, mode = law_symbol("through"), law_symbol(f"mode{own.suffix}")
     struck = impulse = 0
     if own.presser:
-        # While it is free, it is the force: the engine asks in this way what a force does.
+        # While free, it is the force: the engine uses this mode to find the effect of a force.
         impulse = law_symbol(f"impulse{own.suffix}")
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
         stuck, forward, backward, free = mode_weights(mode, own.grip is not None)
-    # The sign makes the slope by through positive in every mode: through slows the motion down.
+    # The sign makes the derivative by the through variable positive in every mode: through slows
+    # the motion down.
     return Law.of(
         -stuck * law_symbol("across_rate")
         + forward * (through - own.forward.expression)
@@ -132,7 +133,7 @@ def stop_residual(terminal: Terminal) -> Law:
     assert terminal.stop is not None
     suffix = terminal.stop.suffix
     mode, through = law_symbol(f"mode{suffix}"), law_symbol("through")
-    # One in their modes and zero in the others, exactly.
+    # Exactly one in their modes and zero in the others.
     free = (1 - mode**2) * (4 - mode**2) / 4
     held = mode**2 * (4 - mode**2) / 3
     struck = mode**2 * (mode**2 - 1) / 12
@@ -156,7 +157,7 @@ def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:
 
 
 def pressed_weights(mode: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """Return such weights of friction that a rigid stop presses together.
+    """Return such weights for friction that a rigid stop presses together.
 
     The modes are 0, 1, -1, 2 and 3: stuck, forwards, backwards, free, and sticking in an impact.
     """
@@ -197,7 +198,7 @@ def spring_stretch(terminal: Terminal) -> Law:
 
 @lru_cache(maxsize=1024)
 def explicit_residual(name: str, law: Law) -> Law:
-    """Form the residual of an explicit law: the variable less the law."""
+    """Form the residual of an explicit law: the variable minus the law."""
     return Law.of(law_symbol(name) - law.expression)
 
 
@@ -222,15 +223,18 @@ def rate_name(name: str) -> str:
 
 
 def higher_index(port: Port) -> FormulationError:
-    """Make the error of an edge whose rate of change nothing gives."""
+    """Return the error for an edge whose rate of change no equation determines."""
     if port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE):
-        why = "sources, gyrators or others of its like give its rate of change, which would have to"
+        why = (
+            "sources, gyrators or other storages determine its rate of change, which would have to"
+        )
         return FormulationError(
-            f"the equations of storage '{port.name}' have a higher index than can be solved: {why} "
-            "be differentiated once more; put a resistance beside it or in series with it"
+            f"the equations of storage '{port.name}' have a higher index than supported: "
+            f"{why} be differentiated once more; put a resistance in parallel or in series "
+            "with it"
         )
     return FormulationError(
-        f"the equations of '{port.name}' have a higher index than can be solved: a storage is tied "
-        "to its nonlinear law so that the law's rate of change would be needed; put a resistance "
-        "between them"
+        f"the equations of '{port.name}' have a higher index than supported: a storage is "
+        "connected to its nonlinear law such that the law's rate of change would be needed; "
+        "put a resistance between them"
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Names:
-    """Lookup of the variables that names of nodes and edges stand for."""
+    """Lookup of the variables of nodes and edges by name."""
 
     ports: Mapping[str, Port]
     topologies: Mapping[str, Topology]
@@ -33,7 +33,8 @@ class Names:
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():
                 found[f"{port.name}.{symbol}"] = (quantity, port.name)
-                # Both the full name with the port and the short one, where the edge alone is clear.
+                # Both the full name with the port and the short one if the edge alone is
+                # unambiguous.
                 found[state_name(port, symbol)] = (quantity, port.name)
             # A total of several contents has a name besides those of its parts.
             store = self.stores.get(port.name)
@@ -44,7 +45,7 @@ class Names:
         return found
 
     def of_edge(self, edge: str) -> list[str]:
-        """List what follows an edge's name in the names of its variables."""
+        """List the suffixes of an edge's name in the names of its variables."""
         start = f"{edge}."
         return [name.removeprefix(start) for name in self._of_ports if name.startswith(start)]
 
@@ -52,9 +53,9 @@ class Names:
         """Find the variable of ``edge.symbol``, ``edge.port.symbol`` or ``node.symbol``."""
         if name in self._of_ports:
             return self._of_ports[name]
-        # Names of ports contain a dot themselves, so that the symbol is what follows the last.
+        # Names of ports contain a dot, so that the symbol follows the last one.
         first, _, symbol = name.rpartition(".")
-        # A node may belong to several domains; the symbol tells which is meant.
+        # A node may belong to several domains; the symbol determines which one is meant.
         for domain, topology in self.topologies.items():
             graph = topology.tree.graph
             if symbol == DOMAINS[domain].across_symbol and first in graph.nodes:
@@ -72,7 +73,7 @@ def _symbols(port: Port) -> dict[str, str]:
     if content := content_of(port.terminal):
         found["content"] = content[0]
     if (friction := port.terminal.friction) is not None:
-        # What friction may hold at most on either side, and whether it is engaged.
+        # The limits of friction on either side, and whether it is engaged.
         rows = ("upper", "lower", "grip", "load")
         found |= {f"limit_{n}": n for n in rows if getattr(friction, n) is not None}
     if (stop := port.terminal.stop) is not None:
@@ -82,10 +83,10 @@ def _symbols(port: Port) -> dict[str, str]:
 
 
 def state_name(port: Port, symbol: str) -> str:
-    """Name a port's variable by its edge alone, where no other port has the same symbol."""
+    """Name a port's variable by its edge alone if no other port has the same symbol."""
     own = port.edge.component.ports
     domains = [terminal.domain for terminal in own]
-    # An open edge beside a source is not one of its ports.
+    # An open edge in parallel with a source is not one of its ports.
     is_alone = domains.count(port.terminal.domain) == 1 and port.terminal in own
     return f"{port.edge.name if is_alone else port.name}.{symbol}"
 
@@ -93,9 +94,9 @@ def state_name(port: Port, symbol: str) -> str:
 def argument_of(
     port: Port, name: str, fields: Container[tuple[str, str]], reference: str
 ) -> Variable:
-    """Return the variable that an argument of a port's law stands for.
+    """Return the variable of an argument of a port's law.
 
-    ``fields`` are the names (edge, field), which take precedence; potentials count from
+    ``fields`` are the names (edge, field), which take precedence; potentials are relative to
     ``reference``.
     """
     first, underscore, rest = name.partition("_")

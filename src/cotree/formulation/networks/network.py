@@ -58,22 +58,22 @@ class Network:
     trees: Mapping[str, NormalTree]
     states: tuple[State, ...]  # states of storages and springs, then algebraic unknowns
     solved: Solved  # every variable that states and outputs need
-    #: The variables that the states' rates are; residuals for algebraic unknowns.
+    #: The variables that are the rates of the states; residuals for algebraic unknowns.
     rates: tuple[Variable, ...]
-    guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
+    guards: tuple[Guard, ...]  # conditions on parameter values
     observed: Mapping[str, Variable]  # the variables that outputs and other fields name
     positions: tuple[PositionRow, ...]  # positions that are sums of states
     redundant: tuple[Redundant, ...]  # initial values of variables that are not states
-    #: Fields whose rates jump at unknown times, and the symbols that decide when.
+    #: Fields whose rates jump at unknown times, and the symbols that determine the times.
     corners: Mapping[str, frozenset[Node]]
     #: Symbols of the mechanism that only fields of dry friction on it use. Its force is an unknown
-    #: beside the accelerations, so that they may stand for reactions.
+    #: together with the accelerations, so that they may be reactions.
     of_friction: frozenset[Node]
-    names: Names  # what scenes call its variables
+    names: Names  # names of its variables in scenes
 
     @property
     def watched(self) -> tuple[Variable, ...]:
-        """The variables that are wanted for more than the states' rates."""
+        """The variables that are needed besides the states' rates."""
         return (*self.observed.values(), *(row.variable for row in self.redundant))
 
     @property
@@ -90,7 +90,7 @@ class Network:
 def draw_networks(
     scene: SceneDescription,
 ) -> tuple[dict[str, Port], dict[str, LinearGraph], dict[str, NormalTree]]:
-    """List the ports of a scene, draw its scalar graphs and choose their normal trees."""
+    """List the ports of a scene, form its scalar graphs and choose their normal trees."""
     ports = scalar_ports(scene)
     graphs = scalar_graphs(ports)
     return ports, graphs, normal_trees(graphs, ports)
@@ -137,13 +137,13 @@ def form_network(
     positions = position_trees(graphs, ports, topologies, used)
     held = held_variables(ports, topologies, positions, stores, used)
     dag = system.dag
-    # The state vector holds coordinates, speeds and modes of the mechanism, then the states of the
-    # networks, then the algebraic unknowns.
+    # The state vector consists of coordinates, speeds and modes of the mechanism, then the states
+    # of the networks, then the algebraic unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, negative = _bind_fields(ports, symbols, names, system)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
-    # Open edges of swaps take part in the equations, but are no edges of the scene.
+    # Open edges of swaps occur in the equations, but are not edges of the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
     terminals = Terminals(
         all_ports,
@@ -160,14 +160,14 @@ def form_network(
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
         swaps,
     )
-    # The plan follows only what is asked for: rates of states, names in outputs and fields, and
+    # The plan contains only what is needed: rates of states, names in outputs and fields, and
     # redundant initial values, which have to be compared.
     rates = tuple(item.rate for item in held)
     observed = {name: found for name in wanted if (found := names.variable(name)) is not None}
     at = dag, system.of_parameters
     redundant = redundant_values(ports, held, *at)
     roots = [*rates, *observed.values(), *(row.variable for row in redundant)]
-    # What follows from a total of contents is an unknown even where nothing asks for it.
+    # A variable that follows from a total of contents is an unknown even if nothing uses it.
     roots += [store.unknown for store in stores.values()]
     plan = make_plan(terminals, roots)
     # Algebraic unknowns are numbered after all states that have a rate.
@@ -208,7 +208,7 @@ def form_network(
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
     """Return whether a field depends on parameters only."""
-    field = port.edge.fields.get(name)  # none of time, potentials, ...
+    field = port.edge.fields.get(name)  # neither time nor potentials, ...
     return field is not None and all(
         n in scene.parameters or n == "pi"
         for n in field.names  # type: ignore[union-attr]
@@ -239,7 +239,7 @@ def _bind_fields(
     names: Names,
     system: System,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
-    """Turn the fields of all components into nodes, and name edges with negative resistance."""
+    """Form the nodes of the fields of all components, and find edges with negative resistance."""
     fields: dict[tuple[str, str], Node] = {}
     standing: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
@@ -248,18 +248,18 @@ def _bind_fields(
     def resolve(name: str) -> Node:
         variable = names.variable(name)
         if variable is None:
-            # Outputs may be made of variables of the networks.
+            # Outputs may consist of variables of the networks.
             return system.signals.node(name, resolve)
         if variable in symbols:
             return symbols[variable]
         if variable not in standing:
-            # Its value is not known yet: a symbol stands for it until the plan is carried out.
+            # Its value is not known yet: a symbol represents it until the plan is evaluated.
             standing[variable] = system.dag.symbol("network", len(standing))
         return standing[variable]
 
     def ask(guard: Guard) -> None:
         if guard.value.value is None:
-            # Where several edges share a value, the first is named.
+            # If several edges share a value, the first is named.
             guards.setdefault((guard.value, guard.is_strict, guard.breach), guard)
         else:
             guard.check(guard.value.value)
@@ -268,7 +268,7 @@ def _bind_fields(
         for field, value in edge.law_fields.items():
             row = edge.component.field(field)
             assert row is not None  # the scene accepted only fields of its component
-            # Constant fields may enter preparations and starts, which know parameters only.
+            # Constant fields may be used in preparations and starts, which know parameters only.
             resolver = system.of_parameters if row.constant else resolve
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
@@ -292,34 +292,34 @@ def _bind_fields(
 
 
 def _negative(node: Node, what: str) -> Guard:
-    """Make the condition on a resistance that is negative at the scene's values."""
+    """Return the condition on a resistance that is negative at the scene's values."""
     breach = "must not be zero" if node.value is not None else "must be negative, as in the scene"
     return Guard(-node, what, True, breach)
 
 
 @dataclass(frozen=True)
 class Attached:
-    """Networks beside a multibody system."""
+    """Networks coupled to a multibody system."""
 
-    network: Network | None  # the networks; None where the scene has none
-    observed: Mapping[str, Node]  # what names of the networks in outputs and fields stand for
+    network: Network | None  # the networks; None if the scene has none
+    observed: Mapping[str, Node]  # values of names of the networks in outputs and fields
     couplings: Mapping[str, Coupling]  # the ports that act on the multibody system
-    throughs: Mapping[str, Node]  # the symbols that stand for their through variables
-    #: How through variables change with accelerations, by their number: inertia of storages that
-    #: are tied to joints.
+    throughs: Mapping[str, Node]  # the symbols of their through variables
+    #: Derivatives of through variables by accelerations, by their number: inertia of storages that
+    #: are coupled to joints.
     slopes: Mapping[str, Mapping[int, Node]]
     #: Names that only fields of dry friction on the mechanism use: they may be reactions.
     reacting: frozenset[str] = frozenset()
 
     @property
     def loads(self) -> list[Applied]:
-        """Put the through variables of the couplings on the multibody system."""
+        """Apply the through variables of the couplings to the multibody system."""
         return coupling_loads(self.couplings, self.throughs)
 
     def with_inertia(
         self, mass: Sequence[Sequence[Node]], motion: Motion
     ) -> tuple[tuple[Node, ...], ...]:
-        """Add to a mass matrix the storages that are tied to joints."""
+        """Add to a mass matrix the storages that are coupled to joints."""
         rows = [list(row) for row in mass]
         for name, slopes in self.slopes.items():
             pull = along_speeds(motion, self.couplings[name].pull)
@@ -343,7 +343,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         for name, coupling in couplings.items()
     }
     observing = (*scene.outputs.values(), *event_expressions(scene.events.values()))
-    # Networks are formed as far as outputs, events and fields of the mechanism ask for them.
+    # Networks are formed as far as outputs, events and fields of the mechanism use them.
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
@@ -366,11 +366,11 @@ def _slopes(through: Node, system: System) -> dict[int, Node]:
     found = {}
     occurring = set(symbols_in([through]))
     for speed in system.speeds:
-        # Only storages that are tied to joints react to accelerations: as inertia.
+        # Only storages coupled to joints react to accelerations, as inertia.
         if speed.acceleration not in occurring:
             continue
-        # Through variables are affine in accelerations, so that the slope goes into the mass matrix
-        # and the rest is a load.
+        # Through variables are affine in accelerations: the slope is added to the mass matrix, the
+        # rest is a load.
         (slope,) = tangents([through], {speed.acceleration: through.dag.one})
         if not slope.is_zero:
             found[speed.index] = slope

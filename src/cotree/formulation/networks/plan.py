@@ -1,8 +1,8 @@
 """The order in which the variables of the networks follow from each other, alone or in blocks.
 
-What depends on itself (resistive meshes, storages in loops of their like) is a strongly connected
-part of the graph of dependencies. Some of its variables are torn: they become unknowns with an
-equation of their own, such that the others follow from them one by one.
+Variables that depend on themselves (resistive meshes, loops of storages) form a strongly connected
+component of the dependency graph. Some of its variables are torn: they become unknowns with an
+equation each, such that the others follow from them one by one.
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ if TYPE_CHECKING:
 class Block:
     """Variables that depend on each other, and are solved for together."""
 
-    unknowns: tuple[Variable, ...]  # those with an equation each
-    residuals: tuple[Variable, ...]  # the equations: what must be zero
-    inner: tuple[Variable, ...]  # what follows from the unknowns, in order, the residuals last
+    unknowns: tuple[Variable, ...]  # unknowns, with an equation each
+    residuals: tuple[Variable, ...]  # the equations: residuals that must be zero
+    inner: tuple[
+        Variable, ...
+    ]  # variables that follow from the unknowns, in order, the residuals last
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Variables and blocks, each after what it needs, and the rules of all variables."""
+    """Variables and blocks, each after those it needs, and the rules of all variables."""
 
     steps: tuple[Variable | Block, ...]
     rules: dict[Variable, Rule]
@@ -42,15 +44,15 @@ class Plan:
 def make_plan(terminals: Terminals, roots: Iterable[Variable]) -> Plan:
     """Order the variables that the roots need.
 
-    Raises FormulationError if an equation does not depend on the unknown that it should give.
+    Raises FormulationError if an equation does not depend on its unknown.
     """
     rules = _gather(terminals.rule, roots)
     steps: list[Variable | Block] = []
     for part in _parts({variable: rule.needs for variable, rule in rules.items()}):
         (first, *others) = part
-        # A part of one variable that does not need itself follows from those before it.
+        # A component of one variable that does not need itself follows from those before it.
         if not others and first not in rules[first].needs:
-            # An unknown outside every loop: its equation does not lead back to it.
+            # An unknown outside every loop: its equation does not depend on it.
             if isinstance(rules[first], Unknown):
                 raise FormulationError(_undetermined(terminals, first))
             steps.append(first)
@@ -64,8 +66,8 @@ def _undetermined(terminals: Terminals, variable: Variable) -> str:
     row = DOMAINS[port.terminal.domain]
     name = row.across[0] if variable[0].startswith("across") else row.through
     return (
-        f"the law of '{port.name}' does not depend on its own {name}, which nothing else gives: "
-        "let it depend on that, or take the edge out"
+        f"the law of '{port.name}' does not depend on its own {name}, which nothing else "
+        "determines: let it depend on that, or remove the edge"
     )
 
 
@@ -74,7 +76,7 @@ def _gather(
     roots: Iterable[Variable],
     known: Container[Variable] = (),
 ) -> dict[Variable, Rule]:
-    """Find the rules of all variables that the roots need, but for those that are known."""
+    """Collect the rules of all variables that the roots need, known ones excepted."""
     rules: dict[Variable, Rule] = {}
     waiting = list(dict.fromkeys(roots))[::-1]
     while waiting:
@@ -86,14 +88,14 @@ def _gather(
 
 
 def _parts(needs: Mapping[Variable, Sequence[Variable]]) -> list[list[Variable]]:
-    """List the strongly connected parts, each after those that it needs."""
+    """List the strongly connected components, each after those that it needs."""
     import networkx
 
     graph = networkx.DiGraph()
     graph.add_nodes_from(needs)
     graph.add_edges_from((a, b) for a, others in needs.items() for b in others)
     order = {variable: i for i, variable in enumerate(needs)}
-    # The search leaves a part when all that it leads to has been left.
+    # The search leaves a component after all that it depends on.
     return [
         sorted(part, key=order.__getitem__)
         for part in networkx.strongly_connected_components(graph)
@@ -113,11 +115,11 @@ def _rank(variable: Variable, terminals: Terminals) -> int:
 
 
 def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Variable]) -> Block:
-    """Make unknowns of some variables of a part, so that the others follow one by one."""
+    """Make some variables of a component unknowns, so that the others follow one by one."""
     torn = {v: rules[v] for v in part if isinstance(rules[v], Unknown)}
     could = {v: unknown for v in part if v not in torn and (unknown := terminals.torn(v))}
-    # Tear variables of one rank after another until the rest follows one by one.
-    # Rank -1 is of none: at first only what is an unknown in any case is torn.
+    # Tear variables of one rank after another until the rest follows one by one. No variable has
+    # rank -1: at first only variables that are unknowns in any case are torn.
     for rank in (-1, 0, 1, 2):
         torn |= {v: unknown for v, unknown in could.items() if _rank(v, terminals) == rank}
         residuals = [rule.residual for rule in torn.values()]  # type: ignore[attr-defined]
@@ -129,4 +131,6 @@ def _tear(terminals: Terminals, rules: dict[Variable, Rule], part: Sequence[Vari
         if all(len(piece) == 1 and piece[0] not in needs[piece[0]] for piece in pieces):
             rules |= torn | extra
             return Block(tuple(torn), tuple(residuals), tuple(piece[0] for piece in pieces))
-    raise AssertionError("a part without a variable to tear")  # sums alone cannot need themselves
+    raise AssertionError(
+        "a component without a variable to tear"
+    )  # sums alone cannot depend on themselves

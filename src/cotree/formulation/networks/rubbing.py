@@ -1,4 +1,4 @@
-"""Check that inertias determine the relative acceleration across each edge that may hold it."""
+"""Check that inertias determine the relative acceleration across each edge that may stick."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]) -> None:
-    """Raise FormulationError if friction may hold what does not follow from forces on inertias.
+    """Raise FormulationError if the acceleration of a sticking edge does not follow from inertias.
 
-    That is: something without inertia is in its f-circuit, or sources alone, or two are on one
+    Causes are an element without inertia or only sources in its f-circuit, or two such edges on one
     joint, whose forces are not unique while both stick.
     """
     places: dict[tuple[str, ...], str] = {}
@@ -29,7 +29,7 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
         if not port.kind.may_hold:
             continue
         if port.terminal.touch is not None:
-            continue  # a gap and the slips there are apart from each other
+            continue  # a gap and the slips there are independent of each other
         if port.is_coupling:
             other = places.setdefault(port.ends.acts_on, port.edge.name)
             if other != port.edge.name:
@@ -37,26 +37,29 @@ def check_friction(ports: Mapping[str, Port], topologies: Mapping[str, Topology]
                 place = f"'{', '.join(port.ends.acts_on)}'"
                 raise FormulationError(
                     f"edges '{other}' and '{port.edge.name}' both "
-                    f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, where "
-                    "nothing tells their forces apart: make one edge of them"
+                    f"{f'stick at {place}' if are_alike else f'hold {place} at times'}, so "
+                    "that their forces are indeterminate: combine them into one edge"
                     + (", with the sum of both forces" if are_alike else "")
                 )
             continue
         whose = f"edge '{port.edge.name}' of type '{port.edge.component.name}'"
         if port.is_short:
-            raise FormulationError(f"{whose} begins and ends at node '{port.head}': name another")
+            raise FormulationError(
+                f"{whose} begins and ends at node '{port.head}': name another node"
+            )
         kinds = {n: ports[n].kind for n in topologies[port.terminal.domain].along(name)}
         for branch, kind in kinds.items():
             if kind not in (Kind.ACROSS_STORAGE, Kind.COUPLED, Kind.ACROSS_SOURCE):
                 raise FormulationError(
-                    f"{whose} {_HOLDS[port.kind]}, so that inertias must decide the relative "
-                    f"acceleration of its nodes, but between them is '{branch}', which has none: "
-                    f"add {_INERTIA[port.terminal.domain]} to the node that has none"
+                    f"{whose} {_HOLDS[port.kind]}, so that inertias must determine the "
+                    f"relative acceleration of its nodes, but between them is '{branch}', "
+                    f"which has none: add {_INERTIA[port.terminal.domain]} to the node that "
+                    "has none"
                 )
         if all(kind is Kind.ACROSS_SOURCE for kind in kinds.values()):
             raise FormulationError(
-                f"{whose} lies between given speeds, where nothing can give way: add "
-                f"{_INERTIA[port.terminal.domain]} to one of its nodes, or take it out"
+                f"{whose} is connected between prescribed speeds, so that it cannot stick: "
+                f"add {_INERTIA[port.terminal.domain]} to one of its nodes, or remove it"
             )
 
 
@@ -79,7 +82,7 @@ _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational
 
 
 def limit_law(port: Port, which: str) -> Law:
-    """Return a law of dry friction or of a stop besides that of its through variable."""
+    """Return the second law of dry friction or of a stop, besides that of its through variable."""
     law: Law = getattr(port.terminal.friction or port.terminal.stop, which)
     return law
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: A quantity and a name.
 Variable = tuple[str, str]
 
-#: Derivatives along several directions; those that vanish are absent.
+#: Derivatives along several directions; zero ones are absent.
 Tangent = dict["Hashable", "Node"]
 
 
@@ -30,16 +30,16 @@ class Given(Protocol):
     """Function that differentiates nodes of states, parameters, inputs and fields."""
 
     def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node in which ``standing`` will be put for symbols."""
+        """Differentiate a node in which ``standing`` will replace symbols."""
         ...
 
 
 class Rule:
-    """Equation by which a variable follows from others."""
+    """Equation from which a variable follows."""
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables that it follows from."""
+        """The variables from which it follows."""
         raise NotImplementedError
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
@@ -49,11 +49,11 @@ class Rule:
     def partials(
         self, values: Mapping[Variable, Node], changing: Collection[Variable]
     ) -> Iterable[tuple[Variable, Node]]:
-        """Form the partial derivatives by some of the variables that it follows from."""
+        """Form the partial derivatives by some of the variables."""
         raise NotImplementedError
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
-        """Form the derivatives where all variables that it follows from stand still."""
+        """Form the derivatives for constant values of the other variables."""
         return {}
 
     def tangent(
@@ -65,7 +65,7 @@ class Rule:
         fields.
         """
         total = self.explicit(values, given)
-        # What does not change along any direction needs no partial derivative.
+        # A rule that depends on no direction needs no partial derivative.
         changing = [variable for variable in self.needs if d[variable]]
         for variable, partial in self.partials(values, changing) if changing else ():
             for key, term in d[variable].items():
@@ -79,7 +79,7 @@ def _add(total: Tangent, key: Hashable, term: Node) -> None:
         return
     known = total.get(key)
     result = term if known is None else known + term
-    # Tangents hold only what does not vanish, so that later rules skip it.
+    # Zero derivatives are absent, so that later rules skip them.
     if result.is_zero:
         del total[key]
     else:
@@ -147,26 +147,25 @@ class Lawful(Rule):
 class FieldRule(Rule):
     """A field of a component, or a state: a node of symbols."""
 
-    node: Node  # the value; the variables that it is made of stand in it as symbols
+    node: Node  # the value, with symbols for the variables it depends on
     variables: tuple[tuple[Node, Variable], ...] = ()  # these symbols
 
     @property
     def needs(self) -> tuple[Variable, ...]:
-        """The variables that it is made of."""
+        """The variables on which it depends."""
         return tuple(variable for _, variable in self.variables)
 
     def _standing(self, values: Mapping[Variable, Node]) -> dict[Node, Node]:
-        """Return what stands for the symbols of variables."""
+        """Return the values of the symbols of variables."""
         return {symbol: values[variable] for symbol, variable in self.variables}
 
     def value(self, dag: Dag, values: Mapping[Variable, Node]) -> Node:
-        """Put the variables in the place of their symbols."""
+        """Substitute the variables for their symbols."""
         return substitute([self.node], self._standing(values))[0] if self.variables else self.node
 
     def explicit(self, values: Mapping[Variable, Node], given: Given) -> Tangent:
         """Differentiate by the other symbols."""
-        # Derivatives may contain symbols of variables too, which get their values as in the field
-        # itself.
+        # Derivatives may contain symbols of variables, too, which are replaced as in the field.
         standing = self._standing(values)
         found = given(self.node, standing)
         if not self.variables:
@@ -180,15 +179,14 @@ class FieldRule(Rule):
         standing = self._standing(values)
         for symbol, variable in self.variables:
             if variable in changing:
-                # A field is an expression of the scene, so that its partial derivatives are formed
-                # here.
+                # A field is an expression of the scene; its partial derivatives are formed here.
                 along = tangents([self.node], {symbol: symbol.dag.one}, standing)
                 yield variable, substitute(along, standing)[0]
 
 
 @dataclass(frozen=True)
 class Unknown(Rule):
-    """An unknown, found such that the variable ``residual`` is zero.
+    """An unknown, determined such that the variable ``residual`` is zero.
 
     Its value comes from a block of equations (:mod:`cotree.formulation.networks.solved`).
     """

@@ -1,13 +1,13 @@
-"""A plan carried out: the value of every variable, with blocks solved; and its derivatives.
+"""Evaluation of a plan: the value of every variable, with blocks solved, and its derivatives.
 
 Unknown branches cut their tree into parts; the across variable of each is the difference of the
-potentials of two parts. With these potentials as unknowns, and the balance of each part in the
-place of the f-cutset equations, a chord couples the two parts that it joins, where in terms of
-branches it couples all those along its f-circuit.
+potentials of two parts. With these potentials as unknowns, and the balance of each part instead of
+the f-cutset equations, a chord couples the two parts that it connects; in terms of branches it
+would couple all those along its f-circuit.
 
-Linear blocks are solved by elimination. Unknowns that an equation is nonlinear in stay: they
-become algebraic unknowns, and their equations residuals. A sensitivity graph goes the same way
-with differentiated rules; a block has the same matrix there, factorised once.
+Linear blocks are solved by elimination. Unknowns that occur nonlinearly become algebraic unknowns,
+and their equations residuals. A sensitivity graph is evaluated in the same order with
+differentiated rules; a block has the same matrix there, factorised once.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ class _Nodal:
     """Equations of branches, solved in the potentials of parts."""
 
     dag: Dag
-    factors: LinearSolver  # of the balances of the parts by their potentials
-    #: For each branch its sign, and which other one leads to it; -1 for none.
+    factors: LinearSolver  # balances of the parts, in terms of their potentials
+    #: For each branch its sign, and the branch that leads to it; -1 for none.
     above: tuple[tuple[int, int], ...]
 
     def solve(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve for one right-hand side."""
         if all(value.is_zero for value in rhs):
             return list(rhs)
-        # A right-hand side of a branch enters the balance of the part beyond and of that before.
+        # A right-hand side of a branch enters the balances of the parts on both sides.
         balances = [self.dag.zero] * len(rhs)
         for i, (value, (sign, parent)) in enumerate(zip(rhs, self.above, strict=True)):
             out = value if sign > 0 else -value
@@ -56,7 +56,7 @@ class _Nodal:
         potentials = self.factors.solve(balances)
         found = []
         for potential, (sign, parent) in zip(potentials, self.above, strict=True):
-            # Back from potentials of parts to across variables of the branches between them.
+            # From potentials of parts to across variables of the branches between them.
             across = potential - potentials[parent] if parent >= 0 else potential
             found.append(across if sign > 0 else -across)
         return found
@@ -71,17 +71,17 @@ def factorise_nodal(
 ) -> tuple[LinearSolver, frozenset[Variable]] | None:
     """Factorise the linear equations of a block in the potentials of its parts.
 
-    Returns the solver with the nonlinear unknowns, which count as known. None if the block holds
-    anything but one-port resistances whose unknowns are branches with linear chords, or if
-    potentials couple no fewer equations than the ``n_nonzeros`` entries of the branches' equations.
+    Returns the solver with the nonlinear unknowns, which are treated as known. None if the block
+    contains anything but one-port resistances whose unknowns are branches with linear chords, or if
+    potentials give no fewer entries than the ``n_nonzeros`` of the branches' equations.
     """
     conductances = _conductances(terminals, block, rules, values)
     if conductances is None:
         return None
     linear = [unknown for unknown in block.unknowns if unknown in conductances]
     names = [name for _, name in linear]
-    # Cut at the unknown branches, the tree falls apart; within a part potentials differ by known
-    # amounts. The part of the reference has the number -1 and potential zero.
+    # Cutting the unknown branches divides the tree into parts; within a part potentials differ by
+    # known amounts. The part of the reference has the number -1 and potential zero.
     parts = terminals.parts(names) if linear else {}
     rows: list[dict[int, Node]] = [{} for _ in linear]
     for (_, name), conductance in conductances.items():
@@ -95,7 +95,7 @@ def factorise_nodal(
             for j, b in signs:
                 # The Laplacian of the parts, weighted by conductances.
                 rows[i][j] = rows[i].get(j, conductance.dag.zero) + conductance * float(a * b)
-    # Potentials pay only if their equations have fewer entries.
+    # Potentials are used only if their equations have fewer entries.
     if not linear or sum(map(len, rows)) >= n_nonzeros:
         return None
     dag = conductances[linear[0]].dag
@@ -109,12 +109,12 @@ def _conductances(
     rules: Mapping[Variable, Rule],
     values: Mapping[Variable, Node],
 ) -> dict[Variable, Node] | None:
-    """List the conductances of a block's resistances, but of nonlinear branches."""
+    """List the conductances of a block's resistances, nonlinear branches excepted."""
     unknowns = set(block.unknowns)
     symbols = {values[unknown] for unknown in unknowns}
     found: dict[Variable, Node] = {}
     for quantity, name in (*block.unknowns, *block.inner):
-        # Sums and equations carry no conductance of their own.
+        # Sums and equations have no conductance.
         if quantity in ("path", "flow", "residual_across"):
             continue
         port = terminals.ports[name] if quantity in ("across", "through") else None
@@ -123,16 +123,15 @@ def _conductances(
         if quantity == "through":
             continue
         is_unknown = (quantity, name) in unknowns
-        # Potentials determine across variables of branches; any other unknown has no place among
-        # them.
+        # Potentials determine across variables of branches only; other unknowns exclude them.
         if is_unknown != terminals.is_branch(name):
             return None
         law = ("residual_across" if is_unknown else "through", name)
         conductance = _conductance(rules[law], values)
         if conductance is None:
             return None
-        # Linear where the slope does not depend on the unknowns. A branch that is not stays
-        # unknown; a chord that is not would couple parts nonlinearly, and rules out potentials.
+        # Linear if the slope does not depend on the unknowns. A nonlinear branch stays unknown; a
+        # nonlinear chord would couple parts nonlinearly, and excludes potentials.
         if symbols.isdisjoint(symbols_in([conductance])):
             found[quantity, name] = conductance
         elif not is_unknown:
@@ -151,7 +150,7 @@ def _conductance(rule: Rule, values: Mapping[Variable, Node]) -> Node | None:
 
 @dataclass(frozen=True)
 class _AtRunTime:
-    """Equations whose pivots are chosen at run time, with scaled rows and columns."""
+    """Equations with pivots chosen at run time, and scaled rows and columns."""
 
     dag: Dag
     matrix: tuple[tuple[Node, ...], ...]
@@ -170,10 +169,10 @@ class _AtRunTime:
 
 
 def _at_run_time(dag: Dag, matrix: Sequence[Sequence[Node]], n_determined: int) -> _AtRunTime:
-    """Divide rows, then columns, by the sums of their sizes, which makes pivots comparable."""
+    """Divide rows, then columns, by the sums of their magnitudes, which makes pivots comparable."""
     n = range(len(matrix))
-    # Units differ from row to row (volts, amperes, newtons): without scales the largest pivot would
-    # be a matter of units, and so would the decision on the rank.
+    # Units differ between rows (volts, amperes, newtons): without scaling the largest pivot, and
+    # the rank, would depend on the units.
     rows = tuple(1.0 / _size(dag, row) for row in matrix)
     scaled = [[matrix[i][j] * rows[i] for j in n] for i in n]
     columns = tuple(1.0 / _size(dag, [scaled[i][j] for i in n]) for j in n)
@@ -197,10 +196,10 @@ def _size(dag: Dag, entries: Sequence[Node]) -> Node:
 def factorise_block(
     dag: Dag, matrix: Sequence[Mapping[int, Node]], is_safe: bool, n_determined: int
 ) -> LinearSolver:
-    """Factorise the equations of a block, given as rows without their zeros.
+    """Factorise the equations of a block, given as rows without zeros.
 
     ``is_safe``: if symmetric, the matrix is positive definite for every state. The first
-    ``n_determined`` unknowns must have one solution.
+    ``n_determined`` unknowns must have a unique solution.
     """
     # Symmetric and positive definite: any order of pivots is stable.
     if is_safe and _is_symmetric(matrix):
@@ -212,7 +211,7 @@ def factorise_block(
 def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
     """Return whether entries across the diagonal are the same nodes.
 
-    Where branches and chords are torn together they are each other's negatives.
+    If branches and chords are torn together, the entries have opposite signs.
     """
     return all(
         matrix[j].get(i) is entry for i, row in enumerate(matrix) for j, entry in row.items()
@@ -222,12 +221,12 @@ def _is_symmetric(matrix: Sequence[Mapping[int, Node]]) -> bool:
 #: An unknown with its equation.
 _Pair = tuple["Variable", "Variable"]
 
-#: From this many unknowns on, blocks of resistances are solved in potentials without counting what
-#: the branches would take: their derivatives alone grow with the square of the number.
+#: From this many unknowns on, blocks of resistances are solved in potentials without counting the
+#: entries of the branches' equations: their derivatives alone grow with the square of the number.
 _MANY = 64
 
-#: From this many nonlinear unknowns on, those that are linear stay beside them where no step of a
-#: method pays for it: each equation has a few unknowns then, and a full matrix is never formed.
+#: From this many nonlinear unknowns on, linear unknowns stay algebraic unknowns, too, if no method
+#: gains by eliminating them: each equation then has few unknowns, and no full matrix is formed.
 _MANY_BENT = 24
 
 
@@ -238,7 +237,7 @@ class SolvedBlock:
     #: Unknowns with their equations.
     linear: tuple[tuple[Variable, Variable], ...]
     nonlinear: tuple[tuple[Variable, Variable], ...]
-    factors: LinearSolver  # of the linear equations by the linear unknowns
+    factors: LinearSolver  # of the linear equations, in terms of the linear unknowns
 
 
 @dataclass(frozen=True)
@@ -246,10 +245,10 @@ class Solved:
     """The values of a network's variables."""
 
     dag: Dag  # the arena
-    plan: Plan  # how they follow from each other
+    plan: Plan  # the plan
     values: dict[Variable, Node]  # their values
     blocks: dict[Block, SolvedBlock] = field(default_factory=dict)
-    #: The unknowns that stay, with their symbols.
+    #: The remaining unknowns, with their symbols.
     algebraic: dict[Variable, Node] = field(default_factory=dict)
 
     @property
@@ -269,7 +268,7 @@ def solve_plan(
     """Form the value of every variable of a plan.
 
     ``is_safe`` returns whether a block's linear equations are symmetric and positive definite by
-    physics. ``is_static``: there are no states, so that only a start is ever solved for.
+    physics. ``is_static``: there are no states, so that only a start is solved for.
     """
     dag = terminals.time.dag
     solved = Solved(dag, plan, {})
@@ -296,7 +295,7 @@ def _solve_block(
     """Find which unknowns are linear, and solve for them."""
     dag, rules = solved.dag, solved.plan.rules
     symbols = {v: dag.symbol("block", i) for i, v in enumerate(block.unknowns)}
-    # A trial evaluation at symbols of the unknowns shows which equations are linear in which.
+    # An evaluation at symbols of the unknowns shows which equations are linear in which.
     trial = {**solved.values, **symbols}
     for variable in block.inner:
         trial[variable] = rules[variable].value(dag, trial)
@@ -325,7 +324,7 @@ def _solve_block(
     kept = {u: algebraic_symbol(len(solved.algebraic) + i) for i, (u, _) in enumerate(nonlinear)}
     solved.algebraic.update(kept)
     known = {symbols[u]: symbol for u, symbol in kept.items()}
-    # Residuals at linear unknowns of zero: the right-hand side, with opposite sign.
+    # The negative right-hand side is the residuals at zero linear unknowns.
     rest = substitute(
         [trial[r] for _, r in linear], {**known, **{symbols[u]: dag.zero for u, _ in linear}}
     )
@@ -333,7 +332,7 @@ def _solve_block(
         n_nonzeros = sum(map(len, matrix))
         entries = iter(substitute([e for row in matrix for e in row.values()], known))
         matrix = [{j: next(entries) for j in row} for row in matrix]
-        # Potentials as unknowns may be fewer than branch variables: take what costs less.
+        # Potentials may be fewer unknowns than branch variables: the cheaper form is used.
         if is_safe and linear and not nonlinear:
             nodal = factorise_nodal(terminals, block, rules, trial, n_nonzeros)
     factors = (
@@ -353,13 +352,13 @@ def _solve_block(
 
 
 def _may_share(may_hold: bool, variable: Variable) -> bool:
-    """Return whether an unknown may be undetermined: a force, where edges that stick share it."""
-    # Two brakes on either side of a gear leave the torque of its teeth open, besides their own.
+    """Return whether an unknown may be indeterminate: a force that sticking edges share."""
+    # Brakes on both sides of a gear leave the torque of its teeth indeterminate, besides their own.
     return may_hold and variable[0] == "through"
 
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
-    """Return whether an unknown stays one: of contents, or the friction on a joint."""
+    """Return whether an unknown is not eliminated: of contents, or friction on a joint."""
     name = variable[1]
     # Accelerations of a mechanism are eliminated later, at the forces that act on it.
     if name in terminals.couplings and is_holding(terminals.ports, variable):
@@ -377,10 +376,11 @@ def _linearise(
 ) -> tuple[tuple[_Pair, ...], tuple[_Pair, ...], list[dict[int, Node]]]:
     """Separate linear from nonlinear unknowns; return the matrix of the linear ones.
 
-    ``stays`` holds an unknown back even where the equations are linear in it: a start from a given
-    total of contents has to find it. ``is_shared`` marks unknowns that may be undetermined.
+    ``stays`` returns whether an unknown is kept although the equations are linear in it: a start
+    from a given total of contents has to find it. ``is_shared`` marks unknowns that may be
+    indeterminate.
     """
-    # What stands outside the block does not change.
+    # Values outside the block are constant.
     d: defaultdict[Variable, Tangent] = defaultdict(dict)
     d |= {v: {v: solved.dag.one} for v in block.unknowns}
     _differentiate(solved.plan, block.inner, trial, d, _nothing)
@@ -389,7 +389,7 @@ def _linearise(
     bent = set(symbols_in([node for _, row in pairs for node in d[row].values()]))
     kept = {u for u in block.unknowns if symbols[u] in bent or stays(u)}
     nonlinear = tuple((u, r) for u, r in pairs if u in kept)
-    # Forces that edges which stick may share come last: nothing else may be undetermined.
+    # Forces that sticking edges may share come last: no others may be indeterminate.
     linear = tuple(
         sorted(((u, r) for u, r in pairs if u not in kept), key=lambda pair: is_shared(pair[0]))
     )
@@ -415,7 +415,7 @@ def _differentiate(
 def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
     """Differentiate the plan along several directions at once, over their sensitivity graphs.
 
-    Derivatives along directions that a variable does not depend on are absent.
+    Derivatives along directions on which a variable does not depend are absent.
     """
     d: dict[Variable, Tangent] = {}
     for step in solved.plan.steps:
@@ -429,11 +429,11 @@ def differentiate_plan(solved: Solved, given: Given) -> dict[Variable, Tangent]:
 def _differentiate_block(
     solved: Solved, block: Block, d: dict[Variable, Tangent], given: Given
 ) -> None:
-    """Solve for the derivatives of a block's unknowns, with the matrix that is factorised."""
+    """Solve for the derivatives of a block's unknowns with the factorised matrix."""
     own = solved.blocks[block]
     for unknown, _ in own.nonlinear:
         d[unknown] = dict(given(solved.values[unknown], {}))
-    # At first the linear unknowns stand still: this gives the right-hand sides.
+    # Zero derivatives of the linear unknowns give the right-hand sides.
     for unknown, _ in own.linear:
         d[unknown] = {}
     _differentiate(solved.plan, block.inner, solved.values, d, given)

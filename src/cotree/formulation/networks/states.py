@@ -39,22 +39,22 @@ class Held:
 
     @property
     def name(self) -> str:
-        """The state's name."""
+        """Name of the state."""
         return state_name(self.port, self.short)
 
     @property
     def variable(self) -> Variable:
-        """The variable that is the state."""
+        """Variable that is the state."""
         return self.quantity, self.port.name
 
     @property
     def rate(self) -> Variable:
-        """The variable that is the rate of the state."""
+        """Variable that is the rate of the state."""
         return f"{self.quantity}_rate", self.port.name
 
 
 class _Use(IntEnum):
-    """Why the position of an edge is needed, in the order in which edges become branches."""
+    """Reason why the position of an edge is needed, in the order of preference as branches."""
 
     BALANCE = 0  # a balance of springs gives it
     GIVEN = 1  # it has an initial value
@@ -69,7 +69,7 @@ def position_trees(
     topologies: Mapping[str, Topology],
     used: AbstractSet[str],
 ) -> dict[str, Topology]:
-    """Choose the trees of positions, the branches of which are states where they are needed.
+    """Choose the trees of positions, whose branches are states if they are needed.
 
     Positions are across variables: those of chords follow along f-circuits ([1] eq. 2). Branches
     are first the springs whose stretch a balance of springs gives, then edges with an initial
@@ -105,7 +105,7 @@ def held_variables(
     stores: Mapping[str, Store],
     used: AbstractSet[str],
 ) -> list[Held]:
-    """List the states of the networks; raise ParameterError if a given content is no state.
+    """List the states of the networks; raise ParameterError if a given content is not a state.
 
     ``positions`` are the trees of positions and ``stores`` the contents that are states. Integrals
     are states if they are ``used`` by fields or outputs, or have an initial value.
@@ -113,21 +113,21 @@ def held_variables(
     found = []
     for port in ports.values():
         if port.is_coupling:
-            # Its motion is that of the multibody system; an integral of its own is a state.
+            # Its motion is that of the multibody system; its integral is a state.
             if port.terminal.integral is not None:
                 found.append(_held(port, "stretch"))
             continue
         is_branch = port.name in topologies[port.terminal.domain].branches
         _check_content(port, stores.get(port.name))
-        # Normal trees hold across storages as branches and through storages as chords; one outside
-        # its place shares the state of others.
+        # Normal trees have across storages as branches and through storages as chords; a storage
+        # outside its place depends on the states of others.
         if port.name in stores:
             found.append(Held(port, "total", *stores[port.name].symbol))
         elif port.kind is Kind.ACROSS_STORAGE and is_branch:
             found.append(_held(port, "across"))
         elif port.kind is Kind.THROUGH_STORAGE and not is_branch:
             found.append(_held(port, "through"))
-        # A position is a state where it is a branch, an integral of the component's own always.
+        # A position is a state if it is a branch, an integral of the component always.
         is_held = port.terminal.integral is not None or (
             port.terminal.domain in positions
             and port.name in positions[port.terminal.domain].branches
@@ -137,7 +137,7 @@ def held_variables(
     return found
 
 
-#: Positions that are states, where they are branches.
+#: Positions that are states, if they are branches.
 _HELD = (_Use.GIVEN, _Use.LAW, _Use.NAMED)
 
 
@@ -148,7 +148,7 @@ def summed_positions(
     used: AbstractSet[str],
     places: Mapping[Variable, int],
 ) -> tuple[PositionRow, ...]:
-    """List the positions that are sums of states, where fields or outputs use them.
+    """List the positions that are sums of states, if fields or outputs use them.
 
     ``places`` numbers the states.
     """
@@ -158,7 +158,8 @@ def summed_positions(
             if _use(ports[name], topologies[domain].branches, used) not in _HELD:
                 continue
             along = topology.along(name).items()
-            # What a linear balance of springs gives is no state, and a sum with it no row.
+            # A stretch that a linear balance of springs gives is not a state, and a sum with it is
+            # not a row.
             if all(("stretch", branch) in places for branch, _ in along):
                 item = _held(ports[name], "stretch")
                 terms = tuple((sign, places["stretch", branch]) for branch, sign in along)
@@ -167,7 +168,7 @@ def summed_positions(
 
 
 def _check_content(port: Port, store: Store | None) -> None:
-    """Refuse the initial value of a content that is held together with others."""
+    """Raise for the initial value of a content that is not independent of others."""
     content = content_of(port.terminal)
     # A content of one storage alone is a state, and takes its initial value as such.
     if content is None or content[0] not in port.initial or (store and store.is_alone):
@@ -175,8 +176,9 @@ def _check_content(port: Port, store: Store | None) -> None:
     row, is_across = DOMAINS[port.terminal.domain], port.kind is Kind.ACROSS_STORAGE
     symbol = row.across_symbol if is_across else row.through_symbol
     raise ParameterError(
-        f"'{state_name(port, content[0])}' has no initial value of its own, since '{port.name}' is "
-        f"tied to others of its like or to sources: give '{symbol}' of it or of these"
+        f"'{state_name(port, content[0])}' has no initial value of its own, since "
+        f"'{port.name}' is connected to other storages or to sources: give '{symbol}' of it "
+        "or of these"
     )
 
 
@@ -206,13 +208,13 @@ def _names(terminal: Terminal, argument: str) -> bool:
 
 
 def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> State:
-    """Make the entry of a state.
+    """Return the entry of a state.
 
     Raises ParameterError if the scene gives two initial values that follow from each other.
     """
     initial = _initial(item, dag, of_parameters)
     is_given = item.short in item.port.initial
-    # Other states have no second name under which they could be given.
+    # Other states have only one name.
     if item.quantity != "total":
         return State(item.name, item.unit, symbol, initial, is_given=is_given)
     quantity = "across" if item.port.kind is Kind.ACROSS_STORAGE else "through"
@@ -221,7 +223,7 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
     if is_given and follows.short in item.port.initial:
         raise ParameterError(
             f"edge '{item.port.edge.name}' gives initial values of both '{item.name}' and "
-            f"'{follows.name}', which follow from each other: leave one out"
+            f"'{follows.name}', which follow from each other: remove one"
         )
     return State(item.name, item.unit, symbol, initial, is_given=is_given, follower=follows.name)
 
@@ -229,11 +231,12 @@ def state_of(item: Held, symbol: Node, dag: Dag, of_parameters: Resolver) -> Sta
 def algebraic_state(
     port: Port, quantity: str, symbol: Node, dag: Dag, of_parameters: Resolver
 ) -> State:
-    """Make the entry of an algebraic unknown of a port; its initial value is a guess.
+    """Return the entry of an algebraic unknown of a port; its initial value is a guess.
 
     ``quantity`` is the across or through variable, or the rate of one.
     """
-    # The unknown may be a rate, whose name and unit scenes do not know: it goes by the variable's.
+    # The unknown may be a rate, whose name and unit scenes do not know: it is named after the
+    # variable.
     item = _held(port, quantity.removesuffix("_rate"))
     guess = _initial(item, dag, of_parameters)
     return State(item.name, item.unit, symbol, guess, is_given=False, is_algebraic=True)
@@ -246,7 +249,7 @@ def _initial(item: Held, dag: Dag, of_parameters: Resolver) -> Node:
 
 @dataclass(frozen=True)
 class Redundant:
-    """An initial value of a variable that states and sources give."""
+    """An initial value of a variable that states and sources determine."""
 
     name: str  # the variable's name
     variable: Variable
@@ -279,8 +282,8 @@ def _given(port: Port) -> list[Held]:
     return [item for item in items if item.short in port.initial]
 
 
-#: What follows from states and sources, by kind. Others may be unknowns of nonlinear equations, of
-#: which initial values are guesses.
+#: Variables that follow from states and sources, by kind. Others may be unknowns of nonlinear
+#: equations, for which initial values are guesses.
 _FOLLOWING = {
     Kind.ACROSS_SOURCE: ("across",),
     Kind.ACROSS_STORAGE: ("across", "through"),
@@ -294,6 +297,6 @@ def _may_be_guess(item: Held) -> bool:
     kind = item.port.kind
     if item.quantity == "stretch":
         return False  # it follows along an f-circuit, or from the mechanism
-    # A nonlinear spring in a cutset of its like is an unknown of an equation.
+    # A nonlinear spring in a cutset of springs is an unknown of an equation.
     is_bent = kind is Kind.SPRING and item.port.terminal.storage is None
     return is_bent or item.quantity not in _FOLLOWING.get(kind, ())

@@ -1,9 +1,9 @@
 """Storages by content: totals of contents whose rates need no rate of a storage.
 
-The charge of a branch's capacitor and of all capacitors in its f-cutset changes by the currents of
-the cutset's other chords alone. Their total is the state, and the voltages follow from it by an
-equation. Integration methods keep linear invariants to rounding, so that no charge is lost,
-whatever the tolerance. Flux linkages along the f-circuit of an inductor are the dual.
+The charge of a branch's capacitor and of all capacitors in its f-cutset changes only by the
+currents of the cutset's other chords. Their total is the state, and the voltages follow from it by
+an equation. Integration methods conserve linear invariants to rounding, so that no charge is lost
+at any tolerance. Flux linkages along the f-circuit of an inductor are the dual.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Store:
 
     @property
     def is_alone(self) -> bool:
-        """Whether it is the content of one storage."""
+        """Return whether it is the content of one storage."""
         return len(self.parts) == 1
 
     @property
@@ -71,7 +71,8 @@ def contents_of(
         if law is None and port.kind in _VARIABLES:
             law = linear_content(port.terminal)
             own = () if law is None else law.arguments
-            # A capacity that varies with time would add v dC/dt to the current: no content then.
+            # A time-dependent capacity would add v dC/dt to the current, which is then not the rate
+            # of a content.
             if not all(n in _VARIABLES[port.kind] or is_constant(port, n) for n in own):
                 law = None
         if law is not None:
@@ -85,7 +86,7 @@ def find_stores(
     cutsets: Mapping[str, Topology],
     contents: Mapping[str, Law],
 ) -> dict[str, Store]:
-    """List the totals of contents that are states, by the ports that they belong to.
+    """List the totals of contents that are states, by their ports.
 
     ``topologies`` and ``cutsets`` are the trees of across and of through variables, by domain.
     """
@@ -97,7 +98,7 @@ def find_stores(
             continue
         across, through = topologies[port.terminal.domain], cutsets[port.terminal.domain]
         is_branch = name in across.branches
-        # A storage outside its own place in the normal tree shares the state of one inside.
+        # A storage outside its place in the normal tree depends on the state of one inside.
         if is_branch != (port.kind is Kind.ACROSS_STORAGE):
             continue
         # Charges are summed over a cutset, flux linkages along a circuit.
@@ -106,7 +107,7 @@ def find_stores(
         elif name in through.branches:
             around = through.crossing(name)
         else:
-            around = {name: 1}  # what it controls determines what flows in
+            around = {name: 1}  # its controlled source determines the inflow
         like = [n for n in around if n != name and n in contents and ports[n].kind is port.kind]
         if any(ports[n].terminal.content is not None for n in (name, *like)):
             found[name] = _store(ports, name, around, like)
@@ -121,25 +122,24 @@ def _store(
     flows: list[tuple[int, Variable]] = [
         (sign, ("loss" if n in within else flow, n))
         for n, sign in around.items()
-        # Storages within the total exchange charge among themselves; only what leaks from them
-        # counts.
+        # Storages within the total exchange charge among themselves; only their leakage counts.
         if n not in within or _has_loss(ports[n])
     ]
     if _has_loss(port):
         flows.append((-1, ("loss", name)))
-    # The contents of the others change with opposite sign where their edges point against it.
+    # Contents of edges in the opposite direction change with the opposite sign.
     parts = ((1, name), *((-around[n], n) for n in like))
     return Store(port, parts, tuple(flows))
 
 
 def _has_loss(port: Port) -> bool:
-    """Whether something is added to the rate of the content."""
+    """Return whether the rate of the content has another term."""
     is_across = port.kind is Kind.ACROSS_STORAGE
     return (port.terminal.through if is_across else port.terminal.across) is not None
 
 
 def is_of_content(ports: Iterable[Port], edge: str, field: str) -> bool:
-    """Return whether a field of an edge enters the contents of storages and no other law."""
+    """Return whether a field of an edge occurs in the contents of storages only."""
     laws = {
         name
         for port in ports

@@ -59,19 +59,20 @@ class Terminals:
     positions: Mapping[str, Topology]
     states: Mapping[Variable, Node]  # symbols of the variables that are states
     fields: Mapping[tuple[str, str], Node]  # fields of the components
-    measured: Mapping[Node, Variable]  # what symbols in fields stand for
+    measured: Mapping[Node, Variable]  # values of symbols in fields
     time: Node  # the symbol of time
     couplings: Mapping[str, Coupling]  # the motion of the ports that act on a multibody system
-    #: The totals of contents that are states, by the ports that they belong to.
+    #: The totals of contents that are states, by their ports.
     stores: Mapping[str, Store]
-    contents: Mapping[str, Law]  # what storages hold
+    contents: Mapping[str, Law]  # contents of storages
     modes: frozenset[Node]  # symbols of the modes, which change at events only
-    #: The controlled sources whose laws determine what controls them, by the controlling edge.
+    #: The controlled sources whose laws determine their controlling variable, by the controlling
+    #: edge.
     swaps: Mapping[str, Swap]
-    #: What parameters must satisfy, so that nothing jumps whose rate was asked for so far.
+    #: Conditions on parameters under which values whose rate has been used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
-    #: What has corners at unknown times, so that its rate, which was asked for, jumps there; with
-    #: the symbols that decide when.
+    #: Values with kinks at unknown times whose rate has been used, and therefore jumps there; with
+    #: the symbols that determine the times.
     corners: dict[str, frozenset[Node]] = field(default_factory=dict)
 
     def is_branch(self, name: str) -> bool:
@@ -85,7 +86,7 @@ class Terminals:
         return self.cutsets[self.ports[name].terminal.domain]
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return the sign of branches of one tree, and which of them leads to each."""
+        """Return the sign of branches of one tree, and the branch that leads to each."""
         return self._topology(branches[0]).above(branches)
 
     def parts(self, branches: Sequence[str]) -> dict[str, int]:
@@ -137,7 +138,7 @@ class Terminals:
         if name in self.couplings and port.terminal.integral is None:
             motion = self.couplings[name]
             return FieldRule(motion.value if quantity == "stretch" else motion.rate)
-        # The stretch is the time integral of what the terminal names: its rate needs no state.
+        # The stretch is the time integral of the terminal's variable: its rate is not a state.
         if quantity != "stretch":
             integral = integral_of(port.terminal)
             assert integral is not None
@@ -155,10 +156,11 @@ class Terminals:
         return self._lawful(port, spring_stretch(port.terminal))
 
     def _content(self, base: str, name: str, rate: str) -> Rule:
-        """Return the rule of a total of contents, of a content, or of what is added to its rate."""
+        """Return the rule of a total of contents, of a content, or of the rest of its rate."""
         port, store = self.ports[name], self.stores.get(name)
         if base == "content":
-            # Where it is a state it is that, not what follows from what follows from it.
+            # If it is a state, it is read directly, not computed from variables that follow from
+            # it.
             base = "total" if store is not None and store.is_alone else "stored"
         if base == "total":
             assert store is not None
@@ -175,7 +177,8 @@ class Terminals:
         port = self.ports[name]
         if name in self.couplings:
             motion = self.couplings[name]
-            # The mechanism gives the across variable: that of a chord beside the joint (Eq. (2)).
+            # The mechanism gives the across variable, as that of a chord beside the joint (Eq.
+            # (2)).
             return FieldRule(motion.acceleration if rate else motion.rate)
         if port.is_short:
             return Sum(())  # an empty circuit
@@ -190,11 +193,12 @@ class Terminals:
             if rate:
                 return self._lawful(port, stored_rate(port.terminal, True))
             return FieldRule(self.states["across", name])
-        # In a cutset of its like the state of a spring or a storage of through is theirs.
+        # In a cutset of springs the state of a spring or of a storage of through follows from
+        # theirs.
         if port.kind is Kind.SPRING and not rate:
             if port.terminal.storage is None:
                 return Unknown(("residual_across", name))
-            # Stretches in a cutset of springs depend on each other: this one is no state.
+            # Stretches in a cutset of springs depend on each other: this one is not a state.
             law = spring_rate(port.terminal)
         elif port.kind is Kind.THROUGH_STORAGE and not rate:
             law = stored_value(port.terminal, False)
@@ -220,7 +224,7 @@ class Terminals:
                 return self._lawful(port, stored_rate(port.terminal, False))
             return FieldRule(self.states["through", name])
         if port.kind is Kind.ACROSS_STORAGE and not rate:
-            # In a loop of its like: its state is theirs.
+            # In a loop of across storages its state follows from theirs.
             law = stored_value(port.terminal, True)
         elif port.terminal.through is not None and port.kind is not Kind.ACROSS_STORAGE:
             law = port.terminal.through
@@ -234,14 +238,14 @@ class Terminals:
         return name in self.swaps and self.swaps[name].quantity == quantity
 
     def _controlling(self, swap: Swap, rate: str) -> Rule:
-        """Return the equation of what controls a source: what that gives, less its law."""
+        """Return the equation of a controlling variable: the source's variable minus its law."""
         port, gives = swap.source, GIVES[swap.source.kind]
         law = getattr(port.terminal, gives)
         law = self._rate_of_law(port, law) if rate else law
         return self._lawful(port, explicit_residual(f"{gives}{rate}", law))
 
     def torn(self, variable: Variable) -> Unknown | None:
-        """Make an unknown of a variable that has an equation of its own; None for sums."""
+        """Make a variable that has an equation of its own an unknown; None for sums."""
         quantity, name = variable
         base = quantity.partition("_")[0]
         may_be = base in ("across", "through") or quantity == "stretch"
@@ -257,8 +261,8 @@ class Terminals:
         if self._is_swapped(name, base):
             return self._controlling(self.swaps[name], f"_{rate}" if rate else "")
         if name in self.stores and quantity in ("across", "through"):
-            # Contents by their laws less the total that is the state: zero at the right voltages or
-            # currents.
+            # Contents by their laws minus the total that is the state: zero at the right voltages
+            # or currents.
             parts = ((sign, ("stored", part)) for sign, part in self.stores[name].parts)
             return Sum((*parts, (-1, ("total", name))))
         if name in self.stores and quantity in ("across_rate", "through_rate"):
@@ -299,7 +303,7 @@ class Terminals:
 
     @cached_property
     def _changing(self) -> dict[Node, Variable]:
-        """List what symbols in fields stand for, states of networks included."""
+        """List the values of symbols in fields, states of networks included."""
         return {symbol: variable for variable, symbol in self.states.items()} | {**self.measured}
 
     def _rate_of_field(
@@ -313,11 +317,11 @@ class Terminals:
         for symbol in symbols_in([node]):
             if symbol in self._changing:
                 quantity, name = self._changing[symbol]
-                # Chain rule: rates of variables are variables, by symbols of their own.
+                # Chain rule: rates of variables are variables with symbols of their own.
                 moving[symbol] = self.time.dag.symbol("network_rate", symbol.index)
                 rates[moving[symbol]] = (f"{quantity}_rate", name)
             elif symbol in self.modes and is_of_content(self.ports.values(), edge, field):
-                continue  # what storages hold does not jump, whatever modes do
+                continue  # contents of storages do not jump with modes
             elif symbol.data[0] not in ("p", "t"):
                 is_known = False
         what = f"{field} of edge '{edge}'"
@@ -329,13 +333,13 @@ class Terminals:
 
     def _refused(self, edge: str, reason: str) -> str:
         return (
-            f"{reason}, but storages are tied to it such that its rate of change is needed: give "
-            "an expression of t, parameters and states of networks that does not jump, or add "
-            f"{self._remedy(edge)} between"
+            f"{reason}, but its rate of change is needed, since storages are connected to it: "
+            "give an expression of t, parameters and states of networks that does not jump, "
+            f"or add {self._remedy(edge)} between"
         )
 
     def _ask_to_be_continuous(self, edge: str, what: str, node: Node) -> None:
-        """Refuse what jumps; where parameters decide it, guard them."""
+        """Raise if a value jumps; if only parameters decide, guard it."""
         changing, breach = [self.time, *self._changing], self._refused(edge, "jumps")
         for guard in guards_of(node, changing, self.time, what, breach):
             self.guards[guard.value] = guard
@@ -351,7 +355,7 @@ class Terminals:
         }
         if port.kind in (Kind.ACROSS_SOURCE, Kind.THROUGH_SOURCE) and None not in known.values():
             value = law.value(self.time.dag, {name: v for name, v in known.items() if v})
-            if value not in known.values():  # else it is a field, which is looked at by itself
+            if value not in known.values():  # otherwise it is a field, which is checked by itself
                 what = f"{port.edge.component.name} '{port.edge.name}'"
                 self._ask_to_be_continuous(port.edge.name, what, value)
         return rate_of(law)

@@ -1,8 +1,8 @@
 """f-circuits and f-cutsets of the scalar graphs as sums of variables.
 
-Paths are prefix sums from the nearest common ancestor, cutsets are suffix sums of those beyond
-wherever none of their chords ends, so that what two equations share is formed once and nothing
-is added only to be taken away again.
+Paths are prefix sums from the nearest common ancestor. Cutsets are suffix sums of those beyond,
+unless one of their chords ends there, so that common parts of equations are formed once and no
+terms are added and subtracted again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Place:
-    """A node of the tree: what leads to it."""
+    """A node of the tree: the branch that leads to it."""
 
     depth: int
     parent: str
@@ -46,7 +46,8 @@ class Topology:
     def _places(self) -> dict[str, _Place]:
         places = {self.tree.graph.reference: _Place(0, "", "", 1)}
         for step in tree_walk(self.tree):
-            # The walk runs outwards from the reference, so that parents have their places first.
+            # The traversal runs outwards from the reference, so that parents get their places
+            # first.
             depth = places[step.parent].depth + 1
             places[step.child] = _Place(depth, step.parent, step.edge, step.sign)
         return places
@@ -58,12 +59,12 @@ class Topology:
 
     @cached_property
     def _tops(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Cut the tree into paths along the largest subtrees.
+        """Divide the tree into paths along the largest subtrees.
 
-        Of each node: the first of its path, and the next one outside.
+        For each node: the first node of its path, and the next one outside.
         """
-        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a way
-        # outwards changes paths at most log2(n) times.
+        # Heavy paths (D. D. Sleator and R. E. Tarjan, J. Comput. Syst. Sci. 26 (1983) 362): a path
+        # outwards changes heavy paths at most log2(n) times.
         sizes = dict.fromkeys(self._places, 1)
         following: dict[str, str] = {}
         for node, place in reversed(self._places.items()):  # each before its parent
@@ -79,20 +80,21 @@ class Topology:
         return tops, following
 
     def _ancestor(self, a: str, b: str) -> str:
-        """Find the nearest node that leads to both."""
+        """Return the nearest common ancestor of two nodes."""
         places, tops = self._places, self._tops[0]
         while tops[a] != tops[b]:
-            # Climb from the path that begins further from the reference.
+            # Climb from the path that begins farther from the reference.
             if places[tops[a]].depth < places[tops[b]].depth:
                 a, b = b, a
             a = places[tops[a]].parent
-        # On one path the nearer one leads to the other.
+        # On one path the nearer one is the ancestor.
         return a if places[a].depth < places[b].depth else b
 
     def _toward(self, ancestor: str, node: str) -> str:
-        """Name the branch by which another node's ancestor leads to it."""
+        """Return the branch by which an ancestor leads to another node."""
         tops, following = self._tops
-        # Climb path by path until the node's path is the ancestor's, remembering where it was left.
+        # Climb path by path until the node's path is the ancestor's, remembering the last node
+        # left.
         child = following[ancestor]
         while tops[node] != tops[ancestor]:
             child = tops[node]
@@ -100,22 +102,22 @@ class Topology:
         return self._places[child if node == ancestor else following[ancestor]].branch
 
     def circuit(self, chord: str, rate: str) -> Sum:
-        """Sum the across variables along the f-circuit of a chord; or their rates."""
+        """Return the sum of across variables, or of their rates, along the f-circuit of a chord."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         terms: list[tuple[int, Variable]] = []
         for sign, node in ((1, edge.head), (-1, edge.tail)):
-            # The potential of the head less that of the tail, both counted from their nearest
+            # The potential of the head minus that of the tail, both relative to their common
             # ancestor.
             terms += [(sign * own, variable) for own, variable in self._along(ancestor, node, rate)]
         return Sum(tuple(terms))
 
     def potential(self, node: str, rate: str) -> Sum:
-        """Sum the across variables from the reference to a node; or their rates."""
+        """Sum the across variables, or their rates, from the reference to a node."""
         return Sum(tuple(self._along(self.tree.graph.reference, node, rate)))
 
     def _along(self, ancestor: str, node: str, rate: str) -> list[tuple[int, Variable]]:
-        """Name the sum from an ancestor to a node: nothing, one branch, or a prefix sum."""
+        """Return the sum from an ancestor to a node: nothing, one branch, or a prefix sum."""
         if node == ancestor:
             return []
         place = self._places[node]
@@ -147,10 +149,10 @@ class Topology:
     def _cuts(self) -> tuple[dict[str, tuple[int, int, int]], set[str]]:
         """Sum over the chords in the f-cutset of each branch: their count, numbers and directions.
 
-        The second result holds the branches with a chord in their cutset that the branch before
-        does not have, since its circuit closes at the node between the two.
+        The second result contains the branches whose cutset has a chord that the previous branch's
+        has not, since its circuit closes at the node between the two.
         """
-        # Of each node: how many ends of chords, the sum of their numbers, the sum of their
+        # For each node: how many ends of chords, the sum of their numbers, the sum of their
         # directions; a suffix sum turns them into those of the part beyond a branch.
         totals = {node: (0, 0, 0) for node in self._places}
         open_branches: set[str] = set()
@@ -161,12 +163,12 @@ class Topology:
 
         for number, chord in enumerate(self.tree.chords):
             edge = self.tree.graph.edge(chord)
-            # Counts, numbers and directions are summed at once: where one chord is left, they name
+            # Counts, numbers and directions are summed at once: if one chord remains, they identify
             # it.
             add(edge.head, number, 1, 1)
             add(edge.tail, number, 1, -1)
             ancestor = self._ancestor(edge.tail, edge.head)
-            add(ancestor, number, -2, 0)  # what ends within crosses no branch that leads there
+            add(ancestor, number, -2, 0)  # a circuit that closes within does not cross the branch
             open_branches |= {
                 self._toward(ancestor, node) for node in (edge.tail, edge.head) if node != ancestor
             }
@@ -180,7 +182,7 @@ class Topology:
         return found, open_branches
 
     def _crossing(self, branch: str) -> list[tuple[int, int]]:
-        """List the chords that end beyond a branch, by one end only."""
+        """List the chords with exactly one end beyond a branch."""
         found, waiting = [], [branch]
         while waiting:
             name = waiting.pop()
@@ -190,16 +192,16 @@ class Topology:
 
     @cached_property
     def _outer(self) -> dict[str, str]:
-        """Name the node that each branch leads to."""
+        """Return the node to which each branch leads."""
         return {place.branch: node for node, place in self._places.items() if place.branch}
 
     def crossing(self, branch: str) -> dict[str, int]:
-        """List the chords that a branch's through variable is the sum of, with their signs."""
+        """Return the chords, with signs, whose sum is a branch's through variable."""
         chords, sign = self.tree.chords, -self._signs[branch]
         return {chords[number]: sign * own for number, own in self._crossing(branch)}
 
     def along(self, chord: str) -> dict[str, int]:
-        """List the branches that a chord's across variable is the sum of, with their signs."""
+        """Return the branches, with signs, whose sum is a chord's across variable."""
         edge = self.tree.graph.edge(chord)
         ancestor = self._ancestor(edge.tail, edge.head)
         found = {}
@@ -245,12 +247,12 @@ class Topology:
         return found
 
     def cutset(self, branch: str, rate: str) -> Sum:
-        """Return a branch's through variable from what flows out beyond it; or its rate."""
+        """Return a branch's through variable, or its rate, from the flow out of its far side."""
         n, number, sign = self._cuts[0][branch]
-        # The cut of a single chord needs no sum of its own.
+        # The cut of a single chord needs no sum.
         if n == 1:
             chord = self.tree.chords[number]
-            # The cutset sums to zero: the branch takes in what the chords carry out, hence the
+            # The cutset sums to zero: the branch supplies what the chords carry out, hence the
             # sign.
             return Sum(((-self._signs[branch] * sign, (f"through{rate}", chord)),))
         return Sum(((-self._signs[branch], (f"flow{rate}", branch)),))
@@ -259,12 +261,12 @@ class Topology:
         """Sum the through variables of the chords that leave the part beyond a branch."""
         cuts, open_branches = self._cuts
         terms: list[tuple[int, Variable]] = []
-        # Chords that end at the node itself, then what the branches beyond it take.
+        # Chords that end at the node itself, then the flows into the branches beyond it.
         own = list(self._ends[self._outer[branch]])
         for other in self._beyond[branch]:
             n, number, sign = cuts[other]
-            # A sum beyond serves here only if all of its chords cross this branch too. A chord
-            # whose circuit closes at this node would be added there and taken away here.
+            # A sum beyond is used here only if all of its chords cross this branch, too. A chord
+            # whose circuit closes at this node would be added there and subtracted here.
             if n > 1 and other not in open_branches:
                 terms.append((1, (f"flow{rate}", other)))
             elif n == 1:
