@@ -65,7 +65,7 @@ def register_component(
     doc: str = "",
     **ports: Any,
 ) -> Component:
-    """Register a component with a law of your own, for every scene made afterwards.
+    """Register a component with your own law, for all scenes made afterwards.
 
     Its sensitivity terminal equations come from the law. Without ``domain`` it is a force element
     of multibody systems, with parameters as in
@@ -112,7 +112,7 @@ def register_component(
     'DISSIPATOR'
     """
     if name in OWN:
-        raise SceneError(f"the component '{name}' comes with cotree: choose another name")
+        raise SceneError(f"the component '{name}' is built in: choose another name")
     if domain:
         made = make_network_component(name, law, domain=domain, units=units, doc=doc, **ports)
     elif ports or not callable(law):
@@ -123,7 +123,7 @@ def register_component(
     return made
 
 
-#: The types that cotree comes with; users may register more.
+#: The built-in types; users may register more.
 OWN = frozenset(COMPONENTS)
 
 __all__ = [

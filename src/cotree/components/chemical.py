@@ -1,9 +1,9 @@
 """Chemical components: across is concentration, through molar flow, from plus to minus inside.
 
-A species is an edge from its node to the ground; a reaction has such an edge for each species
-that takes part, with the flow that the reaction takes from the species. Where this flow does not
-depend on the species' own concentration (a product of a one-way reaction, a catalyst), the edge is
-a source: it leaves the concentration to other edges.
+A species is an edge from its node to the ground; a reaction has such an edge for each of its
+species, with the flow that the reaction takes from it. If this flow does not depend on the species'
+own concentration (a product of a one-way reaction, a catalyst), the edge is a source: other edges
+determine the concentration.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ MOLAR_FLOW_SOURCE = through_source(
 def _mass_action(
     orders: tuple[int, ...], products: tuple[int, ...], net: int, *, is_reversible: bool
 ) -> Law:
-    """Make the law of a port: the rate at which the reaction consumes a species.
+    """Return the law of a port: the rate at which the reaction consumes a species.
 
-    ``orders`` and ``products`` are how often each species, by number, is a reactant and a product,
-    ``net`` how many of the port's species a turn of the reaction takes.
+    ``orders`` and ``products`` count how often each species, by number, is a reactant and a
+    product, ``net`` the amount of the port's species that one turnover consumes.
     """
-    # Other species enter by the number of their ports, in the order in which they were named.
+    # Other species are named by the number of their ports, in the order in which they were listed.
     names = tuple(f"across_{i}" for i in range(len(orders)))
 
     def law(volume: Any, rate: Any, *rest: Any) -> Any:
@@ -66,8 +66,8 @@ def _mass_action(
 
         concentrations = rest[-len(names) :] if names else ()
         powers = zip(concentrations, orders, products, strict=True)
-        # Guldberg and Waage: each rate is its constant times the concentrations, as often as they
-        # react.
+        # Guldberg and Waage: each rate is its constant times the concentrations of its reactants,
+        # each as often as it reacts.
         forth, back = rate, rest[0] if is_reversible else sympy.Integer(0)
         for concentration, order, product in powers:
             forth, back = forth * concentration**order, back * concentration**product
@@ -96,8 +96,8 @@ def _names(edge: str, field: str, fields: dict[str, Any]) -> Counter[str]:
         raise SceneError(f"{field} of edge '{edge}' must be a list of names of nodes")
     if "ground" in listed:
         raise SceneError(
-            f"{field} of edge '{edge}' name 'ground', where concentrations are measured from: "
-            "leave it out; what a reaction need not balance is no reactant or product of it"
+            f"{field} of edge '{edge}' name 'ground', the reference of concentrations: leave "
+            "it out; species that need not be balanced are not reactants or products"
         )
     return Counter(listed)
 
@@ -106,12 +106,13 @@ def _react(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Add a port for each species of a reaction."""
     rest = dict(fields)
     reactants, products = _names(edge, "reactants", rest), _names(edge, "products", rest)
-    # A catalyst, taken as often as made, keeps a port: the rate depends on its concentration.
+    # A catalyst, consumed as often as produced, keeps a port: the rate depends on its
+    # concentration.
     species = tuple(dict.fromkeys([*reactants, *products]))
     if nodes or not species:
         raise SceneError(
-            f"edge '{edge}' of type 'reaction' needs reactants or products, lists of nodes, in "
-            "place of nodes"
+            f"edge '{edge}' of type 'reaction' needs reactants or products, lists of nodes, "
+            "instead of nodes"
         )
     orders = tuple(reactants[name] for name in species)
     made = tuple(products[name] for name in species)

@@ -22,17 +22,17 @@ class Role(Enum):
     FORCE = "force"  # a given force vector
     TORQUE = "torque"  # a given torque vector
     BUSHING = "bushing"  # forces and torques along and about three axes
-    LAW = "law"  # a force by a law that a user wrote
-    CONSTRAINT = "constraint"  # an across variable that is held
-    TOUCH = "touch"  # shapes of two bodies that may touch; what acts there is in a scalar graph
+    LAW = "law"  # a force by a user-defined law
+    CONSTRAINT = "constraint"  # an across variable that is constrained
+    TOUCH = "touch"  # shapes of two bodies that may touch; the contact laws are in a scalar graph
     NETWORK = "network"  # ports in scalar graphs, each with its terminal equation
 
 
 class Acts(Enum):
-    """Direction along which a user's law acts."""
+    """Direction along which a user-defined law acts."""
 
     LINE = "line"  # the line of the nodes, or an axis that the first carries
-    VELOCITY = "velocity"  # the velocity of the second node against the first
+    VELOCITY = "velocity"  # the velocity of the second node relative to the first
 
 
 class Shape(Enum):
@@ -40,8 +40,8 @@ class Shape(Enum):
 
     SCALAR = "scalar"
     VECTOR = "vector"  # three components
-    EXPRESSION = "expression"  # an expression of across variables, kept as it is written
-    NAMES = "names"  # names of nodes, as often as they count
+    EXPRESSION = "expression"  # an expression of across variables, kept as text
+    NAMES = "names"  # names of nodes, with repetitions
     NUMBERS = "numbers"  # a list of numbers
     ROTATION = "rotation"  # roll, pitch and yaw about fixed axes, or a matrix of three rows
     INERTIA = "inertia"  # a scalar, three principal values, or a symmetric 3 by 3 tensor
@@ -89,12 +89,12 @@ class Freedom:
     name: str  # name of the coordinate
     unit: str  # unit of the coordinate
     rotates: bool  # true for a rotation about the axis, false for a translation along it
-    #: The field that holds the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the
-    #: freedoms before it in the motion space have moved, which is parallel to the first node's
-    #: where they are zero.
+    #: The field of the axis, or ``x``, ``y``, ``z``. It is fixed in the frame that the preceding
+    #: freedoms of the motion space have moved, which is parallel to the first node's if they are
+    #: zero.
     axis: str
-    rate: str = ""  # name of the coordinate's rate; ``<name>_dot`` where empty
-    #: Of a screw: the field that holds how far it moves along the axis for each radian.
+    rate: str = ""  # name of the coordinate's rate; ``<name>_dot`` if empty
+    #: Of a screw: the field of its translation along the axis per radian.
     pitch: str = ""
 
     @property
@@ -118,7 +118,7 @@ class FreeRotation:
     rotates: bool = True
 
 
-#: One step of a motion space: its directions follow one another from the first node out.
+#: One step of a motion space: its directions follow one another from the first node outwards.
 MotionStep = Freedom | FreeRotation
 
 
@@ -132,7 +132,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Demand:
-    """Condition on several fields of a component together, where parameters decide it."""
+    """Condition on several fields of a component together, if parameters decide it."""
 
     law: Law  # function of the fields, whose value must be positive
     breach: str  # predicate of the message if the condition fails, after the name of the edge
@@ -208,7 +208,7 @@ class Component:
 
     @property
     def tree_weight(self) -> float | None:
-        """Weight of the edge as a branch of the tree; None where it cannot be one."""
+        """Weight of the edge as a branch of the tree; None if it cannot be a branch."""
         # A tree of least weight then has the fewest coordinates: a branch adds as many as its
         # motion space has dimensions, and a free body has the six of absolute coordinates.
         if self.role is Role.ARM:
@@ -220,11 +220,11 @@ class Component:
         return None
 
     def field(self, name: str) -> Field | None:
-        """Return the field called ``name``, if there is one."""
+        """Return the field called ``name``, if it exists."""
         return next((field for field in self.fields if field.name == name), None)
 
 
-#: Nodes and fields of an edge as a scene gives them; what :attr:`Component.adapt` makes of them.
+#: Nodes and fields of an edge as stated in a scene, and the result of :attr:`Component.adapt`.
 Nodes = Sequence[object]
 Given = Mapping[str, Any]
 Adapted = tuple[Component, Nodes, Given]
@@ -232,7 +232,7 @@ Adapt = Callable[[str, Nodes, Given], Adapted]
 
 
 def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
-    """Declare a required field of a law, which may depend on anything.
+    """Declare a required field of a law, which may depend on any variable.
 
     ``sign`` is '', 'nonnegative', 'positive' or 'nonzero', if the field is constant.
     """
@@ -240,7 +240,7 @@ def value(name: str, unit: str, doc: str, sign: str = "positive") -> Field:
 
 
 def optional(name: str, unit: str, doc: str, default: float | None, sign: str = "") -> Field:
-    """Declare a field of a law that may be left out; a default of None leaves its term out.
+    """Declare an optional field of a law; a default of None leaves its term out.
 
     ``sign`` is '', 'nonnegative' or 'positive', if the field is constant.
     """

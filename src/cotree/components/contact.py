@@ -1,14 +1,14 @@
 """Contact: rigid stops, and bodies that touch, compliant or rigid.
 
-Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it is free, 1 and -1 while
-its upper or its lower limit holds it.
+Each edge has a mode, which :mod:`cotree.scene.unilateral` adds: 0 while it is open, 1 and -1 while
+it is closed at its upper or its lower limit.
 
-The first node carries a plane or a sphere, the second the body that touches it. Each place that may
+The first node carries a plane or a sphere, the second the body that touches it. Each point that may
 touch, a corner of a box for example, has ports of its own: one along the gap, and one along each
-direction in which it slides.
+direction of slip.
 
-Each place that may touch has a rigid stop along its gap, whose lower limit is zero, and in planar
-systems dry friction along the surface, which that stop presses together.
+Each point that may touch has a rigid stop along its gap, whose lower limit is zero, and in planar
+systems dry friction along the surface, with the contact force of that stop as normal force.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from cotree.errors import SceneError
 
 
 def rebound(across: Any, restitution: Any) -> Any:
-    """Return what an impact changes a relative speed by."""
+    """Return the change of a relative speed by an impact."""
     return -(1 + restitution) * across
 
 
 def excess(across: Any, restitution: Any, rest_speed: Any) -> Any:
-    """Return the speed that an impact leaves, less that at which it leaves none."""
+    """Return the rebound speed in excess of the rest threshold."""
     import sympy
 
     return restitution * sympy.Abs(across) - rest_speed
@@ -69,7 +69,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
         return own, nodes, given
 
     fields = (
-        # A limit that moves would push: nodes move, limits do not.
+        # A moving limit would push: nodes move, limits do not.
         Field("lower", unit, f"least {length}; none where left out"),
         Field("upper", unit, f"largest {length}; none where left out"),
         optional("restitution", "1", "speed after an impact over that before", 0.0, "nonnegative"),
@@ -82,7 +82,7 @@ def _stop(domain: str, length: str, unit: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: What says where bodies may touch; the laws of contact know nothing of it.
+#: Fields of the shapes that may touch, which the laws of contact do not use.
 SHAPES = (
     Field("normal", "1", "of the first node's plane, which points to the second", Shape.VECTOR),
     Field("ball", "m", "radius of the first node's sphere, in place of a plane", sign="positive"),
@@ -106,7 +106,7 @@ SHAPES = (
     ),
 )
 
-#: How rough the surfaces are.
+#: Fields of friction.
 FRICTION = optional(
     "friction", "1", "coefficient of friction; none where left out", None, "nonnegative"
 )
@@ -122,7 +122,7 @@ GEOMETRY = Component(
 
 
 def spots_of(edge: str, given: Given) -> int:
-    """Count the places of an edge that may touch; SceneError if its shapes are none that may."""
+    """Count the points of an edge that may touch; raise SceneError for unsupported shapes."""
     whose = f"edge '{edge}'"
     if ("normal" in given) == ("ball" in given):
         raise SceneError(
@@ -132,20 +132,20 @@ def spots_of(edge: str, given: Given) -> int:
     if "size" in given:
         if given.keys() & {"radius", "axis", "length", "semiaxes", "ball"}:
             raise SceneError(
-                f"{whose} has the size of a box, whose corners touch a plane: leave out radius, "
+                f"{whose} has the size of a box, whose corners touch a plane: remove radius, "
                 "axis, length, semiaxes and ball"
             )
         sides = box_edges(given["size"])
         if not sides:
             raise SceneError(
-                f"size of {whose} is zero along every axis: give a box its edges, or leave size "
-                "out, and the node itself touches"
+                f"size of {whose} is zero along every axis: give the lengths of the box's "
+                "edges, or remove size, so that the node itself touches"
             )
         return int(2 ** len(sides))
     if "semiaxes" in given:
         if given.keys() & {"radius", "axis", "length", "ball"}:
             raise SceneError(
-                f"{whose} has the semiaxes of an ellipsoid, which touches a plane: leave out "
+                f"{whose} has the semiaxes of an ellipsoid, which touches a plane: remove "
                 "radius, axis, length and ball"
             )
         return 1
@@ -162,16 +162,16 @@ def spots_of(edge: str, given: Given) -> int:
 
 
 def box_edges(size: Any) -> tuple[int, ...]:
-    """Return the directions in which a box extends; a size written as 0 is that of a plate."""
+    """Return the directions in which a box has corners; a size stated as 0 is that of a plate."""
     if isinstance(size, Mapping) and "value" in size:
         return box_edges(size["value"])
     if not isinstance(size, (list, tuple)) or len(size) != 3:
-        return (0, 1, 2)  # it will be refused as no vector
+        return (0, 1, 2)  # refused later: it is not a vector
     return tuple(i for i, edge in enumerate(size) if not _is_written_zero(edge))
 
 
 def _is_written_zero(edge: Any) -> bool:
-    """Return whether an edge of a box is the number zero, also in quotes or with a unit."""
+    """Return whether a size is stated as the number zero, also in quotes or with a unit."""
     if isinstance(edge, Mapping):
         return _is_written_zero(edge.get("value"))
     try:
@@ -181,12 +181,12 @@ def _is_written_zero(edge: Any) -> bool:
 
 
 def suffix_of(spot: int, n_spots: int) -> str:
-    """Return the ending of the names of a place's ports: none where there is one place."""
+    """Return the suffix of the names of a point's ports: empty if there is one point."""
     return f"_{spot + 1}" if n_spots > 1 else ""
 
 
 def slide_name(direction: int, suffix: str) -> str:
-    """Name the port along a direction in which a place slides; ``suffix`` ends the place's ports.
+    """Return the name of the port along a direction of slip; ``suffix`` ends the point's ports.
 
     In a planar system direction 0 is in the plane of motion.
     """
@@ -195,13 +195,13 @@ def slide_name(direction: int, suffix: str) -> str:
 
 def geometry_of(given: Given) -> Component:
     """Return the part of a contact that belongs to the multibody system, by its fields."""
-    # A force through the second node leaves its rotation alone.
+    # A force through the second node does not affect its rotation.
     is_central = not given.keys() & {"friction", "axis", "size", "semiaxes"}
     return replace(GEOMETRY, domains=("translation",)) if is_central else GEOMETRY
 
 
 def directions_of(given: Given) -> int:
-    """Count the directions in which a place may slide: two on a plane, three axes on a ball."""
+    """Count the directions of slip of a point: two on a plane, three axes on a ball."""
     return 2 if "normal" in given else 3
 
 
@@ -210,7 +210,7 @@ _OFFSET = 1e-30
 
 
 class _Pushing:
-    """Laws of a place that may touch: it is pushed while it is inside, and rubs."""
+    """Laws of a point that may touch: a normal force while it penetrates, and friction."""
 
     def __init__(self, exponent: Any, n_directions: int, has_friction: bool) -> None:
         self._exponent = exponent
@@ -218,10 +218,10 @@ class _Pushing:
         self._has_friction = has_friction
 
     def _push(self) -> Any:
-        """Return the force, which never pulls.
+        """Return the normal force, which never pulls.
 
-        The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the
-        force of the spring times one plus a share that is proportional to the rate of approach.
+        The law is that of K. H. Hunt and F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440: the force
+        of the spring times one plus a term that is proportional to the rate of approach.
         """
         import sympy
 
@@ -240,7 +240,7 @@ class _Pushing:
         return -law_symbol(f"through_{normal}") * law_symbol("friction") / speed
 
     def ports(self, n_spots: int) -> tuple[Terminal, ...]:
-        """Make the ports of all places."""
+        """Make the ports of all points."""
         push = Law.formed_by(lambda: -self._push())
         found = []
         for spot in range(n_spots):
@@ -276,13 +276,13 @@ class _Pushing:
 
 
 def pushes(n_spots: int) -> tuple[PortMeasure, ...]:
-    """Sum what pushes, over all places."""
+    """Sum the normal forces of all points."""
     terms = tuple((-1, "through", f"normal{suffix_of(i, n_spots)}") for i in range(n_spots))
     return (PortMeasure("force", "N", terms),)
 
 
 def _exponent(edge: str, given: Given) -> Any:
-    """Take the exponent of the law, a number not less than one, which decides how smooth it is."""
+    """Return the exponent of the law, a number not less than one."""
     import sympy
 
     value = given.get("exponent", 1.5)
@@ -336,7 +336,7 @@ def _gap(spot: int, end: str) -> Terminal:
 
 def _slip(spot: int, end: str) -> Terminal:
     def most(way: int) -> Law:
-        # What pushes is the negative of the through variable along the gap.
+        # The normal force is the negative of the through variable along the gap.
         return Law.formed_by(
             lambda: -way * law_symbol("friction") * law_symbol(f"through_normal{end}")
         )
@@ -369,8 +369,8 @@ def _adapt_rigid(edge: str, nodes: Nodes, given: Given) -> Adapted:
     n_spots, has_friction = spots_of(edge, given), "friction" in given
     if has_friction and "ball" in given:
         raise SceneError(
-            f"edge '{edge}' has friction on a ball, which rigid contact knows on planes only: "
-            "leave it out, or take a contact that gives way"
+            f"edge '{edge}' has friction on a ball, which rigid contact supports on planes "
+            "only: remove it, or use a compliant contact"
         )
     own = replace(
         RIGID_CONTACT,

@@ -3,7 +3,7 @@
 Capacities are the derivatives of charges, C = dQ/dv, so that the current into a junction is the
 rate of its charge.
 
-An optional term is present where the scene gives its fields: a diode without charge has no state.
+An optional term is present if the scene gives its fields: a diode without charge has no state.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def symbol(name: str) -> Any:
-    """Make the symbol that stands for an argument of a law."""
+    """Make the symbol of an argument of a law."""
     import sympy
 
     return sympy.Symbol(name, real=True)
@@ -39,10 +39,10 @@ def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any
 
 
 def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
-    """Return C (1 - v/V)^-m, and beyond the share F of V the tangent to it.
+    """Return C (1 - v/V)^-m, and above the fraction F of V the tangent to it.
 
-    The base of the power is held above 1 - F, so that neither it nor its derivatives are ever
-    undefined. By default F is the field ``forward_share``; ``prefix`` is that of
+    The base of the power is limited to at least 1 - F, so that it and its derivatives are always
+    defined. By default F is the field ``forward_share``; ``prefix`` is that of
     :func:`depletion_fields`.
     """
     import sympy
@@ -50,10 +50,10 @@ def depletion_capacity(voltage: Any, prefix: str, share: Any = None) -> Any:
     names = ("capacitance", "potential", "grading")
     capacitance, potential, grading = (symbol(f"{prefix}_{name}") for name in names)
     share = symbol("forward_share") if share is None else share
-    # ``over`` is what v/V exceeds F by: it holds the base at 1 - F and drives the tangent.
+    # ``over`` is the excess of v/V over F: it limits the base to 1 - F and drives the tangent.
     over = sympy.Max(0, voltage / potential - share)
     base = 1 - voltage / potential + over
-    # Value and slope are continuous where the tangent begins.
+    # Value and slope are continuous at the start of the tangent.
     return capacitance * base ** (-grading) * (1 + grading * over / (1 - share))
 
 
@@ -78,13 +78,13 @@ FORWARD_SHARE = optional(
 def split_extras(
     fields: tuple[Field, ...], given: Mapping[str, Any]
 ) -> tuple[frozenset[str], dict[str, Any]]:
-    """Return the names of ``fields`` that add a term to a law, and the others that are given.
+    """Return the names of ``fields`` that add a term to a law, and the other given ones.
 
     A field's term is left out if it is zero or not given.
     """
     names = {row.name for row in fields}
     has = frozenset(name for name in names if not is_absent(given.get(name)))
-    # Fields that add nothing are dropped, for the adapted component has no use of them.
+    # Fields without a term are dropped, since the adapted component does not use them.
     return has, {
         key: item
         for key, item in given.items()
@@ -102,7 +102,7 @@ _DOMAIN = "electrical"
 _DOC = "Shockley diode: I (exp(v / V) - 1)"
 _CAPACITANCE, *_SHAPE = depletion_fields("junction", 1.0, 0.5)
 
-#: Fields that add a term to the laws, or a port, where a scene gives them.
+#: Optional fields that add a term to the laws, or a port.
 _EXTRAS = (
     optional("leakage", "S", "beside the junction", 0.0, "nonnegative"),
     optional("series_resistance", "ohm", "of the material and its contacts", 0.0, "nonnegative"),
@@ -184,7 +184,7 @@ def _adapted(edge: str, nodes: Nodes, given: Given) -> Adapted:
     return (_diode(has) if has else DIODE), nodes, rest
 
 
-# Its law is not formed before something asks for it: SymPy takes long to import.
+# Its law is formed on first use only: importing SymPy takes long.
 DIODE = scalar(
     "diode",
     _DOC,

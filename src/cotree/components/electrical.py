@@ -52,8 +52,8 @@ RESISTOR = resistance(
     value("resistance", "ohm", "voltage per current", "nonzero"),
 )
 
-# i = C dv/dt even where C depends on states. Where charge is a function of the voltage, the
-# nonlinear capacitor conserves it: i = dq/dt.
+# i = C dv/dt also if C depends on states. If charge is a function of the voltage, the nonlinear
+# capacitor conserves it: i = dq/dt.
 CAPACITOR = storage(
     _DOMAIN,
     "capacitor",
@@ -92,7 +92,7 @@ def _charge(port: str) -> Terminal:
     )
 
 
-# Each charge depends on both voltages; the derivatives of both are a matrix that need not be
+# Each charge depends on both voltages; the derivatives of both form a matrix that need not be
 # symmetric, so that neither port is passive.
 THREE_TERMINAL_CAPACITOR = scalar(
     "three_terminal_capacitor",
@@ -111,8 +111,8 @@ def _contact(closed: Any, on_resistance: Any, off_resistance: Any) -> Any:
     """Return the resistance of a contact, interpolated logarithmically between open and closed."""
     import sympy
 
-    # Resistances differ by many decades: between them their logarithms are interpolated, so that
-    # slopes are moderate compared with the values.
+    # Resistances differ by many decades: interpolating their logarithms keeps slopes moderate
+    # compared with the values.
     share = sympy.Piecewise((0, closed <= 0), (1, closed >= 1), (closed, True))
     return off_resistance * sympy.exp(share * sympy.log(on_resistance / off_resistance))
 
@@ -165,7 +165,8 @@ def _controlled(
     name: str, by_voltage: bool, gives_voltage: bool, field: tuple[str, str, str]
 ) -> Component:
     """Make a controlled source."""
-    # The controlled port alone takes up power, which comes from nowhere: none of these is passive.
+    # Only the controlled port absorbs power, which no other port supplies: none of these is
+    # passive.
     measured = "across_control" if by_voltage else "through_control"
     law = Law.taking((measured, field[0]), lambda control, factor: factor * control)
     if gives_voltage:
@@ -183,7 +184,7 @@ CCVS = _controlled("ccvs", False, True, ("transresistance", "ohm", "voltage per 
 CCCS = _controlled("cccs", False, False, ("gain", "1", "current per current"))
 
 
-# Infinite gain holds voltage and current of the input at zero; those of the output follow from the
+# Infinite gain keeps voltage and current of the input zero; those of the output follow from the
 # rest of the network.
 _INPUT = Terminal(
     _DOMAIN,
@@ -207,7 +208,7 @@ IDEAL_OP_AMP = scalar(
 NULLOR = scalar("nullor", "ideal amplifier whose output may float", (), _INPUT, _OUTPUT)
 
 
-#: Beyond the span of any run, [s]: a pulse that does not come back.
+#: Longer than any run, [s]: the period of a single pulse.
 _NEVER = 1e30
 
 VOLTAGE_SOURCE = across_source(
@@ -225,7 +226,7 @@ CURRENT_SOURCE = through_source(
 def _sine(t: Any, amplitude: Any, frequency: Any, phase: Any, offset: Any, delay: Any) -> Any:
     import sympy
 
-    # The argument is held until the delay is over, so that the waveform is continuous there.
+    # The argument is constant until the end of the delay, so that the waveform is continuous there.
     passed = sympy.Max(0, t - delay)
     return offset + amplitude * sympy.sin(2 * sympy.pi * frequency * passed + phase)
 
@@ -245,7 +246,7 @@ def _pulse(
     # ``s`` counts from the beginning of the current period; it is negative before the first pulse.
     count = sympy.floor(sympy.Max(0, (t - delay) / period))
     s = t - delay - period * count
-    # Branches are looked at in order; each begins where the one before it ends.
+    # Branches are evaluated in order; each begins at the end of the previous one.
     share = sympy.Piecewise(
         (0, s <= 0),
         (s / rise, s < rise),
@@ -281,8 +282,8 @@ def _pulse_fields(unit: str) -> tuple[Field, ...]:
 def _waveforms(
     name: str, doc: str, fields: Callable[[str], tuple[Field, ...]], law: Callable[..., Any]
 ) -> tuple[Component, Component]:
-    """Make the sources of a voltage and of a current that follow a waveform."""
-    # One law serves both: the field of which the waveform is decides on the variable that is given.
+    """Make voltage and current sources with a waveform."""
+    # One law serves both: the field that has the waveform determines the given variable.
     voltage = Terminal(_DOMAIN, Kind.ACROSS_SOURCE, across=Law(law))
     current = Terminal(_DOMAIN, Kind.THROUGH_SOURCE, through=Law(law))
     return (
@@ -292,10 +293,10 @@ def _waveforms(
 
 
 def _tabled(source: Component) -> Adapt:
-    """Turn ``times`` and ``values`` into a table over time in the field of a source."""
+    """Combine ``times`` and ``values`` into a table over time in the field of a source."""
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # Any scalar field takes a table over an expression; here the expression is the time.
+        # Any scalar field accepts a table over an expression; here the expression is the time.
         rest = dict(fields)
         for name in ("times", "values"):
             if name not in rest:
@@ -329,15 +330,15 @@ def _piecewise(source: Component) -> Component:
 WINDINGS = ("primary", "secondary", "winding3", "winding4", "winding5", "winding6")
 
 _COMPLETE = (
-    "couples its windings completely: give a coupling between -1 and 1, or an ideal transformer "
-    "with an inductor, which have other equations, so that no parameter leads there; in a netlist, "
-    "write the coupling as the number 1"
+    "has a complete coupling of its windings: give a coupling between -1 and 1; an ideal "
+    "transformer with an inductor has other equations, which no parameter value reaches (in "
+    "a netlist, write the coupling as the number 1)"
 )
-_TOO_CLOSE = "couples its windings by more than the flux that they have: give smaller couplings"
+_TOO_CLOSE = "couples its windings by more than their flux: give smaller couplings"
 
 
 def coupling_field(i: int, j: int) -> str:
-    """Name the field of the coupling of two windings, counted from 1."""
+    """Return the field name of the coupling of two windings, counted from 1."""
     first, second = sorted((i, j))
     return "coupling" if (first, second) == (1, 2) else f"coupling{first}{second}"
 
@@ -352,9 +353,9 @@ def _induced(*values: Any) -> Any:
 
 
 def _winding(i: int, n: int) -> Terminal:
-    """Make the port of a winding among n: its own flux, and what the others induce."""
+    """Make the port of a winding among n: its own flux, and the induction by the others."""
     own = f"inductance{i}"
-    # Names in threes (k, Lj and the rate of ij) are what ``_induced`` takes apart again.
+    # ``_induced`` separates these names in threes (k, Lj and the rate of ij).
     names = [own]
     for j in (j for j in range(1, n + 1) if j != i):
         names += [coupling_field(i, j), f"inductance{j}", f"through_rate_{WINDINGS[j - 1]}"]
@@ -377,10 +378,10 @@ def _determinant(n: int, *couplings: Any) -> Any:
     return sympy.expand(matrix.det())
 
 
-# Leading minors that are positive make the matrix of inductances positive definite (Sylvester), so
-# that energy is stored and the fluxes determine the currents.
+# Positive leading minors make the matrix of inductances positive definite (Sylvester), so that
+# energy is stored and the fluxes determine the currents.
 def _demand(n: int) -> Demand:
-    """Ask for a positive minor of the first n windings: then the fluxes give the currents."""
+    """Require a positive minor of the first n windings: then the fluxes determine the currents."""
     names = tuple(coupling_field(*pair) for pair in combinations(range(1, n + 1), 2))
     return Demand(Law.taking(names, partial(_determinant, n)), _COMPLETE if n == 2 else _TOO_CLOSE)
 
@@ -392,7 +393,7 @@ def _windings(n: int) -> Component:
     couplings: list[Field] = [value("coupling", "1", doc, "")]
     if n > 2:
         pairs = combinations(every, 2)
-        # Of two windings the coupling is all that there is to say; of more, pairs may be uncoupled.
+        # For two windings the coupling is required; for more, pairs may be uncoupled.
         couplings = [optional(coupling_field(*pair), "1", doc, 0.0) for pair in pairs]
     return scalar(
         "coupled_inductors",

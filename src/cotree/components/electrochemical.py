@@ -36,7 +36,7 @@ OPEN_CIRCUIT_VOLTAGE = scalar(
     Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,
-        # The integral of its own through variable is a state that ``voltage`` may name.
+        # The integral of its own through variable is a state that ``voltage`` may use.
         across=Law.field("voltage"),
         integral=STATE_OF_CHARGE,
     ),
@@ -95,7 +95,7 @@ def _nernst(
 ) -> Any:
     import sympy
 
-    # E = E0 + R T / (n F) ln(oxidised / reduced); their ratio matters only, so that units cancel.
+    # E = E0 + R T / (n F) ln(oxidised / reduced); only their ratio matters, so that units cancel.
     return standard_potential + _thermal_voltage(temperature) / electrons * sympy.log(
         oxidised / reduced
     )
@@ -119,21 +119,21 @@ _EVERY = range(1, 4)  # numbers of the RC pairs that a cell may have
 
 
 def _ports(pairs: Sequence[int]) -> tuple[Terminal, ...]:
-    """Chain the cell from plus to minus: resistance, pairs of R and C, store of charge.
+    """Chain the cell from plus to minus: resistance, RC pairs, charge storage.
 
     This is Thevenin's equivalent circuit, v = OCV(soc) + R i + sum of v_k, with i positive into the
     plus node and R_k C_k dv_k/dt = R_k i - v_k. A capacity of 1 Ah is 3600 C.
     """
     places = ["plus", *(f"n{i}" for i in range(len(pairs) + 1)), "minus"]
     ports = [resistive(_DOMAIN, "resistance", "series", (places[0], places[1]))]
-    # One pair of nodes is left over, that of the store of charge at the minus end.
+    # One pair of nodes remains, that of the charge storage at the minus end.
     for i, between in zip(pairs, pairwise(places[1:]), strict=False):
         storage = Law.field(f"capacitance{i}")
         ports += [
             resistive(_DOMAIN, f"resistance{i}", f"resistor{i}", between),
             Terminal(_DOMAIN, Kind.ACROSS_STORAGE, f"pair{i}", storage=storage, between=between),
         ]
-    # The store is an across source whose voltage depends on the integral of its own current.
+    # The storage is an across source whose voltage depends on the integral of its own current.
     store = Terminal(
         _DOMAIN,
         Kind.ACROSS_SOURCE,

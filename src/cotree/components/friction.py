@@ -21,12 +21,12 @@ from cotree.errors import SceneError
 if TYPE_CHECKING:
     from cotree.components.component import Adapted, Given, Nodes
 
-#: Takes names of fields to their SymPy symbols, and gives an expression.
+#: Function from symbols by field name to an expression.
 _Expression = Callable[[Callable[[str], Any]], Any]
 
 
 def _is_positive(given: object) -> bool:
-    """Return whether a field is a number above zero, whatever parameters are."""
+    """Return whether a field is a positive number for all parameters."""
     return isinstance(given, (int, float)) and not isinstance(given, bool) and given > 0.0
 
 
@@ -36,18 +36,18 @@ class _Rubbing:
 
     domain: str  # the domain of its port
     force: _Expression  # the force of dry friction
-    raised: _Expression  # the largest force at rest, where the field ``peak`` names is given
+    raised: _Expression  # the largest force at rest, if the field named by ``peak`` is given
     peak: str  # that field
-    #: The fields without which there is no force: it is disengaged where one of them is zero. The
-    #: last one may be a table of speeds.
+    #: The fields without which there is no force: it is disengaged if one of them is zero. The last
+    #: one may be a table of speeds.
     factors: tuple[str, ...]
     is_one_way: bool = False
 
     def port(self, given: Given) -> Terminal:
-        """Form the terminal equation; fields that are left out take no part in it."""
+        """Form the terminal equation; absent fields do not occur in it."""
 
         def pressed(force: Any) -> Any:
-            """Leave no force where nothing presses: a one-way clutch has no mode for that."""
+            """Return zero force without a normal force: a one-way clutch has no mode for that."""
             if is_engaged or not self.is_one_way:
                 return force
             import sympy
@@ -79,7 +79,7 @@ class _Rubbing:
             backward=Law.formed_by(lambda: -dry() + viscous()),
             upper=Law.formed_by(holding),
             lower=None if self.is_one_way else Law.formed_by(lambda: -holding()),
-            # A one-way clutch locks backwards even where nothing presses it together.
+            # A one-way clutch locks backwards even without a normal force.
             grip=None if is_engaged or self.is_one_way else Law.formed_by(sliding),
         )
         return Terminal(self.domain, Kind.FRICTION, friction=friction)
@@ -201,12 +201,13 @@ def _bristles(domain: str, force: str, force_unit: str, length: str) -> Componen
 
 
 def _toothed(given: Given) -> Component:
-    """Make a gear whose teeth and bearings rub, with what a scene gives of its fields.
+    """Make a gear with friction in teeth and bearings, with the fields that a scene gives.
 
-    With t the torque that the gear passes on, counted at the input, and T that of the bearings, the
-    teeth take (t (1 - e) + T) / e where the input drives, and (1 - f) |t| + f T where the output
-    does, e and f the efficiencies (C. Pelchen, C. Schweiger, M. Otter, Modeling and Simulating the
-    Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger where it holds.
+    With the torque t that the gear transmits, at the input, and the torque T of the bearings, the
+    loss of the teeth is (t (1 - e) + T) / e if the input drives, and (1 - f) |t| + f T if the
+    output does, with the efficiencies e and f (C. Pelchen, C. Schweiger, M. Otter, Modeling and
+    Simulating the Efficiency of Gearboxes, Modelica Conference 2002). Each is the larger one in its
+    own case.
     """
 
     def passed() -> Any:
@@ -230,7 +231,7 @@ def _toothed(given: Given) -> Component:
     def limit(way: int) -> Any:
         import sympy
 
-        # The input drives where its torque has the sign of the speed: forwards where positive.
+        # The input drives if its torque has the sign of the speed: forwards if positive.
         return (sympy.Max if way > 0 else sympy.Min)(drives(way), driven(way))
 
     friction = Friction(

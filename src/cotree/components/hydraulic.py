@@ -29,8 +29,8 @@ RESISTOR = resistance(
 def _root(pressure: Any, transition: Any) -> Any:
     """Return the square root with the sign of the pressure; below the transition a polynomial.
 
-    It meets the root with its first two derivatives, so that the slope at zero is finite. Beyond
-    the transition its argument is one, and so is its value.
+    Its first two derivatives equal those of the root at the transition, and its slope at zero is
+    finite. Beyond the transition its argument is one, and so is its value.
     """
     import sympy
 
@@ -42,7 +42,7 @@ def _root(pressure: Any, transition: Any) -> Any:
 
 
 # Torricelli: Q = Cd A sqrt(2 dp / rho), turbulent, with the sign of dp. A root alone has an
-# infinite slope at no flow, which Newton steps and sensitivities do not survive.
+# infinite slope at zero flow, at which Newton steps and sensitivities fail.
 def _orifice(across: Any, area: Any, coefficient: Any, density: Any, transition: Any) -> Any:
     import sympy
 
@@ -76,7 +76,7 @@ VALVE = scalar(
         _DENSITY,
         _TRANSITION,
     ),
-    # A shut valve conducts nothing: the equations are then only semidefinite.
+    # A closed valve conducts nothing: the equations are then only semidefinite.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_valve), is_passive=False),
 )
 
@@ -118,7 +118,7 @@ _PIPE = Terminal(
     storage=Law.field("inertance"),
     between=("plus", "minus"),
 )
-# An elastic line in lumped form, a pi section: inertance and friction between two equal capacities.
+# Lumped form of an elastic line, a pi section: inertance and friction between two equal capacities.
 _HALF = Terminal(_DOMAIN, Kind.ACROSS_STORAGE, storage=Law(lambda capacity: capacity / 2))
 
 
@@ -126,7 +126,7 @@ def _fit_pipe(edge: str, nodes: Nodes, fields: Given) -> Adapted:
     """Put half the capacity of an elastic pipe at each end other than ground."""
     if "capacity" not in fields:
         return PIPE, nodes, fields
-    # A capacity from the ground to itself holds nothing, and would be a self-loop.
+    # A capacity from the ground to itself has no effect, and would be a self-loop.
     ends = [end for end, node in zip(PIPE.terminals, nodes, strict=False) if node != "ground"]
     halves = (replace(_HALF, port=end, between=(end, "ground")) for end in ends)
     return replace(PIPE, ports=(*PIPE.ports, *halves)), nodes, fields
@@ -150,8 +150,7 @@ def _pump(across: Any, pressure: Any, resistance: Any, quadratic: Any) -> Any:
     """Solve the curve ``rise = pressure - resistance q - quadratic q |q|`` for the flow -q."""
     import sympy
 
-    # The form without a difference of nearly equal numbers, which also holds where quadratic is
-    # zero.
+    # This form avoids a difference of nearly equal numbers, and holds for quadratic = 0, too.
     lack = pressure - across
     root = sympy.sqrt(resistance**2 + 4 * quadratic * sympy.Abs(lack))
     return -2 * lack / (resistance + root)

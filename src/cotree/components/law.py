@@ -1,8 +1,8 @@
-"""Laws: constitutive equations in SymPy, with their derivatives formed once, beforehand.
+"""Laws: constitutive equations in SymPy, with their derivatives formed once, in advance.
 
-The sensitivity terminal equation of a component (paper, Eq. (4)) is its law's partial
-derivatives times the derivatives of the law's arguments. The partial derivatives are made from
-the SymPy form of the law, once for each law, never from assembled equations.
+The sensitivity terminal equation of a component (paper, Eq. (4)) is its law's partial derivatives
+times the derivatives of the law's arguments. The partial derivatives are formed from the SymPy form
+of the law, once for each law, never from assembled equations.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def law_symbol(name: str) -> Any:
-    """Make the SymPy symbol of an argument of laws; SymPy is not imported before."""
+    """Make the SymPy symbol of an argument of laws; SymPy is imported here."""
     import sympy
 
     return sympy.Symbol(name, real=True)
@@ -40,8 +40,8 @@ class Law:
     free_length - length
     """
 
-    #: Python function of SymPy symbols that gives the law as a SymPy expression; its argument names
-    #: are the law's arguments.
+    #: Function of SymPy symbols that returns the law as a SymPy expression; its argument names are
+    #: the law's arguments.
     function: Callable[..., Any]
 
     @cached_property
@@ -51,7 +51,7 @@ class Law:
 
     @cached_property
     def expression(self) -> Any:
-        """The law as a SymPy expression of real symbols named as the arguments."""
+        """The law as a SymPy expression of real symbols named like the arguments."""
         import sympy
 
         return sympy.sympify(
@@ -62,27 +62,27 @@ class Law:
     def taking(cls, arguments: tuple[str, ...], function: Callable[..., Any]) -> Law:
         """Make a law whose arguments have other names than those in the function's signature."""
         made = cls(function)
-        # The cached property finds this entry and never inspects the signature.
+        # The cached property finds this entry and does not inspect the signature.
         made.__dict__["arguments"] = arguments
         return made
 
     @classmethod
     def field(cls, name: str) -> Law:
-        """Make the law that gives one of its arguments, a field for example, as it is."""
+        """Make the law that returns one of its arguments, such as a field."""
         return cls.taking((name,), lambda given: given)
 
     @classmethod
     def of(cls, expression: Any) -> Law:
         """Make the law of a SymPy expression whose symbols are real."""
-        # A set of symbols has no order of its own; sorted names make equal laws print equal C text.
+        # A set of symbols has no defined order; sorted names give equal laws equal C text.
         names = tuple(sorted(symbol.name for symbol in expression.free_symbols))
         return cls.taking(names, lambda *_: expression)
 
     @classmethod
     def formed_by(cls, form: Callable[[], Any]) -> Law:
-        """Make the law of an expression as :meth:`of` does, which is formed when it is first used.
+        """Make the law of an expression that is formed on first use; see :meth:`of`.
 
-        SymPy is not imported before, as runs of compiled models do not need it.
+        SymPy is not imported before, since runs of compiled models do not need it.
         """
         return _Deferred(form)
 
@@ -95,16 +95,16 @@ class Law:
         import sympy
 
         divided = sympy.simplify(self.expression / sympy.Symbol(name, real=True))
-        # A condition that SymPy leaves open at zero holds as it does near zero.
+        # A condition that SymPy leaves undecided at zero has the same value as near zero.
         divided = divided.replace(sympy.Ne, lambda *_: sympy.true)
         divided = divided.replace(sympy.Eq, lambda *_: sympy.false)
         made = Law(self.function)
-        made.__dict__["expression"] = divided  # in place of what the function gives
+        made.__dict__["expression"] = divided  # replaces the function's result
         return made
 
     @cached_property
     def partials(self) -> dict[str, Any]:
-        """The pre-formed partial derivatives, by argument; those that vanish are absent.
+        """The pre-formed partial derivatives, by argument; zero ones are absent.
 
         The derivatives of a sign and of a floor are zero.
         """
@@ -113,12 +113,12 @@ class Law:
         # SymPy leaves the derivative of a floor as it is, and so that of a remainder.
         whole = self.expression.replace(sympy.Mod, lambda a, b: a - b * sympy.floor(a / b))
         floors = {item: sympy.Dummy(real=True) for item in whole.atoms(sympy.floor, sympy.ceiling)}
-        # Floors stand as constants while the law is differentiated: between their jumps they are.
+        # Floors are constants while the law is differentiated, as they are between their jumps.
         fixed = whole.subs(floors)
         back = {dummy: item for item, dummy in floors.items()}
         derivatives = {
             name: _derivative(fixed, sympy.Symbol(name, real=True))
-            # The derivative of a sign is an impulse where it changes; events treat the change.
+            # The derivative of a sign is an impulse at its change, which events handle.
             .replace(sympy.DiracDelta, lambda *_: sympy.Integer(0))
             .subs(back)
             for name in self.arguments
@@ -153,10 +153,10 @@ class Law:
     def partial_values(
         self, dag: Dag, arguments: Mapping[str, Node], names: Iterable[str] | None = None
     ) -> dict[str, Node]:
-        """Evaluate the partial derivatives by some or all arguments; those that vanish are absent.
+        """Evaluate the partial derivatives by some or all arguments; zero ones are absent.
 
-        They are the pre-formed ones, but where the law has a root or a power of what its arguments
-        clip: there the branch is chosen first (:mod:`cotree.dag.clips`).
+        They are the pre-formed ones unless the law has a root or a power of a clipped argument:
+        then the branch is chosen first (:mod:`cotree.dag.clips`).
         """
         wanted = [name for name in names or self.partials if name in self.partials]
         symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
@@ -194,9 +194,9 @@ class _Deferred(Law):
 
 
 def _derivative(expression: Any, symbol: Any) -> Any:
-    """Differentiate a SymPy expression, roots of sums with one exponent less.
+    """Differentiate a SymPy expression; roots of sums get an exponent reduced by one.
 
-    SymPy divides them by their base, which has no value where that is zero.
+    SymPy divides them by their base instead, which is undefined at zero.
     """
     import sympy
 
@@ -205,7 +205,7 @@ def _derivative(expression: Any, symbol: Any) -> Any:
         return exponent.is_number and not exponent.is_integer and not item.base.is_Symbol
 
     found = [root for root in expression.atoms(sympy.Pow) if is_root(root) and root.has(symbol)]
-    # Each stands for a function of the argument, which differentiates in its place in a branch.
+    # Each represents a function of the argument, which is differentiated within its branch.
     roots = {root: sympy.Function(f"root_{i}", real=True)(symbol) for i, root in enumerate(found)}
     total = expression.xreplace(roots).diff(symbol)
     slopes = {

@@ -1,7 +1,8 @@
-"""One-dimensional mechanics: across is velocity, second node less first; its integral is stretch.
+"""One-dimensional mechanics: across is relative velocity, second node minus first.
 
-The through variable is what the second node loses to the element: tension is positive in a spring,
-and a given force, which acts on the second node, is the through variable's negative.
+The integral of across is stretch. The through variable flows from the second node into the element:
+tension is positive in a spring, and a given force, which acts on the second node, is the negative
+of the through variable.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from cotree.errors import SceneError
 
 @dataclass(frozen=True)
 class _Motion:
-    """Words and units of translation, or of rotation."""
+    """Terms and units of translation, or of rotation."""
 
     domain: str
     force: str
@@ -91,15 +92,15 @@ def _linear(m: _Motion) -> Terminal:
 
 
 def _by_expression(spring: Component, m: _Motion) -> Adapt:
-    """Use an expression in place of a spring's stiffness."""
-    # The expression may bend anywhere: its slope has no known sign, so it is not passive, and there
-    # is no constant increase of force with stretch that ``storage`` could hold.
+    """Use an expression instead of a spring's stiffness."""
+    # The expression may have any slope, so it is not passive, and ``storage`` needs a constant
+    # increase of force with stretch, which it has not.
     law = Law.field(m.force)
     bent = Terminal(m.domain, Kind.SPRING, through=law, is_passive=False)
     stiffness = replace(_stiffness(m), required=True)
 
     def adapt(edge: str, nodes: Nodes, fields: Given) -> Adapted:
-        # A spring is linear, or follows an expression: each form has fields and a law of its own.
+        # A spring is linear, or follows an expression: each form has its own fields and law.
         if m.force not in fields:
             rest = (field for field in spring.fields if field.name not in ("stiffness", m.force))
             return replace(spring, fields=(stiffness, *rest)), nodes, fields
@@ -134,14 +135,14 @@ def _stop_law(
     damping: Any,
     transition: Any,
 ) -> Any:
-    """Add the springs beyond both limits; contact sets in smoothly over the transition."""
+    """Add the springs beyond both limits; contact begins smoothly over the transition."""
     import sympy
 
     # (x + sqrt(x^2 + d^2)) / 2 is zero far below the limit, x far beyond it, and d / 2 at the limit
     # itself.
     above, below = stretch - upper, lower - stretch
     reach, depth = (sympy.sqrt(x**2 + transition**2) for x in (above, below))
-    # The derivative of that penetration rises from 0 to 1: damping sets in as contact does.
+    # The derivative of that penetration rises from 0 to 1: damping begins with contact.
     contact = (1 + above / reach) / 2 + (1 + below / depth) / 2
     # Tension is positive: beyond the upper limit the stop pulls back, below the lower it pushes.
     return stiffness * (above + reach - below - depth) / 2 + damping * contact * across
@@ -171,7 +172,7 @@ def _stop(m: _Motion) -> Component:
 
 
 def _backlash(m: _Motion) -> Component:
-    """Make a play between two elastic limits, of which either may be left out."""
+    """Make a backlash between two elastic limits, either of which may be absent."""
     fields = (
         optional("lower", m.length_unit, f"{m.length} below which it is compressed", None),
         optional("upper", m.length_unit, f"{m.length} above which it is stretched", None),
@@ -185,8 +186,8 @@ def _backlash(m: _Motion) -> Component:
 
             above = k * sympy.Max(stretch - upper, 0) if has_upper else sympy.Integer(0)
             below = k * sympy.Max(lower - stretch, 0) if has_lower else sympy.Integer(0)
-            # Damping adds to the elastic force, or takes from it, that force at most: what touches
-            # does not pull, and an impact begins without a jump.
+            # Damping changes the elastic force by at most that force: a contact does not pull, and
+            # an impact begins without a jump.
             reach = above + below
             return above - below + sympy.Max(-reach, sympy.Min(reach, d * across))
 
@@ -217,7 +218,7 @@ def _friction(m: _Motion) -> Component:
     def law(across: Any, force: Any, damping: Any, transition: Any) -> Any:
         import sympy
 
-        # Smooth, so that no event is needed at rest; a loaded contact creeps in place of sticking.
+        # Smooth, so that no event is needed at rest; a loaded contact creeps instead of sticking.
         return force * sympy.tanh(across / transition) + damping * across
 
     arguments = ("across", m.force, "damping", "transition")
@@ -243,7 +244,8 @@ def _speed_source(m: _Motion, name: str) -> Component:
     field = value(name, m.speed_unit, "second node less first", "")
     made = across_source(m.domain, f"{name}_source", f"given {name}", field)
     place = Field("joint", "", "whose velocity is given", Shape.EXPRESSION, required=True)
-    # On a joint the mechanism gives the velocity: a constraint holds it, and gives the effort.
+    # On a joint the velocity is that of the mechanism: a constraint prescribes it, and its
+    # multiplier is the effort.
     held = Component(
         made.name,
         Role.CONSTRAINT,
@@ -259,7 +261,7 @@ def _speed_source(m: _Motion, name: str) -> Component:
     return replace(made, adapt=adapt)
 
 
-#: Sources of velocity, which are constraints on joints: whether they turn, and their field.
+#: Sources of velocity, which are constraints on joints: whether they rotate, and their field.
 PACED = {"velocity_source": (False, "velocity"), "speed_source": (True, "speed")}
 
 
@@ -268,7 +270,7 @@ MASS = storage(
     "translational_mass",
     "mass that moves along a line",
     value("mass", "kg", "of the body"),
-    # Inertial forces are rates against an inertial frame, so an inertia must end at the ground.
+    # Inertial forces refer to an inertial frame, so an inertia must end at the ground.
     is_absolute=True,
 )
 
@@ -280,8 +282,8 @@ INERTIA = storage(
     is_absolute=True,
 )
 
-# The damper beside the spring makes the shaft a dissipator: its relative speed follows from torque
-# and stretch at the same instant.
+# The damper in parallel with the spring makes the shaft a dissipator: its relative speed follows
+# from torque and stretch at the same instant.
 SHAFT = scalar(
     "shaft",
     "elastic shaft with damping",
@@ -339,7 +341,8 @@ _SET = ideal_coupling(
     reverses=True,
 )
 
-# Seen from the carrier, the planets make a gear of sun and ring, which turn against each other.
+# Relative to the carrier, the planets form a gear between sun and ring, which rotate in opposite
+# directions.
 PLANETARY_GEAR = replace(
     _SET,
     terminals=("sun", "carrier", "ring"),
@@ -371,7 +374,7 @@ COMPONENTS = (
 )
 
 
-#: Components of rotation, each with that of translation.
+#: Rotational components, each with its translational counterpart.
 _PAIRS = {
     "rotational_inertia": "translational_mass",
     "rotational_spring": "translational_spring",
@@ -390,7 +393,7 @@ _PAIRS = {
 }
 _COUNTERPARTS = {**_PAIRS, **{along: about for about, along in _PAIRS.items()}}
 
-#: For components between two nodes: those of one-dimensional graphs that may sit on a joint.
+#: For components between two nodes: those of one-dimensional graphs that may act on a joint.
 ON_JOINTS = {
     "spring": ("translational_spring", "rotational_spring"),
     "damper": ("translational_damper", "rotational_damper"),

@@ -29,9 +29,9 @@ PLANE_AXES = {"z": ("x", "y"), "x": ("y", "z"), "y": ("z", "x")}
 def body_space(plane: str, is_particle: bool, line: str = "") -> tuple[MotionStep, ...]:
     """Return the motion space of a body in the tree: translations first, then the rotation.
 
-    ``plane`` is the normal, x, y or z, of the plane that it moves in, ``line`` the direction of the
-    line; empty in space. A particle has no inertia to rotation, so that its orientation does not
-    matter.
+    ``plane`` is the normal, x, y or z, of the plane in which it moves, ``line`` the direction of
+    the line; both are empty in space. A particle has no rotational inertia, so that its orientation
+    does not matter.
     """
     # The order of translations and rotation is the order of the coordinates among the states.
     if line:
@@ -73,7 +73,8 @@ _ROTATION = Field(
     Shape.ROTATION,
 )
 
-# The empty motion space of an arm adds no coordinate; an edge in the plane needs the vector there.
+# The empty motion space of an arm adds no coordinate; the edge keeps a plane only if it contains
+# the vector.
 ARM = Component(
     "arm",
     Role.ARM,
@@ -162,8 +163,8 @@ CYLINDRICAL = Component(
     ),
 )
 
-# The order of the freedoms matters: each axis is fixed in the frame that the earlier ones moved.
-# Two turns about different axes leave every plane, so that no plane is declared.
+# The order of the freedoms matters: each axis is fixed in the frame that the earlier ones have
+# moved. Two rotations about different axes leave every plane, so that no plane is declared.
 UNIVERSAL = Component(
     "universal",
     Role.JOINT,
@@ -195,7 +196,7 @@ PLANAR = Component(
     keeps_plane=Plane(along=("normal",)),
 )
 
-# A free joint between two bodies has an empty reaction space: it only chooses coordinates.
+# A free joint between two bodies has an empty reaction space: it only defines coordinates.
 FREE = Component(
     "free",
     Role.JOINT,
@@ -248,7 +249,8 @@ SLOT = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# Nonholonomic: it holds a velocity and no position, since a blade reaches every place by turning.
+# Nonholonomic: it constrains a velocity and no position, since a blade reaches every place by
+# turning.
 KNIFE_EDGE = Component(
     "knife_edge",
     Role.CONSTRAINT,
@@ -265,8 +267,8 @@ KNIFE_EDGE = Component(
     keeps_plane=Plane(within=("axis",)),
 )
 
-# One equation holds a position, the height of the disc's centre; two hold velocities, the slip
-# along the plane.
+# One equation constrains a position, the height of the disc's centre; two constrain velocities, the
+# slip along the plane.
 ROLLING_DISC = Component(
     "rolling_disc",
     Role.CONSTRAINT,
@@ -387,7 +389,7 @@ TORQUE = Component(
     keeps_plane=Plane(along=("torque",)),
 )
 
-# The law is an expression of the scene, so that the type has none of its own.
+# The law is an expression of the scene, so that the type has none.
 LINE_FORCE = Component(
     "line_force",
     Role.LAW,
@@ -407,8 +409,8 @@ LINE_FORCE = Component(
 )
 
 
-# A bushing has a law for each of its six directions, which the formulation forms; hence it has no
-# scalar law of its own.
+# The formulation forms a law for each of the six directions of a bushing; hence it has no scalar
+# law.
 BUSHING = Component(
     "bushing",
     Role.BUSHING,

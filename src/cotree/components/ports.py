@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def scalar(
     name: str, doc: str, fields: tuple[Field, ...], *ports: Terminal, **options: Any
 ) -> Component:
-    """Make a scalar component with some terminal equations, in the graphs of their domains.
+    """Make a scalar component with given terminal equations, in the graphs of their domains.
 
     ``options`` are further attributes of :class:`Component`: ``terminals``, ``measures``, ``loss``,
     ...
@@ -40,7 +40,7 @@ def through_source(
 
     With ``acts_on_head`` it flows from tail to head within the source, not from head to tail.
     """
-    # A through variable flows from head to tail inside; what acts on the head is its negative.
+    # A through variable flows from head to tail inside; a load on the head is its negative.
     sign = -1 if acts_on_head else 1
     law = Law.taking((field.name,), lambda given: sign * given)
     return scalar(name, doc, (field,), Terminal(domain, Kind.THROUGH_SOURCE, through=law))
@@ -66,7 +66,7 @@ def storage(
 def content_storage(
     domain: str, name: str, doc: str, field: Field, kind: Kind = Kind.ACROSS_STORAGE
 ) -> Component:
-    """Make a storage whose content, such as charge of voltage, is a field."""
+    """Make a storage whose content, such as charge as a function of voltage, is a field."""
     content = Law.field(field.name)
     return scalar(name, doc, (field,), Terminal(domain, kind, content=content, is_passive=False))
 
@@ -111,7 +111,7 @@ def ideal_coupling(
     sign = -1 if reverses else 1
     laws = (
         # Across and through of the first port, then of the second: v1 = r v2 and f2 = -r f1, each
-        # solved both ways since the tree decides which of them a port must give.
+        # solved both ways, since the tree determines which one is needed.
         (f"across_{second[1]}", lambda v, r: sign * r * v),
         (f"through_{second[1]}", lambda f, r: -f / (sign * r)),
         (f"across_{first[1]}", lambda v, r: v / (sign * r)),
@@ -135,7 +135,7 @@ def ideal_gyration(
         (f"through_{first[1]}", lambda f, k: f / k),
         (f"across_{first[1]}", lambda v, k: -k * v),
     )
-    # What couples across to through makes no symmetric equations.
+    # A coupling of across and through gives no symmetric equations.
     return _coupled(name, doc, field, (first, second), laws, is_passive=False)
 
 
@@ -148,7 +148,7 @@ def _coupled(
     is_passive: bool,
 ) -> Component:
     """Couple two ports: across and through of the first, then of the second, by the other's."""
-    # Two laws for each port, of which the tree chooses one.
+    # Two laws for each port; the tree determines which one is used.
     made = [Law.taking((argument, field.name), law) for argument, law in laws]
     terminals = (
         Terminal(
@@ -173,19 +173,20 @@ def loss_of(component: Component) -> Law | None:
     if component.loss is not None:
         return component.loss
     if len(component.ports) == 1 and component.ports[0].kind is Kind.DISSIPATOR:
-        # A single port has an empty name: others call its variables ``across_`` and ``through_``.
+        # A single port has an empty name: its variables are called ``across_`` and ``through_``
+        # elsewhere.
         return Law(lambda across_, through_: across_ * through_)
     return None
 
 
 @lru_cache(maxsize=256)
 def with_heat(component: Component) -> Component:
-    """Add a port to a component that gives its loss to a thermal node.
+    """Add a thermal port to a component, through which its loss flows.
 
     The heat flows out of the component: minus the loss flows into its port.
     """
     loss = loss_of(component)
-    assert loss is not None  # asked for only where there is one
+    assert loss is not None  # called only for components with a loss
     port = Terminal("thermal", Kind.THROUGH_SOURCE, HEAT, through=Law.of(-loss.expression))
     return replace(
         component, ports=(*component.ports, port), domains=(*component.domains, "thermal")

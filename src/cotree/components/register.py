@@ -21,7 +21,7 @@ from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
 from cotree.naming import check_name
 
-#: Arguments of a law that are no fields, by the direction along which it acts.
+#: Arguments of a law that are not fields, by the direction along which it acts.
 _GIVEN = {Acts.LINE: ("length", "rate", "t"), Acts.VELOCITY: ("speed", "t")}
 
 
@@ -65,7 +65,7 @@ def make_component(
             f"component '{name}' acts along {along!r}: give 'line' or 'velocity'"
         ) from None
     made = checked_law(law, f"the law of component '{name}'")
-    # Arguments that are no variable of the force element are the fields of the new type.
+    # Arguments that are not variables of the force element are the fields of the new type.
     rows = law_fields((name for name in made.arguments if name not in _GIVEN[acts]), units or {})
     if acts is Acts.LINE:
         # Without an axis, the force acts along the line of the nodes.
@@ -83,18 +83,18 @@ def make_component(
 
 
 def law_fields(names: Iterable[str], units: Mapping[str, str]) -> tuple[Field, ...]:
-    """Make the fields of a user's law from the names of its arguments and their units."""
+    """Make the fields of a user-defined law from the names of its arguments and their units."""
     return tuple(
-        # Ports may share an argument, which is one field; its sign is the user's affair.
+        # Ports may share an argument, which is one field; its sign is not checked.
         value(check_name("field", name), units.get(name, ""), "", sign="")
         for name in dict.fromkeys(names)
     )
 
 
 def checked_law(function: Callable[..., Any], what: str) -> Law:
-    """Make a law, and check that it gives an expression of its arguments; ``what`` names it.
+    """Make a law, and check that it returns an expression of its arguments; ``what`` names it.
 
-    Raises SceneError if it does not, or if it or a derivative of it has no operation.
+    Raises SceneError if it does not, or if it or one of its derivatives has no operation.
     """
     import sympy
 
@@ -102,24 +102,24 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
     try:
         expression = law.expression
     except Exception as error:
-        raise SceneError(f"{what} gives no expression: {error}") from None
+        raise SceneError(f"{what} returns no expression: {error}") from None
     if not isinstance(expression, sympy.Expr):
         raise SceneError(
-            f"{what} gives no expression, but {brief(expression)}: give a SymPy expression or a "
-            "number"
+            f"{what} returns no expression, but {brief(expression)}: return a SymPy "
+            "expression or a number"
         )
     # A symbol that the function did not receive would have no value in scenes.
     free = {str(symbol) for symbol in expression.free_symbols}
     if odd := sorted(free - set(law.arguments)):
-        raise SceneError(f"{what} uses {', '.join(odd)}, which is no argument of it")
+        raise SceneError(f"{what} uses {', '.join(odd)}, which is not one of its arguments")
     _check_operations(law, what)
     return law
 
 
 def _check_operations(law: Law, what: str) -> None:
-    """Form a law and its derivatives on trial, to refuse unknown operations early."""
-    # An arena of its own leaves no nodes behind. Symbols of no known value keep the law from
-    # folding, so that every operation is met.
+    """Form a law and its derivatives on trial, so that unsupported operations raise early."""
+    # A separate arena keeps no nodes. Symbols of unknown value keep the law from folding, so that
+    # every operation is checked.
     dag = Dag()
     arguments = {name: dag.symbol("x", i) for i, name in enumerate(law.arguments)}
     try:
@@ -133,7 +133,7 @@ def _check_operations(law: Law, what: str) -> None:
 
 
 def _predicate(error: Exception) -> str:
-    """Describe the fault of a law, without its name."""
+    """Return the predicate of a message about a law."""
     told = str(error)
     return told.removeprefix("the law ") if told.startswith("the law ") else f"has no value: {told}"
 
@@ -144,10 +144,10 @@ _VARIABLES = ("across_rate", "through_rate", "across", "through")
 
 _GIVES = ("across", "through", "content")
 
-#: A law, or that of each port by name.
+#: A law, or the laws of ports by name.
 Laws = Callable[..., Any] | Mapping[str, Callable[..., Any]]
 
-#: What laws give: all of them, or that of each port by name.
+#: The variable that all laws give, or that of each port by name.
 Gives = str | Mapping[str, str]
 
 
@@ -230,7 +230,7 @@ def _places(
     terminals: Sequence[str],
     between: Mapping[str, Sequence[str]],
 ) -> dict[str, tuple[str, str]]:
-    """Check between which of the named nodes each port runs."""
+    """Check between which of the named nodes each port is connected."""
     if not terminals:
         return {}
     places = {}
@@ -239,23 +239,23 @@ def _places(
         for node in pair:
             if node not in terminals and node != "ground":
                 raise SceneError(
-                    f"port '{port}' of component '{name}' runs to '{node}', which is none of its "
-                    f"terminals{nearest(str(node), terminals)}"
+                    f"port '{port}' of component '{name}' ends at '{node}', which is not one "
+                    f"of its terminals{nearest(str(node), terminals)}"
                 )
         if len(pair) != 2:
-            raise SceneError(f"component '{name}' must say between which two nodes '{port}' runs")
+            raise SceneError(f"component '{name}' must state the two nodes of '{port}'")
         places[port] = (pair[0], pair[1])
     return places
 
 
 def _given(name: str, ports: Iterable[str], gives: Gives) -> dict[str, str]:
-    """Return the variable that the law of each port determines, where it is specified."""
+    """Return the variable that the law of each port gives, if it is specified."""
     given = dict(gives) if isinstance(gives, Mapping) else dict.fromkeys(ports, gives)
     for port, what in given.items():
         if port not in ports:
             raise SceneError(
-                f"gives of component '{name}' names '{port}', which is no port of it"
-                f"{nearest(str(port), ports)}"
+                f"gives of component '{name}' names '{port}', which is not one of its "
+                f"ports{nearest(str(port), ports)}"
             )
         if what not in ("", *_GIVES):
             raise SceneError(
@@ -274,8 +274,8 @@ def _terminal(
     name: str, domain: str, port: str, law: Law, gives: str, between: tuple[str, str]
 ) -> Terminal:
     """Make the terminal equation of a law."""
-    # A through variable follows from across, its rate or its integral, and the other way round. An
-    # argument that cancels out decides nothing, therefore the expression is asked.
+    # A through variable follows from across, its rate or its integral, and vice versa. An argument
+    # that cancels decides nothing; therefore the expression is examined.
     own = [v for v in ("across", "across_rate", "stretch") if law.uses(v)]
     dual = [v for v in ("through", "through_rate") if law.uses(v)]
     if own and dual:
@@ -286,14 +286,14 @@ def _terminal(
     found = "through" if own else "across" if dual else gives
     if found not in ("across", "through"):
         raise SceneError(
-            f"what a law of component '{name}' gives does not follow from its arguments: add "
+            f"a law of component '{name}' does not show which variable it gives: add "
             "gives='across' or gives='through'"
         )
     is_through = found == "through"
     rate = "across_rate" if is_through else "through_rate"
     storage = None
     if law.uses(rate):
-        # The rate is asked first: a storage may depend on across, too, as a leaky capacitor does.
+        # The rate comes first: a storage may depend on across, too, as a leaky capacitor does.
         kind = Kind.ACROSS_STORAGE if is_through else Kind.THROUGH_STORAGE
         storage, law = _linear(name, law, rate)
     elif law.uses("stretch"):
@@ -309,7 +309,7 @@ def _terminal(
         across=None if is_through else law,
         through=law if is_through else None,
         storage=storage,
-        # Nothing is known of the slopes of a user's law: equations made of it are not assumed to be
+        # The slopes of a user-defined law are unknown: its equations are not assumed to be
         # symmetric and positive definite.
         is_passive=False,
         between=between,
@@ -334,8 +334,8 @@ def _content(
     if not (row.content if is_across else row.impulse)[0]:
         also = ": give through as a function of stretch" if row.stretch else ""
         raise SceneError(
-            f"a law of component '{name}' gives a content as a function of {used[0]}, which the "
-            f"{domain} graph has no storage of{also}"
+            f"a law of component '{name}' gives a content as a function of {used[0]}, but the "
+            f"{domain} graph has no such storage{also}"
         )
     kind = Kind.ACROSS_STORAGE if is_across else Kind.THROUGH_STORAGE
     return Terminal(domain, kind, port, content=law, is_passive=False, between=between)
@@ -346,11 +346,11 @@ def _linear(name: str, law: Law, rate: str) -> tuple[Law, Law]:
     import sympy
 
     symbol = sympy.Symbol(rate, real=True)
-    # A storage: linear in the rate, with a factor that may depend on anything else.
+    # A storage: linear in the rate, with a factor that may depend on any other argument.
     factor = sympy.diff(law.expression, symbol)
     if symbol in factor.free_symbols:
         raise SceneError(
-            f"a law of component '{name}' is not linear in {rate}: give the product of a storage "
-            f"and {rate}, and what is added to it"
+            f"a law of component '{name}' is not linear in {rate}: write it as a storage "
+            f"times {rate}, plus terms without it"
         )
     return Law.of(factor), Law.of(law.expression.subs(symbol, 0))

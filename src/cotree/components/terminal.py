@@ -16,25 +16,25 @@ from cotree.domains import DOMAINS
 class Kind(Enum):
     """Kind of an edge, in the order in which edges become branches of the normal tree.
 
-    A nullator says that both of its variables are zero, a norator says nothing of either. Circuits
-    are drawn with the nullator as a branch and the norator as a chord, cutsets the other way.
+    A nullator makes both of its variables zero, a norator neither. f-circuits use the nullator as a
+    branch and the norator as a chord, f-cutsets vice versa.
     """
 
-    ACROSS_SOURCE = 0  # an across variable that is given; always a branch
+    ACROSS_SOURCE = 0  # a given across variable; always a branch
     ACROSS_STORAGE = 1  # capacitors, tanks, masses: through = capacity * rate of across
     COUPLED = 2  # a port of a transformer or gyrator
-    DISSIPATOR = 3  # resistors: through and across at the same instant
+    DISSIPATOR = 3  # resistors: algebraic relation of through and across
     THROUGH_STORAGE = 4  # inductors: across = inertance * rate of through
-    SPRING = 5  # through by the integral of across; a branch only among its like
-    THROUGH_SOURCE = 6  # a through variable that is given; always a chord
+    SPRING = 5  # through by the integral of across; a branch only among springs
+    THROUGH_SOURCE = 6  # a given through variable; always a chord
     NULLATOR = 7
     NORATOR = 8
-    FRICTION = 9  # dry friction: a through variable that holds, or slides by a law; always a chord
-    STOP = 10  # a rigid stop: a through variable that holds, or is zero; always a chord
+    FRICTION = 9  # dry friction: through sticks, or follows a law of sliding; always a chord
+    STOP = 10  # a rigid stop: through keeps it closed, or is zero; always a chord
 
     @property
     def may_hold(self) -> bool:
-        """Whether modes decide if the edge holds its across variable."""
+        """Return whether a mode may keep the edge's across variable zero."""
         return self in (Kind.FRICTION, Kind.STOP)
 
 
@@ -45,7 +45,7 @@ class Integral:
     #: The state is called ``edge.name``.
     name: str
     unit: str
-    rate: Law  # the law of its rate, whose integral over time it is
+    rate: Law  # the law of its rate
 
 
 @dataclass(frozen=True)
@@ -60,54 +60,54 @@ class PortMeasure:
 
 @dataclass(frozen=True)
 class Touch:
-    """The direction that a port of a contact acts along, at one of the places that may touch."""
+    """The direction of a port of a contact, at one of the points that may touch."""
 
-    spot: int  # the place, from 0 on
-    quantity: str  # ``gap``; or ``slip1``, ``slip2``, ...: a direction in which it slides
-    is_planar: bool = False  # whether its laws hold where everything moves in one plane
+    spot: int  # the point, from 0 on
+    quantity: str  # ``gap``; or ``slip1``, ``slip2``, ...: a direction of slip
+    is_planar: bool = False  # whether its laws apply to planar systems only
 
 
 @dataclass(frozen=True)
 class Friction:
     """Laws of an edge that sticks, slides forwards, slides backwards, or is disengaged.
 
-    While it sticks, the rate of across is zero, and through is whatever keeps it so, as long as it
-    stays between two limits. All laws take the arguments of those of a :class:`Terminal`.
+    While it sticks, the rate of across is zero, and through takes the value that keeps it so, as
+    long as that stays between two limits. All laws take the arguments of those of a
+    :class:`Terminal`.
     """
 
     #: The through variable while across is positive, and while it is negative.
     forward: Law
     backward: Law
     #: The limits of through while it sticks, beyond which it begins to slide forwards and
-    #: backwards; None where it never slides to that side.
+    #: backwards; None if it never slides in that direction.
     upper: Law
     lower: Law | None
-    #: Positive while it is engaged; through is zero otherwise. None where it always is.
+    #: Positive while it is engaged; through is zero otherwise. None if it is always engaged.
     grip: Law | None = None
-    #: What the laws of sliding change their form with: the argument ``side`` is its sign. They meet
-    #: where it is zero.
+    #: The value whose sign is the argument ``side`` of the laws of sliding, which are continuous at
+    #: its zero.
     load: Law | None = None
     #: The port of the same component whose rigid stop presses it together: it is disengaged while
-    #: that is free, and takes part in its impacts. Empty where there is none.
+    #: that is open, and takes part in its impacts. Empty if there is none.
     presser: str = ""
-    suffix: str = ""  # what the names of its modes among the fields end with
+    suffix: str = ""  # the suffix of its modes among the fields
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Laws of a rigid stop: an edge whose stretch never passes a limit.
+    """Laws of a rigid stop: an edge whose stretch never exceeds a limit.
 
-    Within its limits through is zero. At a limit it is whatever keeps the rate of across at zero,
-    as long as it does not pull away from there. The laws take the arguments of those of a
-    :class:`Terminal`.
+    Within its limits through is zero. At a limit it keeps the rate of across zero, as long as it
+    does not pull. The laws take the arguments of those of a :class:`Terminal`.
     """
 
-    #: What is left of stretch to each limit; None where there is none on that side.
+    #: The gap to each limit; None if there is none on that side.
     upper_gap: Law | None
     lower_gap: Law | None
-    rebound: Law  # what an impact changes across by
-    excess: Law  # the speed that an impact leaves, less that below which it leaves none
-    suffix: str = ""  # what the names of its modes among the fields end with
+    rebound: Law  # the change of across in an impact
+    excess: Law  # the rebound speed in excess of the rest threshold
+    suffix: str = ""  # the suffix of its modes among the fields
 
 
 @dataclass(frozen=True)
@@ -122,50 +122,50 @@ class Terminal:
     through is the power that it takes up.
     """
 
-    domain: str  # the graph that the port has its edge in
-    kind: Kind  # its place in the normal tree
-    port: str = ""  # its name; empty where the component has one port only
-    #: The across variable, explicitly; for storages of through, what is added to ``inertance *
+    domain: str  # the graph of the port's edge
+    kind: Kind  # its kind in the normal tree
+    port: str = ""  # its name; empty if the component has one port only
+    #: The across variable, explicitly; for storages of through, the term besides ``inertance *
     #: rate``.
     across: Law | None = None
-    #: The through variable, explicitly; for storages of across, what is added to ``capacity *
+    #: The through variable, explicitly; for storages of across, the term besides ``capacity *
     #: rate``.
     through: Law | None = None
     #: Capacity or inertance of a storage; of a spring whose law is linear in ``stretch``, the
     #: increase of through for a unit of stretch.
     storage: Law | None = None
-    #: Of a storage by content: what it holds as a function of the variable that a storage of its
-    #: kind has as a state, of its siblings' and of fields: charge of voltage, flux linkage of
-    #: current, volume of pressure. Its rate, with what ``through`` or ``across`` adds, is the other
-    #: variable; there is no ``storage`` then.
+    #: Of a storage by content: the content as a function of the variable that is the state of its
+    #: kind, of its siblings' and of fields: charge of voltage, flux linkage of current, volume of
+    #: pressure. Its rate plus ``through`` or ``across`` is the other variable; there is no
+    #: ``storage`` then.
     content: Law | None = None
-    #: Whether linear equations made of it are symmetric and positive definite.
+    #: Whether linear equations of it are symmetric and positive definite.
     is_passive: bool = True
-    #: Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one; a
-    #: name that is not that of a terminal stands for a node within the component.
+    #: Of a component whose ports share nodes: the terminals at head and tail. ``ground`` is one;
+    #: other names are those of nodes within the component.
     between: tuple[str, str] = ("", "")
-    #: The quantity ``stretch``; the integral of across, where the domain has a name for it.
+    #: The quantity ``stretch``; the integral of across if the domain has a name for it.
     integral: Integral | None = None
-    #: Whether its tail must be the ground, where motion and concentrations are measured from.
+    #: Whether its tail must be the ground, to which motion and concentrations refer.
     is_absolute: bool = False
-    #: Of dry friction: its laws. Which of them holds is the field ``mode``, which
-    #: :mod:`cotree.scene.unilateral` adds.
+    #: Of dry friction: its laws. The field ``mode``, which :mod:`cotree.scene.unilateral` adds,
+    #: selects one.
     friction: Friction | None = None
-    #: Of a rigid stop: its laws. Whether it holds is the field ``mode``, which
-    #: :mod:`cotree.scene.unilateral` adds.
+    #: Of a rigid stop: its laws. The field ``mode``, which :mod:`cotree.scene.unilateral` adds, is
+    #: zero if it is open.
     stop: Stop | None = None
-    touch: Touch | None = None  # of a contact of two bodies: what it acts along
+    touch: Touch | None = None  # of a contact of two bodies: the direction along which it acts
 
 
 _ACROSS = Law.field("across")
 
 
 def integral_of(terminal: Terminal) -> Integral | None:
-    """Return the quantity ``stretch`` of a terminal equation; None where it has no name."""
+    """Return the quantity ``stretch`` of a terminal equation; None if it has no name."""
     row = DOMAINS[terminal.domain]
     if terminal.touch is not None and terminal.touch.quantity != "gap":
-        return None  # how far bodies have slid is no function of where they are
-    # A component's own integral (a state of charge) goes before that of the domain.
+        return None  # slip distances are not functions of positions
+    # A component's own integral (a state of charge) takes precedence over that of the domain.
     if terminal.integral is not None or not row.stretch:
         return terminal.integral
     return Integral(row.stretch, row.stretch_unit, _ACROSS)

@@ -61,7 +61,7 @@ RADIATION = scalar(
         value("area", "m^2", "of the surface, times its view factor"),
         optional("emissivity", "1", "of the pair of surfaces", 1.0, "positive"),
     ),
-    # The slopes to both temperatures differ, so equations made of it are not symmetric.
+    # The slopes by both temperatures differ, so its equations are not symmetric.
     Terminal(_DOMAIN, Kind.DISSIPATOR, through=Law(_radiation), is_passive=False),
 )
 

@@ -1,6 +1,6 @@
-"""Transducers: components with ports in several graphs, which they couple.
+"""Transducers: components that couple several graphs by a port in each.
 
-A mechanical port runs between two nodes of its graph, or acts on a multibody system: on a joint, or
+A mechanical port connects two nodes of its graph, or acts on a multibody system: on a joint, or
 along the line of two nodes.
 """
 
@@ -23,10 +23,10 @@ _LOSS = Law(lambda through_electrical, resistance: resistance * through_electric
 
 
 def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Component:
-    """Make a machine with a constant field, which turns or slides.
+    """Make a machine with a constant field, rotational or linear.
 
-    v = R i + L di/dt + K w, and the moving part gives the torque or force K i: one constant serves
-    both ways, since the conversion takes up no power.
+    v = R i + L di/dt + K w, and the torque or force is K i: one constant serves both directions,
+    since the conversion dissipates no power.
     """
     moving = f"across_{port}"
     voltage = Law.taking(
@@ -35,8 +35,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     current = Law.taking(
         ("across", "resistance", "constant", moving), lambda v, r, k, w: (v - k * w) / r
     )
-    # With the moving part the equations of windings are not symmetric, so that they are not
-    # passive.
+    # The moving part makes the equations of windings unsymmetric, so that they are not passive.
     resistive = Terminal(
         "electrical",
         Kind.DISSIPATOR,
@@ -63,7 +62,7 @@ def _motor(name: str, doc: str, domain: str, port: str, constant: Field) -> Comp
     made = scalar(name, doc, fields, winding, output, loss=_LOSS)
 
     def adapt(edge: str, nodes: Nodes, given: Given) -> Adapted:
-        """Take the winding's inductance away where none is given."""
+        """Remove the winding's inductance if none is given."""
         if "inductance" in given:
             return made, nodes, given
         return replace(made, ports=(resistive, output)), nodes, given
@@ -104,7 +103,7 @@ HYDRAULIC_MACHINE = ideal_gyration(
 )
 
 
-# The reluctance of the iron and that of the air gap add, and the latter is proportional to the gap.
+# The reluctances of the iron and of the air gap add, and the latter is proportional to the gap.
 def _inductance(stretch: Any, inductance: Any, gap: Any, leakage: Any) -> Any:
     return leakage + inductance / (1 + stretch / gap)
 
@@ -121,7 +120,7 @@ def _solenoid_voltage(
     inductance: Any,
     gap: Any,
 ) -> Any:
-    # v = R i + d(L(s) i)/dt: the storage gives L di/dt, this is the rest, L'(s) s_dot i.
+    # v = R i + d(L(s) i)/dt: the storage is L di/dt, this is the rest, L'(s) s_dot i.
     induced = _slope(stretch_plunger, inductance, gap) * across_plunger
     return resistance * through + induced * through
 
@@ -143,7 +142,7 @@ SOLENOID = scalar(
         storage=Law.taking(("stretch_plunger", "inductance", "gap", "leakage"), _inductance),
         is_passive=False,
     ),
-    # The force is that of the coenergy, L(s) i^2 / 2, along s; through is its negative.
+    # The force is the derivative of the coenergy, L(s) i^2 / 2, along s; through is its negative.
     Terminal(
         "translational",
         Kind.THROUGH_SOURCE,

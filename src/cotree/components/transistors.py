@@ -41,7 +41,7 @@ _DOMAIN = "electrical"
 _FORWARD, _REVERSE = depletion_fields("be", 0.75, 0.33), depletion_fields("bc", 0.75, 0.33)
 _SUBSTRATE = depletion_fields("substrate", 0.75, 0.0)
 
-#: Fields that add a term to the laws, or a port, where a scene gives them.
+#: Optional fields that add a term to the laws, or a port.
 _EXTRAS = (
     optional("forward_ideality", "1", "factor of V forwards", 1.0, "positive"),
     optional("reverse_ideality", "1", "factor of V backwards", 1.0, "positive"),
@@ -87,7 +87,7 @@ BASE_CHARGE = {
     "forward_knee_current",
     "reverse_knee_current",
 }
-#: Names of the nodes, a substrate apart.
+#: Names of the nodes, without the substrate.
 TERMINALS: tuple[str, ...] = ("collector", "base", "emitter")
 _RESISTANCES = ("base_resistance", "collector_resistance", "emitter_resistance")
 
@@ -98,7 +98,7 @@ def _transistor(
     name: str, doc: str, sign: int, has: frozenset[str], has_substrate: bool
 ) -> Component:
     """Make a transistor with the terms of some fields, of three nodes or four."""
-    # A resistance at a terminal needs an inner node, behind which the junctions lie.
+    # A resistance at a terminal needs an inner node, to which the junctions connect.
     inner = {
         row.partition("_")[0]: f"inner_{row.partition('_')[0]}"
         for row in _RESISTANCES
@@ -129,9 +129,9 @@ def measures(inner: Mapping[str, str], substrate: int = 0) -> tuple[PortMeasure,
     def drop(sign: int, end: str) -> tuple[tuple[int, str, str], ...]:
         return ((sign, "across", end),) if end in inner else ()
 
-    # What flows from a terminal to its inner node; the emitter's drop is taken backwards.
+    # The voltage from a terminal to its inner node; the emitter's drop has the opposite sign.
     be, bc = (1, "across", "be"), (1, "across", "bc")
-    # From the substrate it flows to the collector of npn transistors, to the base of pnp ones.
+    # The substrate current flows to the collector of npn transistors, to the base of pnp ones.
     own: dict[int, tuple[tuple[int, str, str], ...]] = {substrate: ((-1, "through", "substrate"),)}
     own[0] = ()
     return (
@@ -179,16 +179,16 @@ class _Laws:
         # Without knee currents the root is one and qb is q1.
         if q2 == 0:
             return q1
-        # Junctions block before the sum is negative; a search for a root may pass there.
+        # Junctions block before the sum is negative; a root search may evaluate it there.
         return q1 / 2 * (1 + sympy.sqrt(sympy.Max(1e-6, 1 + 4 * q2)))
 
     def _current(self, own: str) -> Any:
         import sympy
 
-        # From collector to emitter through the base; recombination in it comes on top.
+        # From collector to emitter through the base; recombination in the base is added.
         transport = (self.forward - self.reverse) / self._base_charge()
-        # The transport current runs along the be port and against the bc port; the shares of both
-        # junctions remain of their sum, which is the current into the base.
+        # The transport current flows forwards along the be port and backwards along the bc port;
+        # the two junctions' contributions to the base current remain in their sum.
         if own == "be":
             total = transport + self.forward / symbol("forward_gain")
         else:
@@ -228,7 +228,7 @@ class _Laws:
         if self.has & _CHARGES[own]:
             capacity, cross = self._capacities(own, other)
             kind, storage = Kind.ACROSS_STORAGE, Law.of(self._of_port(capacity, own, other))
-            # Rates of both voltages change sign where currents do.
+            # Rates of both voltages change sign with the currents.
             through += cross * symbol(f"across_rate_{other}")
         return Terminal(
             _DOMAIN,
@@ -247,7 +247,7 @@ class _Laws:
         v, storage, kind = symbol("across"), None, Kind.DISSIPATOR
         if "substrate_capacitance" in self.has:
             kind = Kind.ACROSS_STORAGE
-            # Reverse biased always: the linear continuation begins at no voltage.
+            # Always reverse biased: the linear continuation begins at zero voltage.
             storage = Law.of(depletion_capacity(v, "substrate", share=0))
         leakage = symbol("leakage") * v if "leakage" in self.has else 0 * v
         return Terminal(

@@ -1,9 +1,9 @@
-"""Derivatives of roots and powers that end at a corner: the branch is chosen first.
+"""Derivatives of roots and powers at the end of their domain: the branch is chosen first.
 
 ``sqrt(max(x, 0))``, ``max(x, 0)**0.7``, ``sqrt(x + abs(x))`` and ``acos(min(x, 1))`` are constant
-in one branch, where the chain rule multiplies an infinite slope by zero. The derivative is zero
-there, the end of the branch included. Where a condition is zero, a selection has the derivative of
-the side without a root that ends there, as ``where(x < 0, 0, x*sqrt(x))`` has.
+in one branch, in which the chain rule multiplies an infinite slope by zero. The derivative is zero
+there, the end of the branch included. At the zero of its condition, a selection has the derivative
+of the side without a root that ends there, as in ``where(x < 0, 0, x*sqrt(x))``.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: So many branches of a value are kept, constants first.
+#: The largest number of branches of a value that are kept, constants first.
 _MOST_BRANCHES = 16
 
-#: Sums are evaluated at so many random places. One that is below this share of its terms at all of
-#: them is zero.
+#: The number of random points at which sums are evaluated. A sum below this fraction of its terms
+#: at all of them is zero.
 _N_PLACES, _ROUNDING = 3, 1e-12
 
 
@@ -41,8 +41,8 @@ def _excess_of_arcsine(x: Node) -> Node:
     return x.dag.function("abs", x) - 1.0
 
 
-#: Operations that have a value but no finite derivative at some arguments. Each function forms
-#: what is zero or more at these.
+#: Operations with a value but no finite derivative at some arguments. Each function forms an
+#: expression that is zero or more at these.
 SINGULAR: dict[str, Callable[..., Node | None]] = {
     "sqrt": lambda x: -x,
     "log": lambda x: -x,
@@ -54,7 +54,7 @@ SINGULAR: dict[str, Callable[..., Node | None]] = {
 
 
 def is_singular(op: str, args: Sequence[Node]) -> bool:
-    """Return whether an operation evidently has no finite derivative at its arguments."""
+    """Return whether an operation certainly has no finite derivative at its arguments."""
     excess = SINGULAR[op](*args) if op in SINGULAR else None
     return excess is not None and excess.value is not None and excess.value >= 0.0
 
@@ -62,19 +62,18 @@ def is_singular(op: str, args: Sequence[Node]) -> bool:
 class Clips:
     """Terms of the chain rule for operations whose arguments are constant in some branch.
 
-    One object serves one walk over a program. Terms of all other operations are plain products.
+    One object serves one traversal of a program. Terms of all other operations are plain products.
     ``standing`` are nodes that later replace symbols and may have branches, too.
     """
 
     def __init__(self, standing: Mapping[Node, Node]) -> None:
         self._standing = standing
-        # Branches are formed in an arena of their own, which leaves the numbers of nodes as they
-        # are.
+        # Branches are formed in a separate arena, which leaves the numbers of nodes unchanged.
         self._own = Dag()
         self._branches: dict[Node, tuple[Node, ...]] = {}
         self._values: dict[Node, tuple[float, ...]] = {}
         self._has_ends: dict[Node, bool] = {}
-        self._random = random.Random(1)  # the same places in each run
+        self._random = random.Random(1)  # the same points in each run
 
     def forward(self, node: Node, partial: Node, d_arg: Node) -> Node:
         """Form a partial derivative of an operation times the derivative of its argument."""
@@ -93,14 +92,14 @@ class Clips:
             return term
         condition = self._reached(node) if node.op in SINGULAR else None
         if condition is None and any(branch.is_zero for branch in self._of(weight)):
-            # Nothing depends on the value where another branch is taken.
+            # The value has no influence if another branch is taken.
             condition = -dag.function("abs", weight)
         return term if condition is None else dag.select(condition, dag.zero, term)
 
     def select(self, node: Node, above: Node, below: Node) -> Node:
-        """Form what a selection passes on, of two values that belong to its sides.
+        """Form the result of a selection between values that belong to its sides.
 
-        Where its condition is zero, it passes on that of the side without an end there.
+        At the zero of its condition, it is that of the side whose domain does not end there.
         """
         condition, *sides = node.args
         ends = above is not below and self._ends_at(condition, sides[0])
@@ -109,13 +108,13 @@ class Clips:
         return node.dag.select(condition, above, below)
 
     def reaches(self, node: Node) -> bool:
-        """Return whether the chain rule has no derivative where a branch of a value ends."""
+        """Return whether the chain rule has no derivative at the end of a branch of a value."""
         if node.op == "select":
             return self._ends_at(*node.args[:2])
         return node.op in SINGULAR and self._reached(node) is not None
 
     def _ends_at(self, condition: Node, side: Node) -> bool:
-        """Return whether a root or the like within a side ends where a condition is zero."""
+        """Return whether a root or similar function in a side ends at the zero of a condition."""
         known = self._has_ends
         for node in reachable([side], stop=known):
             known.setdefault(node, node.op in SINGULAR or any(known[arg] for arg in node.args))
@@ -132,7 +131,7 @@ class Clips:
         return False
 
     def _reached(self, node: Node) -> Node | None:
-        """Form what is zero or more at the singular argument, if a branch is constant there."""
+        """Form an expression that is zero or more at the singular argument of a constant branch."""
         form = SINGULAR[node.op]
         branches = [self._of(arg) for arg in node.args]
         if all(len(found) == 1 for found in branches):
@@ -147,16 +146,16 @@ class Clips:
             return False
         formed = [SINGULAR[node.op](*args) for args in product(*branches)]
         sets = [set(symbols_in([excess])) for excess in formed if excess is not None]
-        # Constants without symbols are evidently not singular here.
+        # Constants without symbols are certainly not singular here.
         return any(own and own != set().union(*sets) for own in sets)
 
     def _of(self, root: Node) -> tuple[Node, ...]:
-        """List the branches of a value, in the own arena."""
+        """List the branches of a value, in the separate arena."""
         known = self._branches
         if root not in known:
             for node in reachable([root], stop=known):
                 if node not in known:
-                    # What stands for a symbol is looked up in between, and may be this very node.
+                    # The replacement of a symbol is looked up meanwhile, and may be this very node.
                     found = self._formed(node)
                     known.setdefault(node, found)
         return known[root]
@@ -194,7 +193,7 @@ class Clips:
         return all(abs(c) <= _ROUNDING * (abs(a) + abs(b)) for c, a, b in sums)
 
     def _valued(self, root: Node) -> tuple[float, ...]:
-        """Evaluate a branch at random places; nan where it has no value."""
+        """Evaluate a branch at random points; nan if it has no value."""
         known = self._values
         for node in reachable([root], stop=known):
             if node in known:

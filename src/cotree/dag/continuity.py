@@ -1,9 +1,9 @@
 """Detection of jumps, from the limits of values on both sides.
 
 In: a node of time, parameters and further symbols. Out: for times that are lines of parameters
-(:mod:`cotree.dag.switching_times`), nodes that are negative where the value jumps; for other
+(:mod:`cotree.dag.switching_times`), nodes that are negative if the value jumps; for other
 conditions, whether it jumps along random motions, at random values of the parameters; and for one
-condition, whether both branches agree wherever it passes through zero.
+condition, whether both branches agree at all of its zeros.
 """
 
 from __future__ import annotations
@@ -23,47 +23,48 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Values that are compared: nodes of parameters, or numbers.
+#: Compared values: nodes of parameters, or numbers.
 _Value = TypeVar("_Value", "Node", float)
 
-# Operations that may jump where their argument is zero, or a whole number.
+# Operations that may jump if their argument is zero, or an integer.
 _JUMPING = frozenset({"select", "sign", "floor"})
 
-# How far on both sides of its time a value is looked at, as a share of that time: some thousand
-# roundings, and less than any edge that double precision resolves well. At zero, [s].
+# Distance from a time at which a value is evaluated on both sides, as a fraction of the time: some
+# thousand roundings, and less than any edge that double precision resolves well. At time zero, [s].
 _NEAR, _NEAR_ZERO = 1e-12, 1e-18
 
-# A change across a time is a jump if it exceeds this multiple of the changes on both sides of it,
-# which belong to a slope. Changes below this share of the value are rounding.
+# A change across a time is a jump if it exceeds this multiple of the changes on both sides, which
+# belong to a slope. Changes below this fraction of the value are rounding.
 _STEEP, _ROUNDING = 10.0, 1e-10
 
-# Points where a condition is zero: as many random ones are tried, and so many have to show that
-# both sides meet.
+# Points at which a condition is zero: the number of random points tried, and the number that must
+# show that both sides agree.
 _N_TRIALS, _N_SHOWN = 600, 12
 
 # Sizes of random values: powers of ten. Every third value lies near a constant of the law.
 _SIZES = (-3.0, 1.5)
 
-# Both sides are compared at these distances from the boundary, as shares of the value that is
-# moved. The gap falls with each of them to this share at most, or to rounding, as a share of the
-# largest value: that of a fifth root of the distance does, and that of a jump does not.
+# Both sides are compared at these distances from the boundary, as fractions of the value that is
+# moved. The gap must decrease with each of them, to at most this fraction or to rounding, as a
+# fraction of the largest value: that of a fifth root of the distance does, and that of a jump does
+# not.
 _DISTANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 _FALLS, _FLOOR = 0.5, 1e-12
 
 _MOST_SECANTS = 30
 
 # Times are sampled from the first to the last of these, on both sides of zero: neighbours differ by
-# a sixth. So many motions are looked at.
+# a sixth. The number of motions examined.
 _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 
 
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
-    """Return nodes of parameters that are negative where a value jumps at one of its stops."""
+    """Return nodes of parameters that are negative if a value jumps at one of its time events."""
     found: dict[Node, None] = {}
     for stop in find_stops(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
-            # The first time may be special, such as the beginning of a source.
+            # The first time may be special, such as the start of a source.
             times.append(stop.first + stop.period)
         for at in times:
             way = _NEAR * dag.function("abs", at) + _NEAR_ZERO
@@ -76,41 +77,41 @@ def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
 
 
 def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Value:
-    """Return the largest change that is no jump, less the middle change of four values."""
+    """Return the largest change that is not a jump, minus the middle change of four values."""
     a, b, c, d = values
     allowed = (size(b - a) + size(d - c)) * _STEEP + (size(b) + size(c)) * _ROUNDING
     return allowed - size(c - b)
 
 
 def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
-    """Return whether all conditions that a value may jump at, as symbols move, have stops."""
+    """Return whether all conditions at which a value may jump have time events."""
     known = stops_within(dag, [value])
     return all(known.get(node) for node in _conditions(value, moving))
 
 
 def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
-    """Return whether a value jumps at one of its stops, or has no value there.
+    """Return whether a value jumps at one of its time events, or has no value there.
 
-    Its symbols are continuous in time; random places are tried.
+    Its symbols are continuous in time; random values are tried.
     """
     # A fixed seed gives the same answer at each run.
     found, numbers = margins(dag, value, time), random.Random(1)
     for _ in range(_N_MOTIONS if found else 0):
         place = _motion(found, (), time, numbers)
-        # Written so that nan, a value that does not exist there, counts as a jump.
+        # Written so that nan, an undefined value, counts as a jump.
         if not all(_value(margin, place, 0.0) >= 0.0 for margin in found):
             return True
     return False
 
 
 def _conditions(value: Node, moving: Sequence[Node]) -> list[Node]:
-    """List the conditions that may jump and depend on something that changes."""
+    """List the conditions at which a value may jump and that depend on variables."""
     found = [node for node in reachable([value]) if node.op in _JUMPING]
     return [node for node in found if not set(symbols_in(node.args[:1])).isdisjoint(moving)]
 
 
 def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
-    """Return whether a value jumps along some motion, or has a condition that none meets."""
+    """Return whether a value jumps along some motion, or has a condition that none crosses."""
     conditions = _conditions(value, moving)
     numbers = random.Random(1)
     met: set[Node] = set()
@@ -121,7 +122,7 @@ def may_jump(value: Node, moving: Sequence[Node], time: Node) -> bool:
                 met.add(condition)
                 if _jumps(value, motion, t):
                     return True
-    # A condition that no motion has met cannot be judged, and counts as a jump.
+    # A condition that no motion crosses cannot be judged, and counts as a jump.
     return len(met) < len(conditions)
 
 
@@ -142,7 +143,7 @@ def _motion(
 
 
 def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float) -> float:
-    """Evaluate a node along a motion; nan where it has no value."""
+    """Evaluate a node along a motion; nan if it has no value."""
     try:
         return float(evaluate([node], motion(t))[0])
     except (ArithmeticError, ValueError):
@@ -152,7 +153,7 @@ def _value(node: Node, motion: Callable[[float], Mapping[Node, float]], t: float
 def _crossings(
     condition: Node, motion: Callable[[float], Mapping[Node, float]], most: int = 4
 ) -> list[float]:
-    """Find times where a condition changes, to rounding, the first few."""
+    """Find times at which a condition changes, to rounding; only the first few."""
     looked = condition.args[0]
 
     def side(t: float) -> float:
@@ -171,7 +172,7 @@ def _crossings(
         a, b, before = times[i], times[i + 1], sides[i]
         if len(found) == most:
             break
-        # Next to a place without a value there is no side to compare with.
+        # Without a value on one side there is nothing to compare.
         if before == sides[i + 1] or math.isnan(before) or math.isnan(sides[i + 1]):
             continue
         # Bisection to neighbouring doubles.
@@ -190,7 +191,7 @@ def _jumps(value: Node, motion: Callable[[float], Mapping[Node, float]], t: floa
 
 
 def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
-    """List the symbols of ``moving`` that decide when a continuous value has corners."""
+    """List the symbols of ``moving`` on which the kinks of a continuous value depend."""
     order = reachable([node])
     changing = dependent(order, moving)
     looked_at = [
@@ -202,18 +203,18 @@ def corner_symbols(node: Node, moving: Iterable[Node]) -> frozenset[Node]:
 
 
 def meets(above: Node, below: Node, boundary: Node) -> bool:
-    """Return whether the branches above and below zero of a boundary agree wherever it is zero.
+    """Return whether the branches above and below zero of a boundary agree at all of its zeros.
 
-    If a substitution of the boundary by zero, or of one of its terms by the others, does not make
-    the branches one node, they are compared at random points on the boundary. A point where they
-    differ disproves it. So does a further condition of theirs of which one side was never met,
-    unless it has the same value at all points.
+    If substituting zero for the boundary, or one of its terms by the others, does not make the
+    branches one node, they are compared at random points on the boundary. A point at which they
+    differ disproves continuity. So does a further condition of theirs of which one side was never
+    reached, unless it has the same value at all points.
     """
     return _folds(above - below, boundary) or _Boundary(above, below, boundary).is_continuous()
 
 
 def _folds(difference: Node, boundary: Node) -> bool:
-    """Return whether a difference folds to zero where a boundary is zero."""
+    """Return whether a difference folds to zero if a boundary is zero."""
     try:
         return any(substitute([difference], way)[0].is_zero for way in ways_to_zero(boundary))
     except (ArithmeticError, ValueError):  # it has no value there
@@ -221,7 +222,7 @@ def _folds(difference: Node, boundary: Node) -> bool:
 
 
 def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
-    """List substitutions that say that a value is zero, each in another way."""
+    """List substitutions that make a value zero, each in a different way."""
     dag = value.dag
     ways: list[dict[Node, Node]] = [{value: dag.zero}]
     while value.op == "neg" or (value.op == "mul" and value.args[0].value is not None):
@@ -230,7 +231,7 @@ def ways_to_zero(value: Node) -> list[dict[Node, Node]]:
     if value.op in ("add", "sub"):
         a, b = value.args
         for one, other in ((a, b), (b, a)):
-            # One term may be replaced by the other where it does not occur in it.
+            # A term may be replaced by the other one if it does not occur in it.
             if one.value is None and one not in reachable([other]):
                 ways.append({value: dag.zero, one: -other if value.op == "add" else other})
     return ways
@@ -242,7 +243,8 @@ class _Boundary:
     def __init__(self, above: Node, below: Node, boundary: Node) -> None:
         order = reachable([boundary, above, below])
         self._symbols = symbols_in(order)
-        # Parameters do not move: where one of them is zero, the boundary may be, too.
+        # Parameters do not change during a run: at a zero of one of them, the boundary may be zero,
+        # too.
         looked_at = symbols_in([boundary])
         self._moved = [symbol for symbol in looked_at if symbol.data[0] != PARAMETER] or looked_at
         own = _argument(boundary)
@@ -255,7 +257,7 @@ class _Boundary:
         self._numbers = random.Random(1)
 
     def is_continuous(self) -> bool:
-        """Return whether no point shows a jump, and enough of them show that there is none."""
+        """Return whether no point shows a jump, and enough of them show continuity."""
         n_shown, met = 0, [set[float]() for _ in self._conditions]
         for trial in range(_N_TRIALS if self._moved else 0):
             moved = self._moved[trial % len(self._moved)]
@@ -288,7 +290,7 @@ class _Boundary:
     def _compare(self, place: dict[Node, float], moved: Node) -> tuple[bool, list[float]] | None:
         """Compare both branches near the boundary, and list the other conditions there.
 
-        None: the boundary is not found by moving this symbol, or a branch has no value beside it.
+        None: moving this symbol does not reach the boundary, or a branch has no value near it.
         """
         scale, at = abs(place[moved]), self._solve(place, moved)
         if at is None:
@@ -312,7 +314,7 @@ class _Boundary:
         return is_met, values
 
     def _solve(self, place: dict[Node, float], moved: Node) -> float | None:
-        """Find where the boundary is zero along one symbol, by secants."""
+        """Find a zero of the boundary along one symbol by the secant method."""
 
         def boundary(at: float) -> float:
             return self._evaluated({**place, moved: at})[0]
@@ -339,6 +341,6 @@ def _argument(node: Node) -> Node:
 
 
 def _is_covered(values: set[float]) -> bool:
-    """Return whether a condition was met on both sides of zero, or always had one value."""
+    """Return whether a condition was evaluated on both sides of zero, or is constant."""
     low, high = min(values), max(values)
     return low < 0.0 < high or high - low <= _FLOOR * max(abs(low), abs(high))

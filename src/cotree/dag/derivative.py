@@ -1,7 +1,7 @@
 """Derivatives of a program: forward (tangents) and reverse (adjoints) over its nodes.
 
-They serve component laws, expressions, and the independent check of the sensitivity graphs; the
-sensitivity equations themselves come from the graphs (:mod:`cotree.sensitivity`).
+They are used for component laws, expressions, and the independent check of the sensitivity graphs;
+the sensitivity equations themselves come from the graphs (:mod:`cotree.sensitivity`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _d_abs(node: Node) -> Node:
 
 
 def _d_tan(node: Node) -> Node:
-    # 1 + tan^2, from the value itself, without a further call.
+    # 1 + tan^2, from the value itself, without another call.
     return node * node + 1.0
 
 
@@ -40,14 +40,14 @@ def _d_asin(node: Node) -> Node:
 
 def _d_pow_base(node: Node) -> Node:
     base, exponent = node.args
-    # Not exponent * node / base, which has no value where the base is zero.
+    # Not exponent * node / base, which is undefined at a base of zero.
     return exponent * node.dag.pow(base, exponent - 1.0)
 
 
 def _d_pow_exponent(node: Node) -> Node:
     dag = node.dag
-    # Zero to a positive power is zero for all of them, where the logarithm has no value: a species
-    # that is absent at the start takes part in Hill's law. Zero to the power of zero is one.
+    # Zero to a positive power is zero, although the logarithm has no value: a species that is
+    # absent at the start occurs in Hill's law. Zero to the power of zero is one.
     is_zero = -dag.function("abs", node)
     return dag.select(is_zero, dag.zero, node * dag.function("log", node.args[0]))
 
@@ -62,8 +62,8 @@ def _norm2(node: Node) -> Node:
     return x * x + y * y
 
 
-#: Partial derivatives by operation, one for each argument; None where it is zero. A selection has
-#: the derivative of the branch taken; what jumps where its condition changes is left to events.
+#: Partial derivatives by operation, one for each argument; None if it is zero. A selection has the
+#: derivative of the selected branch; events handle jumps of its condition.
 PARTIALS: dict[str, tuple[Partial | None, ...]] = {
     "add": (lambda n: n.dag.one, lambda n: n.dag.one),
     "sub": (lambda n: n.dag.one, lambda n: -n.dag.one),
@@ -92,7 +92,7 @@ PARTIALS: dict[str, tuple[Partial | None, ...]] = {
 
 
 def _of_table(node: Node) -> Jacobian:
-    return [{0: results(node, 2)[1]}, {}]  # a slope is constant, piece by piece
+    return [{0: results(node, 2)[1]}, {}]  # a slope is piecewise constant
 
 
 def _of_lookup(node: Node) -> Jacobian:
@@ -167,7 +167,7 @@ def _tangents_of_solution(node: Node, along: Sequence[Node]) -> list[Node]:
     # Matrix, sizes and reference are the node's own: C then factorises once for the value and all
     # its derivatives, and they agree on the rank.
     solved = solve(dag, matrix, right, node.args[-1], node.data, sizes_of(node))
-    return [*solved[:n], dag.zero, dag.zero]  # neither rank nor acceptance change
+    return [*solved[:n], dag.zero, dag.zero]  # rank and acceptance are constant
 
 
 def _adjoints_of_solution(node: Node, weights: Sequence[Node]) -> list[Node]:
@@ -184,7 +184,7 @@ def _tangents_of_map(node: Node, along: Sequence[Node]) -> list[Node]:
     """Differentiate the statements of one column, and substitute the values of each column."""
     linear: LinearMap = node.data
     changes = [node.dag.symbol(CHANGE, i) for i in range(len(linear.inputs))]
-    # The statements of one column are differentiated once, whatever the number of columns.
+    # The statements of one column are differentiated once, for any number of columns.
     once = tangents(linear.results, dict(zip(linear.inputs, changes, strict=True)))
     symbols, found = [*linear.inputs, *changes], []
     for own, d in zip(linear.given_to(node.args), linear.given_to(along), strict=True):
@@ -202,7 +202,7 @@ def _adjoints_of_map(node: Node, weights: Sequence[Node]) -> list[Node]:
     for j, own in enumerate(linear.given_to(node.args)):
         given = [*own, *weights[n * j : n * (j + 1)]]
         back = substitute(once, dict(zip(symbols, given, strict=True)))
-        # Shared values receive the sum of the adjoints that the columns pass back.
+        # Shared values receive the sum of the adjoints of the columns.
         shared = [a + b for a, b in zip(shared, back[:n_shared], strict=True)]
         rest += back[n_shared:]
     return [*shared, *rest]
@@ -247,14 +247,14 @@ def tangents_along(
     seeds: Sequence[Mapping[Node, Node]],
     standing: Mapping[Node, Node] = MappingProxyType({}),
 ) -> list[dict[int, Node]]:
-    """Differentiate forward along several directions at once; return what does not vanish.
+    """Differentiate forward along several directions at once; return nonzero derivatives.
 
     The result has for each root its derivatives by number of the direction. Seeds and ``standing``
     are those of :func:`tangents`; a value that one direction seeds is constant along the others,
     unless they seed it, too.
     """
-    # A value that is seeded with zero still gets a row here: it is held, and its arguments are not
-    # followed along any direction.
+    # A value that is seeded with zero still gets a row here: it is constant, and its arguments are
+    # not followed along any direction.
     seeded: dict[Node, dict[int, Node]] = {}
     for i, seed in enumerate(seeds):
         for node, d in seed.items():
@@ -293,7 +293,7 @@ def _tangent(node: Node, d_args: Sequence[Node], clips: Clips) -> Node:
         return d_args[0] + d_args[1]
     if op == "sub":
         return d_args[0] - d_args[1]
-    if op == "div":  # one division where the two partials would need two
+    if op == "div":  # one division instead of two
         return (d_args[0] - node * d_args[1]) / node.args[1]
     if op == "select":
         return clips.select(node, d_args[1], d_args[2])
@@ -320,8 +320,8 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
     order = reachable(roots)
     for root, weight in zip(roots, weights, strict=True):
         bar[root] = bar.get(root, zero) + weight
-    # In reverse order of evaluation all readers of a value have added to its adjoint before it is
-    # passed on. A node with several results comes after all of them, so it is passed on once.
+    # In reverse order of evaluation, all users of a value have added to its adjoint before it is
+    # passed on. A node with several results follows all of them, so it is passed on once.
     for node in reversed(order):
         if node.op in SEVERAL:
             if node in several:
@@ -339,7 +339,7 @@ def adjoints(roots: Sequence[Node], weights: Sequence[Node], wanted: Sequence[No
                 several[target] = [zero] * n_results
             several[target][node.data] = several[target][node.data] + own
             continue
-        if node.op == "select":  # no product: what is not taken may have no value
+        if node.op == "select":  # not a product: the branch that is not taken may have no value
             _, accepted, refused = node.args
             bar[accepted] = bar.get(accepted, zero) + clips.select(node, own, zero)
             bar[refused] = bar.get(refused, zero) + clips.select(node, zero, own)

@@ -1,9 +1,9 @@
 """Dual numbers: a value with its derivative along one direction.
 
-A formula that is written once serves values and derivatives alike: with nodes it gives values, with
-duals both. The value of a dual may be a node, a vector or a matrix. What does not change along the
-direction stays a plain value, so that nothing is formed for it; static types are those of the
-values, in whose place duals stand.
+One formula computes values and derivatives: with nodes it returns values, with duals both. The
+value of a dual may be a node, a vector or a matrix. Values that are constant along the direction
+stay plain, so that no derivatives are formed for them; static types are those of the values that
+duals replace.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class Dual(Node):
     """A value and its derivative: nodes, vectors or matrices of nodes.
 
     Operators are those of scalars; :mod:`cotree.dag.vector` has those of vectors and matrices. It
-    is a kind of node, so that Python asks it first how a node and a dual combine.
+    is a subclass of node, so that Python calls its operators first in expressions of nodes and
+    duals.
     """
 
     __slots__ = ("d",)
@@ -36,7 +37,7 @@ class Dual(Node):
 
     def __init__(self, value: Any, d: Any) -> None:
         self.value = value
-        self.d = d  # and no place in an arena: only its parts have one
+        self.d = d  # not in an arena: only its parts are
 
     def __getitem__(self, i: int) -> Any:
         return varied(self.value[i], self.d[i])
@@ -46,14 +47,14 @@ class Dual(Node):
 
     @property
     def is_zero(self) -> bool:
-        """Whether it is the constant zero, which does not change."""
+        """Return whether it is the constant zero; a dual is not."""
         return False
 
     def __add__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value + other.value, self.d + other.d)
-        # A dual's derivative is never structurally zero. Adding a plain value keeps that, so no
-        # test is needed.
+        # A dual's derivative is never structurally zero. Adding a plain value does not change that,
+        # so no test is needed.
         return Dual(self.value + other, self.d)
 
     def __radd__(self, other: Any) -> Any:
@@ -70,7 +71,7 @@ class Dual(Node):
     def __mul__(self, other: Any) -> Any:
         if other.__class__ is Dual:
             return varied(self.value * other.value, self.d * other.value + self.value * other.d)
-        # Products are tested, since a factor that is zero makes the derivative vanish.
+        # Products are tested, since a factor of zero makes the derivative vanish.
         return varied(self.value * other, self.d * other)
 
     def __rmul__(self, other: Any) -> Any:
@@ -92,12 +93,12 @@ class Dual(Node):
 
 
 def varied(value: T, d: T) -> T:
-    """Join a value and its derivative; where that vanishes, give the plain value."""
+    """Return a value with its derivative as a dual, or the plain value if that is zero."""
     return value if _is_zero(d) else Dual(value, d)  # type: ignore[return-value]
 
 
 def is_varied(*parts: Any) -> bool:
-    """Whether any of the parts changes."""
+    """Return whether any part is a dual."""
     # A list, since a generator costs more than these few comparisons.
     return any([part.__class__ is Dual for part in parts])
 
@@ -117,7 +118,7 @@ def tangent_of(a: T) -> T:
 def _is_zero(d: Any) -> bool:
     if d.__class__ is Node:
         return bool(d is d.dag.zero)
-    for part in d:  # without a generator: this is asked of every derivative that is formed
+    for part in d:  # not a generator: this is called for every derivative
         if part is not part.dag.zero if part.__class__ is Node else not _is_zero(part):
             return False
     return True
@@ -137,7 +138,7 @@ def _zeros(value: Any) -> Any:
 
 
 def formed(form: Callable[..., T], a: Any, b: Any) -> T:
-    """Form a value of two others, or find it where it was formed of the same before.
+    """Form a value from two others, or return it if it has been formed before.
 
     Sensitivity graphs need the same products of values for every direction. ``form`` is part of the
     key, and the arguments are hashable; ``a`` belongs to the arena.
@@ -173,7 +174,7 @@ def additive(form: Form) -> Form:
                 return varied(formed(form, a.value, b.value), form(a.d, b.d))
             return Dual(formed(form, a.value, b), a.d)
         if b.__class__ is Dual:
-            # The form may be a difference, so the sign of b' is left to it.
+            # The form may be a difference and handles the sign of b' itself.
             return Dual(formed(form, a, b.value), form(_zeros(a), b.d))
         return form(a, b)
 
@@ -209,15 +210,15 @@ def function(name: str, *args: Node) -> Node:
     if not is_varied(*args):
         return dag.function(name, *args)
     # The function is differentiated in terms of placeholders, so that one table of partial
-    # derivatives serves nodes and duals; the arguments are then put in their place.
+    # derivatives serves nodes and duals; the arguments are then substituted.
     symbols = [dag.symbol("argument", i) for i in range(len(args))]
     return formula(dag.function(name, *symbols), dict(zip(symbols, args, strict=True)), {})
 
 
 def formula(node: Node, arguments: Mapping[Node, Node], seed: Mapping[Node, Node]) -> Node:
-    """Put nodes or duals in the place of a formula's arguments.
+    """Substitute nodes or duals for a formula's arguments.
 
-    ``seed`` has the derivatives of the symbols that stand for themselves.
+    ``seed`` has the derivatives of the symbols that are not substituted.
     """
     along = {**seed, **{symbol: tangent_of(arg) for symbol, arg in arguments.items()}}
     values = {symbol: value_of(arg) for symbol, arg in arguments.items()}

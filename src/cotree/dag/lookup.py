@@ -1,4 +1,4 @@
-"""Lookup tables beside piecewise linear ones: cubic along one axis, bilinear along two.
+"""Lookup tables other than piecewise linear ones: cubic along one axis, bilinear along two.
 
 Each piece is a polynomial, and the outermost pieces continue beyond the ends. Results are the value
 and its derivatives, so that a derivative of a result is another result of the same node.
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CubicTable:
-    """A piecewise cubic function in Hermite's form. Results: value, first to third derivative."""
+    """A piecewise cubic Hermite function. Results: value, first to third derivative."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
     #: Values and first derivatives at ``x``.
     y: tuple[float, ...]
     slopes: tuple[float, ...]
 
-    #: The function in C, and what each of its results is called.
+    #: The function in C, and the names of its results.
     function = "cotree_cubic"
     results = ("", "slope", "curvature", "third")
     #: For each result its partial derivatives, other results, by the place of the argument.
@@ -36,17 +36,17 @@ class CubicTable:
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces meet."""
+        """Arguments at which pieces join."""
         return (self.x,)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by a name for each row, those of the axes first."""
+        """Numbers that C reads, by the name of each row, those of the axes first."""
         return {"x": self.x, "y": self.y, "slopes": self.slopes}
 
     @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Look it up at a number, real or complex, or at an array of numbers."""
+        """Evaluate at a number, real or complex, or at an array of numbers."""
         x, y, slopes = map(np.array, (self.x, self.y, self.slopes))
         k = _piece(x, values[0])
         h, s = x[k + 1] - x[k], values[0] - x[k]
@@ -76,17 +76,17 @@ class PlaneTable:
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces meet."""
+        """Arguments at which pieces join."""
         return (self.x, self.y)
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by a name for each row, those of the axes first."""
+        """Numbers that C reads, by the name of each row, those of the axes first."""
         return {"x": self.x, "y": self.y, "z": self.z}
 
     @np.errstate(all="ignore")
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Look it up at two numbers, real or complex, or at two arrays of numbers."""
+        """Evaluate at two numbers, real or complex, or at two arrays of numbers."""
         given = []
         for axis, at in zip(map(np.array, self.axes), values, strict=True):
             k = _piece(axis, at)
@@ -96,29 +96,30 @@ class PlaneTable:
 
 @dataclass(frozen=True)
 class HeldTable(Table):
-    """A table of which a piece may be held.
+    """A table whose active interval may be frozen.
 
-    Arguments: where to look it up, and the number of the piece, zero where the argument decides.
-    The first piece lies below all points, the last one beyond. Results: value and slope, both ends
-    of the piece, and its number. Where a piece goes on for ever, an end is one unit away.
+    Arguments: the argument of the table, and the number of the interval, zero if the argument
+    decides. The first interval lies below all points, the last one beyond. Results: value and
+    slope, both ends of the interval, and its number. An infinite end is replaced by one a unit
+    away.
     """
 
     function = "cotree_held_table"
     results = ("", "slope", "low", "high", "piece")
-    # The ends that are one unit away move with the argument, but are never met.
+    # The ends that are one unit away move with the argument, and are never reached.
     partials: ClassVar[tuple[dict[int, int], ...]] = ({0: 1}, {}, {}, {}, {})
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:
-        """Arguments at which pieces meet."""
+        """Arguments at which pieces join."""
         return (self.x,)
 
     def ends(self, _: int) -> tuple[int, int, int]:
-        """Return the places of both ends and of the number of a piece among the results."""
+        """Return the places of both ends and of the interval's number among the results."""
         return 2, 3, 4
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Look it up at a number, real or complex, or at an array of numbers."""
+        """Evaluate at a number, real or complex, or at an array of numbers."""
         x, y, at = np.array(self.x), np.array(self.y), values[0]
         n, place = len(x), np.real(at)
         inside = np.clip(np.searchsorted(x, place, side="right"), 1, n - 1)
@@ -138,10 +139,10 @@ class HeldTable(Table):
 
 @dataclass(frozen=True)
 class HeldPlane(PlaneTable):
-    """A bilinear function of two arguments, of which a piece may be held along each of them.
+    """A bilinear function whose active interval along each axis may be frozen.
 
-    Arguments: where to look it up, then the numbers of the pieces, zero where the arguments decide.
-    Results: those of :class:`PlaneTable`, then along both axes the ends of the piece, and their
+    Arguments: those of the table, then the numbers of the intervals, zero if the arguments decide.
+    Results: those of :class:`PlaneTable`, then along both axes the ends of the interval, and their
     numbers.
     """
 
@@ -153,12 +154,12 @@ class HeldPlane(PlaneTable):
     partials: ClassVar[tuple[dict[int, int], ...]] = (*PlaneTable.partials, *({},) * 6)
 
     def ends(self, axis: int) -> tuple[int, int, int]:
-        """Return the places of both ends and of the number of a piece among the results."""
+        """Return the places of both ends and of the interval's number among the results."""
         first = 4 + 3 * axis
         return first, first + 1, first + 2
 
     def evaluate(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Look it up at two numbers, real or complex, or at two arrays of numbers."""
+        """Evaluate at two numbers, real or complex, or at two arrays of numbers."""
         given, further = [], []
         for axis, at, held in zip(map(np.array, self.axes), values[:2], values[2:], strict=True):
             n, place = len(axis), np.real(at)
@@ -177,7 +178,7 @@ LookupData = CubicTable | PlaneTable | HeldTable | HeldPlane
 
 
 def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
-    """Evaluate a bilinear piece: of each axis its points, the piece, and the way into it."""
+    """Evaluate a bilinear piece from the points, the interval and the position on each axis."""
     (x, i, s), (y, j, u) = given
     z = numbers.reshape(len(x), len(y))
     width, height = x[i + 1] - x[i], y[j + 1] - y[j]
@@ -193,22 +194,22 @@ def _bilinear(given: Sequence[tuple[Any, Any, Any]], numbers: Any) -> list[Any]:
 
 
 def _held(number: Any, own: Any) -> Any:
-    """Return the piece that is held by its number, from one, and where that is zero the own one."""
+    """Return the frozen interval by its number, from one; if that is zero, the argument's own."""
     held = np.asarray(np.real(number))  # a single number, too
     return np.where(held == 0.0, own, held.astype(int) - 1)
 
 
 def _piece(x: Any, at: Any) -> Any:
-    """Find the piece that holds an argument; the outermost ones reach beyond the ends."""
-    # The piece is that of the real part, so that a complex step stays on it.
+    """Return the interval that contains an argument; the outermost ones extend to infinity."""
+    # The interval is that of the real part, so that a complex step stays in it.
     place = np.real(at)
     piece = np.clip(np.searchsorted(x, place, side="right") - 1, 0, len(x) - 2)
-    return np.where(np.isnan(place), 0, piece)  # like C, which then gives nan
+    return np.where(np.isnan(place), 0, piece)  # like C, which then returns nan
 
 
 def look_up(dag: Dag, data: LookupData, args: Sequence[Node]) -> Node:
     """Form the value of a table at a node for each axis."""
     numbers = [arg.value for arg in args]
-    if None not in numbers:  # of constants it is one, as everything else of constants
+    if None not in numbers:  # the table of a constant is a constant
         return dag.constant(float(data.evaluate(numbers)[0]))
     return dag.several("lookup", args, data, len(data.results))[0]

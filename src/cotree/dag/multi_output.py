@@ -1,12 +1,12 @@
 """Nodes with several results: ``solve``, ``table``, ``lookup``, ``call``, ``map``, ``sines``.
 
 Sensitivities to many parameters differ in their input values, not in the operations on them. Such
-statements are kept once, and C applies them to several columns at a time. The arguments of the
+statements are stored once, and C applies them to several columns at a time. The arguments of the
 node are the values that all columns share, then the columns one by one; its results are those of
-the first column, those of the second, and so on. A value that vanishes in a column because all
-inputs that it depends on are zero there is known to do so, and left out.
+the first column, those of the second, and so on. If all inputs on which a value depends are zero in
+a column, so is the value, which is then left out.
 
-Each has a row in :data:`SEVERAL` with its evaluation; its derivatives stand in
+Each has a row in :data:`SEVERAL` with its evaluation; its derivatives are in
 :mod:`cotree.dag.derivative`, its statements in :mod:`cotree.codegen.node_statements`. The results
 are read with ``result`` nodes.
 """
@@ -39,11 +39,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
 
 
-#: Operations that values of a column may be made by; divisions by shared values become products.
+#: Operations of which columns may consist; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
-#: Operations that give a finite value wherever their arguments are finite, but for overflow.
+#: Operations that are finite for all finite arguments, overflow aside.
 _FINITE = _LINEAR | {"abs", "sign", "floor", "sin", "cos", "atan", "tanh", "select"}
-#: Columns that C takes at a time on most machines; values that vanish in all are left out.
+#: Columns that C processes at a time on most machines; values that are zero in all of them are left
+#: out.
 BLOCK = 4
 
 
@@ -55,7 +56,7 @@ class LinearMap:
     #: Number of values that all columns share, and length of each column.
     n_shared: int
     n_inputs: int
-    #: Of each column, which inputs may be other than zero: as bits, the first lowest.
+    #: For each column, the inputs that may be nonzero: as bits, the first lowest.
     given: tuple[int, ...]
 
     @property
@@ -70,14 +71,14 @@ class LinearMap:
 
     @cached_property
     def supports(self) -> dict[Node, int]:
-        """Columns in which each value may be other than zero: as bits, the first lowest.
+        """Columns in which each value may be nonzero: as bits, the first lowest.
 
         Values that do not depend on a column have none.
         """
         found: dict[Node, int] = {}
         for node in self.order:
-            # The union over all arguments is safe: a value may be found to be nonzero too often,
-            # never too seldom.
+            # The union over all arguments is conservative: a value may be wrongly found to be
+            # nonzero, never to be zero.
             own = 0
             if node.op == "symbol" and node.data[0] == COLUMN:
                 bit = 1 << node.data[1]
@@ -90,7 +91,7 @@ class LinearMap:
 
     @cached_property
     def counts(self) -> Counter[str]:
-        """Operations of all columns, by kind: each where its result may be other than zero."""
+        """Operations of all columns, by kind: each counts in columns with a nonzero result."""
         counts: Counter[str] = Counter()
         for node in self.statements:
             counts[node.op] += self.supports[node].bit_count()
@@ -102,7 +103,7 @@ class LinearMap:
         return [node for node in self.order if node.args]
 
     def blocks(self, node: Node) -> int:
-        """Return in which blocks of columns a value may be other than zero, as bits."""
+        """Return the blocks of columns in which a value may be nonzero, as bits."""
         support, all_of_one = self.supports[node], (1 << BLOCK) - 1
         places = range(0, self.n_columns, BLOCK)
         return sum(1 << k for k, at in enumerate(places) if support >> at & all_of_one)
@@ -118,19 +119,19 @@ class LinearMap:
         return len(self.results) * self.n_columns
 
     def columns(self, args: Sequence[Any]) -> list[Sequence[Any]]:
-        """Cut the columns out of the arguments of a node."""
+        """Return the columns among the arguments of a node."""
         n, first = self.n_inputs, self.n_shared
         return [args[first + n * j : first + n * (j + 1)] for j in range(self.n_columns)]
 
     @cached_property
     def inputs(self) -> list[Node]:
-        """The symbols that the results are made of: shared values, then those of one column."""
+        """Symbols of which the results consist: shared values, then those of one column."""
         dag = self.results[0].dag
         shared = [dag.symbol(SHARED, i) for i in range(self.n_shared)]
         return shared + [dag.symbol(COLUMN, i) for i in range(self.n_inputs)]
 
     def given_to(self, args: Sequence[Any]) -> list[list[Any]]:
-        """List what stands for :attr:`inputs` in each column, from the arguments of a node."""
+        """List the values of :attr:`inputs` in each column, from the arguments of a node."""
         return [[*args[: self.n_shared], *column] for column in self.columns(args)]
 
     def n_sensitive(self, args: Sequence[Node]) -> int:
@@ -159,7 +160,7 @@ class LinearMap:
 
 
 def _sensitivity(node: Node) -> int:
-    """Return the place of a sensitivity in the argument of kernels; -1 for anything else."""
+    """Return the place of a sensitivity in the argument of kernels; -1 for other nodes."""
     is_given = node.op == "symbol" and node.data[0] in (SENSITIVITY, PACKED_SENSITIVITY)
     return node.data[1] if is_given else -1
 
@@ -169,10 +170,10 @@ def form_map(
 ) -> tuple[LinearMap, tuple[Node, ...]] | None:
     """Form a map from results that are linear and homogeneous in ``inputs``, or None.
 
-    Returns what its columns share, too. ``columns`` are those that it will be applied to, which
-    show the values that are zero. None if something is not made by sums and products: a linear
-    system that is solved at run time, or a choice that keeps a value out where it has none, as
-    ``where(x > 0, sqrt(x), 0)`` does.
+    Also returns the shared values. ``columns`` are those to which it will be applied, which show
+    the values that are zero. None if an operation is neither a sum nor a product: a linear system
+    that is solved at run time, or a selection that excludes undefined values, as ``where(x > 0,
+    sqrt(x), 0)`` does.
     """
     given = tuple(
         sum(1 << i for i, value in enumerate(column) if not value.is_zero) for column in columns
@@ -187,11 +188,11 @@ def form_map(
     results = products
     order = reachable(results)
     among = dependent(order, inputs)
-    # Values that depend on a column, as opposed to those that all columns share.
+    # Values that depend on a column, in contrast to those that all columns share.
     varying = among - set(inputs)
     if not all(_is_linear(node, among) for node in varying):
         return None
-    # A result that no input reaches is constant, and no homogeneous linear function.
+    # A result that depends on no input is a constant, not a homogeneous linear function.
     if any(root not in varying and root not in inputs and not root.is_zero for root in results):
         return None
     own = {node: dag.symbol(COLUMN, i) for i, node in enumerate(inputs)}
@@ -216,10 +217,10 @@ def _is_linear(node: Node, varying: Container[Node]) -> bool:
 
 
 def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
-    """Turn divisions by shared values, and choices that these make, into products.
+    """Turn divisions by shared values, and selections with shared conditions, into products.
 
-    Solutions of linear systems with shared matrices become sums of those for unit vectors. None
-    where a choice is no such product: a weight of zero does not keep out what is infinite or nan.
+    Solutions of linear systems with shared matrices become sums of those for unit vectors. None if
+    a selection is not such a product: a weight of zero does not exclude infinity or nan.
     """
     varying = set(inputs)
     unsafe: set[Node] = set()
@@ -238,7 +239,7 @@ def _as_products(dag: Dag, results: Sequence[Node], inputs: Sequence[Node]) -> l
         elif node.op == "select" and node.args[0] not in varying:
             if any(arg in unsafe for arg in node.args[1:]):
                 return None
-            # A choice that all columns share is a sum with weights one and zero.
+            # A selection with a shared condition is a sum with weights one and zero.
             share = dag.select(args[0], dag.one, dag.zero)
             made[node] = share * args[1] + (1.0 - share) * args[2]
         elif node.op == "result" and _has_shared_matrix(node.args[0], varying):
@@ -265,7 +266,7 @@ def _has_shared_matrix(node: Node, varying: Container[Node]) -> bool:
 
 
 def _for_unit_vectors(system: Node) -> list[tuple[Node, ...]]:
-    """Solve a linear system for each unit vector in place of its right-hand side."""
+    """Solve a linear system for each unit vector instead of its right-hand side."""
     dag, n = system.dag, system.data.size
     found = []
     for j in range(n):
@@ -289,11 +290,11 @@ def apply_map(
     return [flat[n * j : n * (j + 1)] for j in range(linear.n_columns)]
 
 
-#: Pivots below this fraction of the largest entry, or of the reference given with the matrix, count
-#: as zero: a few hundred roundings.
+#: Pivots below this fraction of the largest entry, or of the reference of the matrix, count as
+#: zero: a few hundred roundings.
 RANK_TOLERANCE = 1e-13
 
-#: Entries of the null space below this are zero: an unknown that it leaves alone is determined.
+#: Entries of the null space below this are zero: the unknown is then determined.
 NULL_TOLERANCE = 1e-9
 
 
@@ -303,13 +304,13 @@ class SolveShape:
 
     size: int  # number of unknowns
     n_determined: int  # number of leading unknowns that must have a unique solution
-    #: Share of the largest entry below which a pivot counts as zero.
+    #: Fraction of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE
 
 
 @dataclass(frozen=True)
 class Table:
-    """A piecewise linear function, held constant outside its range."""
+    """A piecewise linear function, constant outside its range."""
 
     x: tuple[float, ...]  # ascending arguments, at least two
     y: tuple[float, ...]  # values at ``x``
@@ -318,7 +319,7 @@ class Table:
 
     @property
     def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by a name for each row."""
+        """Numbers that C reads, by the name of each row."""
         return {"x": self.x, "y": self.y}
 
 
@@ -327,10 +328,10 @@ class Function:
     """An external function of several arguments and results, called by the generated code."""
 
     name: str  # C name: ``int name(const double *arguments, double *results)``
-    n_results: int  # how many results it has
+    n_results: int  # number of its results
     #: The same function in Python: sequence of floats to sequence of floats.
     evaluate: Callable[[Sequence[Any]], Sequence[Any]] = field(compare=False)
-    #: Gives the partial derivatives, row by row (n_results rows of n_arguments).
+    #: Returns the partial derivatives, row by row (n_results rows of n_arguments).
     partials: Function | None = None
 
 
@@ -339,8 +340,8 @@ def solve_pivoted(
 ) -> tuple[Any, int, bool]:
     """Solve a dense linear system by Gaussian elimination with complete pivoting.
 
-    Where pivots fall below the tolerance times the largest entry, the solution of least norm
-    is taken; a row without a pivot is left out, which is right where the system is consistent.
+    If pivots fall below the tolerance times the largest entry, the minimum-norm solution is
+    returned; a row without a pivot is ignored, which is correct for a consistent system.
 
     Parameters
     ----------
@@ -371,7 +372,7 @@ def solve_pivoted(
     smallest = shape.tolerance * np.max(np.abs(a.real), initial=reference)
     rank = 0
     for k in range(n):
-        # Complete pivoting: the order of the pivots decides the rank most reliably.
+        # Complete pivoting makes the rank most reliable.
         place = int(np.argmax(np.abs(a[k:, k:].real)))
         row, column = k + place // (n - k), k + place % (n - k)
         # Written so that nan ends the elimination.
@@ -384,22 +385,22 @@ def solve_pivoted(
         a[k + 1 :, k:] -= np.outer(factors, a[k, k:])
         b[k + 1 :] -= factors * b[k]
         rank += 1
-    # Rows behind the last pivot are rounding, if the system is consistent, and are left out.
+    # Rows after the last pivot are rounding, if the system is consistent, and are ignored.
     upper = np.triu(a[:rank, :rank])
     solution = np.zeros(n, dtype=b.dtype)
     solution[columns[:rank]] = np.linalg.solve(upper, b[:rank]) if rank else b[:0]
     if rank == n:
         return solution, rank, True
-    # The null space, by which the solution of least norm is found.
+    # The null space, from which the minimum-norm solution is computed.
     free = np.zeros((n, n - rank), dtype=a.dtype)
     # Each free unknown is one in turn, and those with pivots follow from U x = -A_free.
     free[columns[:rank]] = -np.linalg.solve(upper, a[:rank, rank:]) if rank else a[:0, rank:]
     free[columns[rank:]] = np.eye(n - rank)
     basis, _ = np.linalg.qr(free.real)
-    # A leading unknown is unique if no vector of the null space moves it.
+    # A leading unknown is unique if its entries in the null space are zero.
     leading = basis[: shape.n_determined]
     is_determined = bool(np.all(np.abs(leading) <= NULL_TOLERANCE))
-    # Without its part in the null space a solution has the least norm.
+    # A solution orthogonal to the null space has minimum norm.
     return solution - basis @ (basis.T @ solution), rank, is_determined
 
 
@@ -409,11 +410,11 @@ def _evaluate_solve(data: SolveShape, values: Sequence[Any]) -> Sequence[Any]:
     reference = complex(values[-1]).real
     rhs = np.array(values[n * n : n * n + n])
     sizes = np.real(np.array(values[n * n + n : -1]))
-    # A row of zeros, as of a constraint that nothing moves in one position, stays a row of zeros.
+    # A row of zeros, as of a constraint that no motion changes in one position, is kept.
     scales = np.where(sizes == 0.0, 0.0, 1.0 / np.sqrt(np.where(sizes == 0.0, 1.0, sizes)))
     scales = scales if sizes.size else np.ones(n)
-    # With S = diag(scales) the system S A S y = S b is solved, and x = S y. Symmetry is kept, and
-    # the norm that is least in a singular system is that of y.
+    # With S = diag(scales) the system S A S y = S b is solved, and x = S y. Symmetry is preserved;
+    # in a singular system the norm of y is the smallest.
     scaled = scales[:, None] * matrix * scales
     solution, rank, is_determined = solve_pivoted(scaled, scales * rhs, reference, data)
     return [*(scales * solution).tolist(), float(rank), float(is_determined)]
@@ -430,7 +431,7 @@ def _evaluate_table(table: Table, values: Sequence[Any]) -> Sequence[Any]:
         return [table.y[0], 0.0]
     if place >= table.x[-1]:
         return [table.y[-1], 0.0]
-    # Like C, of nan take the first piece, which then gives nan.
+    # Like C, nan uses the first interval, which then returns nan.
     k = 0 if math.isnan(place) else bisect.bisect_right(table.x, place) - 1
     slope = (table.y[k + 1] - table.y[k]) / (table.x[k + 1] - table.x[k])
     return [table.y[k] + slope * (x - table.x[k]), slope]
@@ -475,20 +476,20 @@ def solve(
         The n unknowns, then the rank found at run time, and one where the solution is accepted.
     """
     n = len(rhs)
-    # This layout is what sizes_of, is_symmetric, the derivatives and the statements in C rely on.
+    # sizes_of, is_symmetric, the derivatives and the C statements rely on this layout.
     args = [*(entry for row in matrix for entry in row), *rhs, *sizes, reference or dag.zero]
     shape = shape or SolveShape(n, n)
     return dag.several("solve", args, shape, n + 2)
 
 
 def sizes_of(node: Node) -> tuple[Node, ...]:
-    """Return the sizes that the diagonal of a linear system is compared with, if any."""
+    """Return the sizes to which the diagonal of a linear system is compared, if any."""
     n = node.data.size
     return node.args[n * n + n : -1]
 
 
 def is_symmetric(node: Node) -> bool:
-    """Return whether the matrix of a linear system is symmetric whatever its values are."""
+    """Return whether the matrix of a linear system is structurally symmetric."""
     n = node.data.size
     return all(node.args[i * n + j] is node.args[j * n + i] for i in range(n) for j in range(i))
 

@@ -1,13 +1,13 @@
-"""Interned scalar nodes: equal values get one number, and fold as they are made.
+"""Interned scalar nodes: equal values get one number, and fold when they are formed.
 
-A :class:`Dag` is an arena. A node is made by an operator on nodes (``a * b + c``) or by a method
-of the arena (``dag.function("sin", a)``); asking twice for the same value gives the same node, so
+A :class:`Dag` is an arena. A node is made by an operator on nodes (``a * b + c``) or by a method of
+the arena (``dag.function("sin", a)``); forming the same value twice returns the same node, so
 common subexpressions never exist twice. Constants fold, ``x*0`` and ``x+0`` vanish, ``x*(1/x)`` is
-one, ``x+(y-x)`` is ``y``, negations sink towards the result. An argument always has a smaller index
+one, ``x+(y-x)`` is ``y``, negations move towards the result. An argument always has a smaller index
 than the node that uses it, so ascending index is a valid order of evaluation.
 
-Those of :data:`ARGUMENT_OF` are what kernels are given. The others stand for what is not known yet
-when something is formed, and are replaced later.
+Those of :data:`ARGUMENT_OF` are arguments of kernels. The others are placeholders for values that
+are formed later.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Node:
         self.args = args
         self.data = data
         self.value = value
-        self.section = dag.section  # of whoever formed the value first
+        self.section = dag.section  # the first label under which the value was formed
         self.index = len(dag.nodes)
         dag.nodes.append(self)
 
@@ -104,7 +104,7 @@ class Node:
 
     @property
     def is_zero(self) -> bool:
-        """Whether the value is the constant zero."""
+        """Return whether the value is the constant zero."""
         return self is self.dag.zero
 
     def __repr__(self) -> str:
@@ -149,7 +149,7 @@ class Dag:
 
     @contextmanager
     def labelled(self, section: str) -> Iterator[None]:
-        """Label the nodes made inside the ``with`` block."""
+        """Label the nodes formed inside the ``with`` block."""
         previous, self.section = self.section, section + self.suffix
         try:
             yield
@@ -157,7 +157,7 @@ class Dag:
             self.section = previous
 
     def note_origin(self, node: Node, origin: str) -> None:
-        """Record the origin of a value, for messages; the first origin stays."""
+        """Record the origin of a value, for messages; the first origin is kept."""
         if node.args:  # constants and symbols are shared by edges of many origins
             self.origins.setdefault(node, origin)
 
@@ -262,7 +262,7 @@ class Dag:
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
-        if b.value is not None:  # constants stand first, which _scale relies on
+        if b.value is not None:  # constants come first, on which _scale relies
             a, b = b, a
         if a.value is not None:
             return self._scale(a.value, a, b)
@@ -293,7 +293,7 @@ class Dag:
                 raise ZeroDivisionError("division by zero")
             if a.value is not None:
                 return self.constant(a.value / b.value)
-            return self.mul(self.constant(1.0 / b.value), a)  # quicker, if rounded twice
+            return self.mul(self.constant(1.0 / b.value), a)  # faster, but rounded twice
         if a is self.zero:
             return a
         if a is b:
@@ -354,7 +354,7 @@ class Dag:
         return self._intern(name, args)
 
     def select(self, condition: Node, accepted: Node, refused: Node) -> Node:
-        """Form ``accepted`` where ``condition >= 0``, else ``refused``."""
+        """Form ``accepted`` if ``condition >= 0``, else ``refused``."""
         if accepted is refused:
             return accepted
         if condition.value is not None:
@@ -367,7 +367,7 @@ class Dag:
         return tuple(self._intern("result", (node,), position) for position in range(n_results))
 
     def rebuild(self, node: Node, args: tuple[Node, ...]) -> Node:
-        """Rebuild ``node`` from other arguments, folding it where that is now possible."""
+        """Rebuild ``node`` from other arguments, folding it if possible."""
         op = node.op
         if op in ("add", "sub", "mul", "div", "pow", "neg", "select"):
             made: Node = getattr(self, op)(*args)
@@ -381,9 +381,9 @@ _by_index = attrgetter("index")
 
 
 def reachable(roots: Iterable[Node], stop: Container[Node] = ()) -> list[Node]:
-    """List every node that the roots depend on, themselves included, in order of evaluation.
+    """List every node on which the roots depend, themselves included, in order of evaluation.
 
-    Nodes of ``stop`` are listed, but what they depend on is not followed.
+    Nodes of ``stop`` are listed, but their arguments are not followed.
     """
     found = set(roots)
     stack = list(found)
@@ -403,7 +403,7 @@ def dependent(nodes: Iterable[Node], sources: Iterable[Node]) -> set[Node]:
     """Return the sources and those of ``nodes`` (in order of evaluation) that depend on them."""
     marked = set(sources)
     for node in nodes:
-        # In order of evaluation, all arguments have been decided on.
+        # In order of evaluation, all arguments have been classified.
         if any(arg in marked for arg in node.args):
             marked.add(node)
     return marked
@@ -413,7 +413,8 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
     """Rebuild the roots with some nodes replaced; values that do not depend on them stay."""
     roots = list(roots)
     new: dict[Node, Node] = dict(replacement)
-    # The walk ends at replaced nodes. Their arguments are rebuilt only where another path leads.
+    # The traversal ends at replaced nodes. Their arguments are rebuilt only if another path leads
+    # there.
     for node in reachable(roots, stop=replacement):
         if node in replacement:
             continue
@@ -424,11 +425,11 @@ def substitute(roots: Iterable[Node], replacement: Mapping[Node, Node]) -> list[
 
 
 def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
-    """Rebuild a value from what replaces its arguments; it keeps its origin."""
+    """Rebuild a value from its replaced arguments; it keeps its origin."""
     args = tuple([new.get(arg, arg) for arg in node.args])
     if args == node.args:
         return node
-    # Rebuilding folds: what replaces an argument may make the value simpler.
+    # Rebuilding folds: a replaced argument may simplify the value.
     made = node.dag.rebuild(node, args)
     if node in node.dag.origins:
         node.dag.note_origin(made, node.dag.origins[node])
@@ -438,7 +439,7 @@ def rebuilt(node: Node, new: Mapping[Node, Node]) -> Node:
 def symbols_of_each(
     roots: Sequence[Node], among: Container[Node] | None = None
 ) -> list[list[Node]]:
-    """List the symbols that each root depends on, in one walk over all of them.
+    """List the symbols on which each root depends, in one traversal.
 
     The symbols of a value are an integer with one bit for each, of those in ``among`` if given.
     """
@@ -462,7 +463,7 @@ def symbols_of_each(
 
 
 def symbols_in(roots: Iterable[Node]) -> list[Node]:
-    """List the symbols that the roots depend on."""
+    """List the symbols on which the roots depend."""
     return [node for node in reachable(roots) if node.op == "symbol"]
 
 
@@ -478,14 +479,14 @@ PACKED_SENSITIVITY = "packed"
 STATE_RATE = "rate"
 #: A direction of the states, along which a kernel differentiates.
 DIRECTION = "v"
-#: The piece that a step holds of something with corners, zero for none: a sign, or the number of a
-#: piece of a table. Kernels read it among the prepared values.
+#: The branch of a piecewise function that a step holds, zero for none: a sign, or the number of an
+#: interval of a table. Kernels read it among the prepared values.
 PIECE = "piece"
 
 #: An end of the range of a quantity, or of its rate, over a part of a step.
 RANGE = "range"
 
-#: The argument of a kernel that holds the values of each kind.
+#: The argument of a kernel that contains the values of each kind.
 ARGUMENT_OF = {
     TIME: "t",
     STATE: "x",
@@ -499,32 +500,32 @@ ARGUMENT_OF = {
     PIECE: "k",
 }
 
-#: Change of a state, and of the parameter of sensitivity j, along any direction in common.
+#: Change of a state, and of the parameter of sensitivity j, along a common direction.
 STATE_CHANGE = "dx"
 PARAMETER_CHANGE = "dp"
 #: Change of an input, and of any tunable parameter, along a direction of a linearisation.
 INPUT_CHANGE = "du"
 TUNED_CHANGE = "dtuned"
-#: The direct change by a parameter, at constant states, along that direction.
+#: The explicit change by a parameter, at constant states, along that direction.
 SOURCE = "source"
 #: An acceleration or a multiplier, and its derivative along a direction.
 UNKNOWN = "w"
 UNKNOWN_CHANGE = "dw"
-#: An entry of a right-hand side, or a result, that a map or a pattern is formed for.
+#: An entry of a right-hand side, or a result, for which a map or a pattern is formed.
 ENTRY = "own"
 #: An argument of a law.
 ARGUMENT = "argument"
 #: Newton's step of an algebraic unknown.
 STEP = "step"
-#: An across variable that a field names.
+#: An across variable in a field.
 MEASURED = "measured"
 #: Values of a map that all columns share, and those of one column.
 SHARED = "shared"
 COLUMN = "column"
-#: Change of what one column of a map is given, or weight of what it gives.
+#: Change of the inputs of one column of a map, or weight of its results.
 CHANGE = "change"
 
 
 def kinds_in(roots: Iterable[Node]) -> set[str]:
-    """List the kinds of symbols that some values depend on."""
+    """List the kinds of symbols on which some values depend."""
     return {symbol.data[0] for symbol in symbols_in(roots)}

@@ -1,12 +1,11 @@
-"""The scalar operations, one row each: how many arguments, how it is evaluated, how C spells it.
+"""The scalar operations, one row each: arguments, evaluation and spelling in C.
 
-Python's own raise where there is no number: ``1/0``, ``exp(1000)``, ``log(-1)``. These give
-infinities and nan, with C's signs, so that a value beyond what matters, such as the ``exp`` in
+Python's functions raise if there is no result: ``1/0``, ``exp(1000)``, ``log(-1)``. These return
+infinities and nan, with the signs of C, so that an irrelevant overflow, such as the ``exp`` in
 ``1/(1 + exp(1000))``, does no harm with or without a compiler.
 
-Sums, differences, products, quotients and negations are arithmetic; everything else is a
-function call. Partial derivatives stand in :mod:`cotree.dag.derivative`, since they are built
-from nodes.
+Sums, differences, products, quotients and negations are arithmetic; all others are function calls.
+Partial derivatives are in :mod:`cotree.dag.derivative`, since they are built from nodes.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def divide(a: float, b: float) -> float:
-    """Divide; a division by zero gives an infinity, or nan where the dividend is zero, too."""
+    """Divide; a division by zero gives an infinity, or nan if the dividend is zero, too."""
     try:
         return a / b
     except ZeroDivisionError:
@@ -39,10 +38,10 @@ def power(a: float, b: float) -> float:
     try:
         return math.pow(a, b)
     except OverflowError:
-        # Overflow: the exponent tells whether the sign of the base survives.
+        # Overflow: the parity of the exponent determines the sign.
         return math.copysign(math.inf, a) if _is_odd(b) else math.inf
     except ValueError:
-        # Without a value are a negative base with a fractional exponent, and zero with a negative
+        # Undefined are a negative base with a fractional exponent, and zero with a negative
         # exponent. The latter is a pole, whose sign is that of the zero for odd exponents.
         if a != 0.0:
             return math.nan
@@ -50,7 +49,7 @@ def power(a: float, b: float) -> float:
 
 
 def logarithm(x: float) -> float:
-    """Return the natural logarithm: minus infinity of zero, nan of what is negative."""
+    """Return the natural logarithm: minus infinity at zero, nan for negative numbers."""
     try:
         return math.log(x)
     except ValueError:
@@ -65,7 +64,7 @@ def floor(x: float) -> float:
 def total(function: Callable[[float], float]) -> Callable[[float], float]:
     """Wrap a function: nan outside its domain, infinity on overflow.
 
-    Of those that overflow, ``exp`` and ``cosh`` do so upwards, ``sinh`` towards both sides.
+    Overflowing functions are ``exp`` and ``cosh``, upwards, and ``sinh``, towards both sides.
     """
     upwards = function in (math.exp, math.cosh)
 
@@ -106,8 +105,8 @@ def _sign(x: float) -> float:
     return float((x > 0.0) - (x < 0.0))
 
 
-# Complex numbers serve the complex step only: a branch is decided by the real part, so that the
-# imaginary part is carried along as an infinitesimal.
+# Complex numbers are used for the complex step only: the real part decides a branch, so that the
+# imaginary part remains an infinitesimal.
 def _complex_abs(x: complex) -> complex:
     return x if complex(x).real >= 0.0 else -x
 
@@ -140,7 +139,7 @@ def _array_erf(x: Scalar) -> Scalar:
 
 
 def _select(condition: float, accepted: float, refused: float) -> float:
-    # A condition that is nan is refused: comparisons with nan are false, here as in C.
+    # A nan condition is refused: comparisons with nan are false, as in C.
     return accepted if condition >= 0.0 else refused
 
 
@@ -206,9 +205,9 @@ OPERATIONS: dict[str, Operation] = {row.name: row for row in _ROWS}
 
 
 def folded(name: str, *values: float) -> float:
-    """Evaluate an operation on constants; an error if the result is not finite.
+    """Evaluate an operation on constants; raise if the result is not finite.
 
-    Raises ValueError or OverflowError: this is a user's mistake.
+    Raises ValueError or OverflowError, since the cause is a user's expression.
     """
     found: float = OPERATIONS[name].real(*values)
     if not math.isfinite(found):

@@ -1,10 +1,10 @@
 """Ranges of values: the interval extension of a program, as nodes.
 
-In: values, and the range of each quantity that they are made of. Out: for each value two nodes
-between which it lies wherever these quantities are within their ranges. A range may be wider than
-need be, since arguments are taken as independent of each other, and shrinks to the value with the
-ranges of the quantities. Where nothing is known, as of a quotient whose divisor may be zero, it has
-the ends :data:`ENDLESS`, or is nan, so that no comparison holds.
+In: values, and the range of each quantity on which they depend. Out: for each value two nodes that
+bound it as long as these quantities are within their ranges. A range may be too wide, since
+arguments are treated as independent of each other, and shrinks to the value with the ranges of the
+quantities. If nothing is known, as for a quotient whose divisor may be zero, its ends are
+:data:`ENDLESS`, or nan, so that no comparison is true.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Both ends of what may be anything: finite, as constants of a program are.
+#: Both ends of an unbounded range: finite, as constants of a program are.
 ENDLESS = 1e300
 
 Range = tuple["Node", "Node"]
@@ -38,10 +38,10 @@ def is_ranged(node: Node) -> bool:
 
 
 def ranges(roots: Iterable[Node], known: Mapping[Node, Range]) -> list[Range]:
-    """Return the least and the largest value of each root, as nodes.
+    """Return the smallest and the largest value of each root, as nodes.
 
-    The roots are made of operations that :func:`is_ranged` accepts; ``known`` are the ranges of
-    quantities, and all that depends on none of them is constant.
+    The roots consist of operations that :func:`is_ranged` accepts; ``known`` are the ranges of
+    quantities, and values that depend on none of them are constant.
     """
     roots = list(roots)
     found = dict(known)
@@ -101,13 +101,13 @@ def _of_quotient(node: Node, given: Sequence[Range]) -> Range:
         return _hull([a / c, b / c])
     if c.is_zero or d.is_zero:
         return _endless(node.dag)
-    # The divisor is away from zero where the product of its ends is positive.
+    # The divisor is nonzero if the product of its ends is positive.
     corners = _hull([x / y for x in (a, b) for y in (c, d)])
     return _where(-(c * d), _endless(node.dag), corners)
 
 
 def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
-    """Form the range of a function that falls as far as zero, and then grows."""
+    """Form the range of a function that decreases to zero and then increases."""
     low, high = given
     ends = function(low), function(high)
     least = dag.select(low, ends[0], dag.select(-high, ends[1], function(dag.zero)))
@@ -115,7 +115,7 @@ def _of_even(dag: Dag, given: Range, function: Callable[[Node], Node]) -> Range:
 
 
 def _of_wave(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of a sine or cosine: one, or minus one, where a phase has passed."""
+    """Form the range of a sine or cosine: 1, or -1, if its phase is within the range."""
     dag, (low, high) = node.dag, given[0]
     ends = [dag.function(node.op, end) for end in (low, high)]
     first = 0.25 if node.op == "sin" else 0.0  # of the largest value, in periods
@@ -143,7 +143,7 @@ def _of_increasing(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _within(given: Range, low: float, high: float) -> Range:
-    """Cut a range to where a function has values."""
+    """Clip a range to the domain of a function."""
     dag = given[0].dag
     a, b = (_least([_largest([end, dag.constant(low)]), dag.constant(high)]) for end in given)
     return a, b
@@ -163,7 +163,7 @@ def _of_arc(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_angle(node: Node, given: Sequence[Range]) -> Range:
-    """Form the range of atan2: at corners, unless its jump or the origin may be among them."""
+    """Form the range of atan2 from the corners, unless its jump or the origin may be within."""
     dag, (y, x) = node.dag, given
     corners = _hull([dag.function("atan2", a, b) for a in y for b in x])
     anything = dag.constant(-math.pi), dag.constant(math.pi)
@@ -173,7 +173,7 @@ def _of_angle(node: Node, given: Sequence[Range]) -> Range:
 
 
 def _of_power(node: Node, given: Sequence[Range]) -> Range:
-    # Of a negative base with a whole exponent nothing is said: nan.
+    # A negative base with an integer exponent is not bounded: nan.
     return _hull([node.dag.pow(a, b) for a in given[0] for b in given[1]])
 
 
@@ -205,13 +205,13 @@ def _of_table(node: Node, given: Range) -> Range:
     if place == 1:
         slopes = [*slopes, 0.0]  # beyond the ends
         of_all = dag.constant(min(slopes)), dag.constant(max(slopes))
-        # A piece that is held has one slope.
+        # A frozen interval has one slope.
         return (
             _where(-dag.function("abs", held.args[1]), of_all, _hull(ends)) if is_held else of_all
         )
     if place > 1 or min(slopes) >= 0.0 or max(slopes) <= 0.0:
-        return _hull(ends)  # of what falls or grows throughout, as do the ends of pieces
-    # It leaves the mean of both ends by no more than its largest slope allows.
+        return _hull(ends)  # of monotonic functions, and of the ends of intervals
+    # It differs from the mean of both ends by no more than its largest slope allows.
     steepest = max(map(abs, slopes))
     mean = 0.5 * (ends[0] + ends[1])
     reach = 0.5 * steepest * (given[1] - given[0])

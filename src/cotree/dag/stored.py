@@ -1,7 +1,6 @@
 """Arenas as bytes: a node is pickled as its place in its arena, and an arena as a flat list.
 
-Pickling nodes one by one would follow arguments as deep as the arena is, beyond what Python's
-stack can hold.
+Pickling nodes one by one would recurse as deep as the arena, beyond the limit of Python's stack.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ def _reduced_dag(dag: Dag) -> tuple[Any, ...]:
         for node in dag.nodes
     ]
     origins = {node.index: origin for node, origin in dag.origins.items()}
-    # Each node was interned when it was made, so that the keys stand in the order of the nodes.
-    # Values by what they were formed of are left out: they are only needed while forming.
+    # Each node was interned when it was made, so that the keys are in the order of the nodes. The
+    # table ``formed`` is left out: it is only needed while forming.
     return _dag_of, (rows, list(dag._interned), origins)
 
 
@@ -37,7 +36,7 @@ def _dag_of(rows: list[tuple[Any, ...]], keys: list[Any], origins: dict[int, str
     dag.nodes.clear()
     dag._interned.clear()
     for (op, args, data, value, section), key in zip(rows, keys, strict=True):
-        # Constants that an arena begins with are attributes of it.
+        # The first constants of an arena are attributes of it.
         if value in (0.0, 1.0):
             node = one if value else zero
             node.index = len(dag.nodes)

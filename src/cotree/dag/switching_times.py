@@ -1,12 +1,13 @@
-"""Times at which values jump or have a kink, found from the nodes that form them.
+"""Times at which values jump or have a kink, found from their nodes.
 
-A condition of time and parameters alone (what a selection, a sign, an absolute value, a floor or a
-table looks at) changes at times that are known before a run, if it is linear in time, or linear in
-time since the last whole period. Integration stops there, so that no pulse is stepped over and no
-step has a kink within. Corners at other conditions are located, see :mod:`cotree.program.surfaces`.
+A condition of time and parameters alone (the argument of a selection, a sign, an absolute value, a
+floor or a table) changes at times that are known before a run, if it is linear in time, or linear
+in time since the last whole period. Integration restarts there, so that no pulse is stepped over
+and no step contains a kink. Kinks of other conditions are located, see
+:mod:`cotree.program.surfaces`.
 
-That test is blind where something acts during a part of each period only, such as a diode driven
-by a sine: a long step may skip all of that part. Steps are then limited to a share of the period.
+That method fails if a law acts during a part of each period only, such as a diode driven by a sine:
+a long step may skip all of that part. Steps are then limited to a fraction of the period.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Stops closer than this share of their size are one: a few roundings of what they are made of.
+#: Time events closer than this fraction of their size are one: a few roundings.
 SAME = 8 * 2.0**-52
 
 #: Operations that jump or have a kink, depending on their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 
-#: Operations that may be nearly zero during most of a period. Where they depend on states, sines of
+#: Operations that may be nearly zero during most of a period. If they depend on states, sines of
 #: time limit the steps.
 _PARTIAL = frozenset({"exp", "tanh", "select", "sign", "abs", "table"})
 
-#: Steps in a period of such a sine. A rectifier conducts for a twentieth of it, or more.
+#: Steps per period of such a sine. A rectifier conducts for a twentieth of it, or more.
 _SHARES = 32.0
 
 #: Values with more pieces than this are left to the error test.
@@ -47,7 +48,7 @@ class Stop:
 
     first: Node  # of parameters
     period: Node | None = None  # of parameters; None for one time only
-    starts: bool = False  # whether there are none before ``first``, k from zero on
+    starts: bool = False  # whether there are none before ``first``, with k from zero on
     #: Derivatives of ``first`` and of the period along each of some directions.
     along: tuple[tuple[Node, Node], ...] = ()
 
@@ -65,8 +66,8 @@ class _Count:
 class _Line:
     """``offset + rate * t + step * count``; zero before its root where it ``starts``.
 
-    A selection between lines is each of them at some time: it stops where any of them would,
-    which is once too often at times, but never too seldom.
+    A selection between lines is each of them at some time: its time events are those of any of
+    them, which may be too many, but never too few.
     """
 
     offset: Node
@@ -77,12 +78,12 @@ class _Line:
 
 
 def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
-    """List the times at which conditions of values change, as decided by time and parameters."""
+    """List the times at which conditions of values change, as determined by time and parameters."""
     return tuple(dict.fromkeys(chain.from_iterable(stops_within(dag, roots).values())))
 
 
 def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]]:
-    """List the stops of each node that compares or looks up a value."""
+    """List the time events of each node that compares or looks up a value."""
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
         return {}
@@ -90,7 +91,7 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
     found: dict[Node, tuple[Stop, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
-            # A node without pieces is no function of time that is known before a run.
+            # A node without pieces is not a function of time that is known before a run.
             own = (_stops(node, line) for line in pieces.get(node.args[0], ()))
             found[node] = tuple(dict.fromkeys(chain.from_iterable(own)))
     return found
@@ -99,7 +100,7 @@ def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]
 def is_cut(node: Node) -> bool:
     """Return whether every time-dependent part of a value is piecewise linear in time.
 
-    Integration then stops where something that looks at it changes.
+    Integration then restarts at every change of a function of it.
     """
     order = reachable([node])
     pieces = _all_pieces(node.dag, order)
@@ -146,9 +147,9 @@ def _all_pieces(dag: Dag, order: Sequence[Node]) -> dict[Node, tuple[_Line, ...]
 def _pieces(
     dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]], is_moving: bool
 ) -> tuple[_Line, ...]:
-    """Write a node as the lines that it follows piece by piece; nothing if it is none of these.
+    """Return the lines of which a node consists piecewise; empty if it is not linear.
 
-    One that depends on states may still be a line in one branch of a selection.
+    A node that depends on states may still be a line in one branch of a selection.
     """
     zero = dag.zero
     if node.value is not None or (node.op == "symbol" and node.data[0] == "p"):
@@ -160,11 +161,11 @@ def _pieces(
     if not node.args or not all(arg in pieces for arg in node.args):
         return ()
     rows = [pieces[arg] for arg in node.args]
-    # A function of parameters alone is a constant line, whatever the function.
+    # A function of parameters alone is a constant line.
     is_fixed = not is_moving and all(_is_fixed(line) for row in rows for line in row)
     if is_fixed and node.op != "result":
         return (_Line(node, zero, zero),)
-    # |x| follows x or -x.
+    # |x| is x or -x.
     if node.op == "abs":
         return (*rows[0], *(_scaled(line, -dag.one) for line in rows[0]))
     if node.op == "sign":
@@ -177,7 +178,7 @@ def _pieces(
 def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) -> tuple[_Line, ...]:
     """Write a selection as the lines of its branches."""
     condition, accepted, refused = node.args
-    # max(x, 0), as sources with a delay have it: the line begins at its root.
+    # max(x, 0), as in sources with a delay: the line begins at its root.
     if condition is accepted and refused.is_zero and len(pieces.get(accepted, ())) == 1:
         (clipped,) = pieces[accepted]
         if clipped.count is None and not clipped.starts:
@@ -187,7 +188,7 @@ def _branches(dag: Dag, node: Node, pieces: Mapping[Node, tuple[_Line, ...]]) ->
 
 
 def _line(dag: Dag, node: Node, rows: Sequence[_Line]) -> _Line | None:
-    """Write an operation on lines as a line, if it is one."""
+    """Return an operation on lines as a line, if it is one."""
     if node.op in ("add", "sub"):
         return _added(rows[0], rows[1], 1.0 if node.op == "add" else -1.0)
     if node.op == "neg":
@@ -227,31 +228,31 @@ def _scaled(line: _Line, factor: Node) -> _Line:
 
 
 def _stops(node: Node, line: _Line) -> list[Stop]:
-    """Return the times at which the argument of a node is zero, whole, or a point of its table."""
+    """Return the times at which a node's argument is zero, integer, or a point of its table."""
     if line.rate.is_zero:
-        return []  # a count alone: its floor has been seen to already
+        return []  # a count alone: its floor has been processed
     if node.op == "floor" and line.count is None:
-        # The argument is whole at its root and each time that it has grown by one since.
+        # The argument is an integer at its root and each time that it has grown by one since.
         return [Stop(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
         return [Stop(first) for first in firsts]
-    # The count raises the line by a step when the period ends: zeros return with that period.
+    # The count raises the line by a step at the end of each period: zeros return with that period.
     period = -line.step / line.rate
     return [Stop(first, period, line.count.starts) for first in firsts]
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:
-    """Return the least of some limits, which are nodes of parameters; infinity for none."""
-    # A rate of zero gives an infinite limit, an infinite rate gives zero, which would stop a run:
-    # neither limits anything, and nor does nan.
+    """Return the smallest of some limits, which are nodes of parameters; infinity for none."""
+    # A rate of zero gives an infinite limit, an infinite rate gives zero, which would halt a run:
+    # both are ignored, as is nan.
     sizes = [abs(value_of(limit, values)) for limit in limits]
     return min((size for size in sizes if size > 0.0), default=math.inf)
 
 
 def value_of(node: Node | None, values: Mapping[Node, float]) -> float:
-    """Evaluate a node of parameters; nan where it has no value."""
+    """Evaluate a node of parameters; nan if it has no value."""
     if node is None:
         return math.nan
     if node.value is not None:

@@ -1,8 +1,8 @@
 """Time events: times at which integration restarts, and their dependence on parameters.
 
 In: times as nodes (:mod:`cotree.dag.switching_times`), and values of parameters. Out: those within
-a span, indistinguishable ones merged, with their derivatives. Where rates jump by ``f+ - f-`` at
-a time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
+a span, indistinguishable ones merged, with their derivatives. If rates jump by ``f+ - f-`` at a
+time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
 
-#: A run is not cut more often than this: a period far below the span is a mistake in units.
+#: The largest number of time events in a run: a period far below the span is an error in units.
 _MOST = 10_000_000
 
 
 @dataclass(frozen=True)
 class Corners:
-    """Times at which integration stops, ascending, with their derivatives along m directions."""
+    """Times at which integration restarts, ascending, with their derivatives along m directions."""
 
     times: FloatArray
     slopes: FloatArray  # their derivatives along each direction
-    #: Largest difference of these derivatives among all stops that meet at a time.
+    #: Largest difference of these derivatives among coinciding time events.
     spreads: FloatArray
-    #: Largest size of the first time of a stop that repeats, whose rounding corners have, [s].
+    #: Largest magnitude of the first time of a periodic event, which determines the rounding, [s].
     scale: float = 0.0
 
     def __len__(self) -> int:
@@ -45,17 +45,17 @@ class Corners:
 
     @classmethod
     def none(cls) -> Corners:
-        """Return a list without corners."""
+        """Return an empty list."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
 
     @property
     def moved(self) -> Corners:
-        """The corners that move along some direction, or at which something moves."""
+        """The time events whose time, or that of a coinciding one, moves along some direction."""
         moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
         return Corners(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
 
     def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return which of some times are corners, with their slopes and spreads, zero elsewhere."""
+        """Return which of some times are time events, with slopes and spreads, otherwise zero."""
         shape = (len(times), self.slopes.shape[1])
         slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
         if len(self):
@@ -66,8 +66,8 @@ class Corners:
 
 
 def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
-    """Differentiate the times of stops along some directions; see :attr:`Stop.along`."""
-    # Stops without a period fill their place with the first time, whose tangent is not used.
+    """Differentiate time events along some directions; see :attr:`Stop.along`."""
+    # Without a period its place has the first time, whose tangent is not used.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
     n = len(stops)
@@ -84,14 +84,14 @@ def find_corners(
     high: float,
     others: Sequence[float] = (),
 ) -> Corners:
-    """List the times of some stops within the span from ``low`` to ``high``, both ends included.
+    """List the time events within the span from ``low`` to ``high``, both ends included.
 
-    Times that differ by rounding are one corner, with the slopes of the first of them. At an end of
-    the span, whose time is given, slopes are zero; the spreads show how the stops there move. The
+    Times that differ by rounding are merged, with the slopes of the first of them. At an end of the
+    span, whose time is given, slopes are zero; the spreads show how the events there move. The
     times ``others`` do not change along any direction. Raises ValueError if a period gives too
     many.
     """
-    # A corner within rounding of an end is at the end.
+    # A time event within rounding of an end is at the end.
     margin = SAME * max(abs(low), abs(high))
     m = max((len(stop.along) for stop in stops), default=0)
     found = [_Times(np.asarray(others, dtype=float), np.zeros((len(others), m)), 0.0)]
@@ -105,8 +105,8 @@ def find_corners(
     order = order[np.argsort(t[order], kind="stable")]
     t, slopes, at_low, at_high = t[order], slopes[order], ends[0][order], ends[1][order]
     scale = float(np.max(scales[order], initial=0.0))
-    # An end stays where it is, whatever the parameters are. Met by a stop that moves, its spread is
-    # the slope of that stop.
+    # An end is fixed, for any parameters. If a moving event coincides with it, its spread is the
+    # slope of that event.
     at_end = (at_low | at_high)[:, None]
     spreads = np.where(at_end, np.abs(slopes), 0.0)
     slopes = np.where(at_end, 0.0, slopes)
@@ -121,13 +121,13 @@ def find_corners(
 
 
 def _is_same(a: FloatArray, b: FloatArray | float) -> npt.NDArray[np.bool_]:
-    """Return where two times, or slopes, differ by rounding only."""
+    """Return whether two times, or slopes, differ by rounding only."""
     same: npt.NDArray[np.bool_] = np.abs(a - b) <= SAME * np.maximum(np.abs(a), np.abs(b))
     return same
 
 
 class _Times(NamedTuple):
-    """Times of one stop, with their derivatives and the size of the first one."""
+    """Times of one event, with their derivatives and the magnitude of the first one."""
 
     t: FloatArray
     slopes: FloatArray
@@ -135,7 +135,7 @@ class _Times(NamedTuple):
 
 
 def _times_of(stop: Stop, values: Mapping[Node, float], low: float, high: float, m: int) -> _Times:
-    """List the times of one stop within a span."""
+    """List the times of one event within a span."""
     first, period = value_of(stop.first, values), value_of(stop.period, values)
     if not math.isfinite(first):
         return _Times(np.zeros(0), np.zeros((0, m)), 0.0)
@@ -151,7 +151,7 @@ def _times_of(stop: Stop, values: Mapping[Node, float], low: float, high: float,
     start = max(start, 0) if stop.starts else start
     if end - start > _MOST:
         raise ValueError(
-            f"a period of {period:.6g} s passes {end - start} times in the span: it is too "
+            f"a period of {period:.6g} s occurs {end - start} times in the span: it is too "
             "short for this run; check its unit"
         )
     k = np.arange(start, end + 1, dtype=float)

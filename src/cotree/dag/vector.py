@@ -1,8 +1,8 @@
 """Three-vectors, matrices and rotations of nodes.
 
-A vector is a tuple of three nodes, a matrix a tuple of three rows. What is structurally zero is
-the constant zero and folds away, so that planar scenes give planar programs. The functions here
-take duals of vectors and matrices, too (:mod:`cotree.dag.dual`), and then give duals.
+A vector is a tuple of three nodes, a matrix a tuple of three rows. Structural zeros are the
+constant zero and fold away, so that planar scenes give planar programs. The functions also take
+duals of vectors and matrices (:mod:`cotree.dag.dual`), and then return duals.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def identity(dag: Dag) -> Matrix:
 
 
 def is_zero(a: Vector) -> bool:
-    """Whether a vector is structurally zero."""
-    # A vector that changes is not zero, even where its value is: its derivative would be lost.
+    """Return whether a vector is structurally zero."""
+    # A dual vector is not zero, even if its value is: its derivative would be lost.
     if is_varied(a):
         return False
     zero = a[0].dag.zero
@@ -73,7 +73,7 @@ def scale(factor: Node, a: Vector) -> Vector:
 
 
 def _dot(a: Vector, b: Vector) -> Node:
-    """Form the scalar product of plain vectors, which is all that bilinear forms are asked for."""
+    """Form the scalar product of plain vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -167,9 +167,9 @@ def angular_acceleration_matrix(omega: Vector, alpha: Vector) -> Matrix:
 
 @bilinear
 def _products(a: Vector, b: Vector) -> tuple[Vector, Vector]:
-    """Form the squares and the mixed products of two vectors that have the same value."""
-    # The mixed products are taken in one order only, as both vectors have the same value. For duals
-    # the two terms of the bilinear form make up the derivative of both orders.
+    """Form the squares and the mixed products of two vectors of equal value."""
+    # The mixed products are formed in one order only, as both vectors have the same value. For
+    # duals the two terms of the bilinear form contain the derivative of both orders.
     squares = (a[0] * b[0], a[1] * b[1], a[2] * b[2])
     return squares, (a[1] * b[2], a[0] * b[2], a[0] * b[1])
 
@@ -192,14 +192,14 @@ class Rotation:
     """The axes of one frame, resolved in another."""
 
     matrix: Matrix  # takes components in the rotated frame to components in the other
-    #: Where it turns about one axis: successive turns about the same axis add their angles, which
-    #: costs one sum where the product of two matrices costs many.
+    #: A rotation about one axis: successive rotations about the same axis add their angles, which
+    #: costs one sum instead of the product of two matrices.
     axis: Vector | None = None
     angle: Node | None = None
 
     @property
     def is_identity(self) -> bool:
-        """Whether it is structurally the unit matrix."""
+        """Return whether it is structurally the unit matrix."""
         one, zero = self.matrix[0][0].dag.one, self.matrix[0][0].dag.zero
         return all(
             entry is (one if i == j else zero)
@@ -208,10 +208,9 @@ class Rotation:
         )
 
     def then(self, axis: Vector, angle: Node) -> Rotation:
-        """Turn further, about an axis fixed in the rotated frame."""
+        """Rotate further, about an axis fixed in the rotated frame."""
         if self.angle is None or self.axis is None:
-            # From the identity any axis is taken over, so that further turns about it add their
-            # angles.
+            # The identity takes any axis, so that further rotations about it add their angles.
             if self.is_identity:
                 return about(axis, angle)
         elif all(a is b for a, b in zip(self.axis, axis, strict=True)):
@@ -228,7 +227,7 @@ def no_rotation(dag: Dag) -> Rotation:
 
 
 def about(axis: Vector, angle: Node) -> Rotation:
-    """Turn about a unit axis."""
+    """Return the rotation about a unit axis."""
     dag = angle.dag
     cosine, sine = dag.function("cos", angle), dag.function("sin", angle)
     # Rodrigues: R = cos I + (1 - cos) e e^T + sin [e]x.
@@ -236,7 +235,7 @@ def about(axis: Vector, angle: Node) -> Rotation:
     x, y, z = axis
 
     def diagonal(e: Node) -> Node:
-        # e^2 + (1 - e^2) cos, which folds to 1 or cos where the axis is a coordinate axis
+        # e^2 + (1 - e^2) cos, which folds to 1 or cos if the axis is a coordinate axis
         return e * e + (1.0 - e * e) * cosine
 
     def off(a: Node, b: Node, c: Node) -> Node:
@@ -289,9 +288,8 @@ def quaternion_rates(q: Sequence[Any], w: Sequence[Any]) -> tuple[Any, ...]:
 def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vector:
     """Form the rotation vector, [rad], of a change d of a quaternion q, real part first.
 
-    The norm of q need not be one. With ``is_own`` it is resolved in the axes of the turned frame, 2
-    Im(conj(q) d) / |q|^2, otherwise in those of the frame that it turns against, 2 Im(d conj(q)) /
-    |q|^2.
+    The norm of q need not be one. With ``is_own`` it is resolved in the axes of the rotated frame,
+    2 Im(conj(q) d) / |q|^2, otherwise in those of the reference frame, 2 Im(d conj(q)) / |q|^2.
     """
     q0, q1, q2, q3 = q
     d0, d1, d2, d3 = d
@@ -306,7 +304,7 @@ def quaternion_turn(q: Sequence[Node], d: Sequence[Node], is_own: bool) -> Vecto
 
 
 def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]:
-    """Form the quaternion of the turn ``b`` within the frame that ``a`` has turned."""
+    """Form the quaternion of the rotation ``b`` within the frame that ``a`` has rotated."""
     a0, a1, a2, a3 = a
     b0, b1, b2, b3 = b
     return (
@@ -318,9 +316,9 @@ def quaternion_product(a: Sequence[Node], b: Sequence[Node]) -> tuple[Node, ...]
 
 
 def quaternion_about(axis: Vector, angle: Node) -> tuple[Node, ...]:
-    """Form the quaternion of a turn about a unit axis."""
+    """Form the quaternion of a rotation about a unit axis."""
     half = 0.5 * angle
-    # The product does not commute: ``a`` stands left, as its frame is the outer one.
+    # The product does not commute: ``a`` is the left factor, as its frame is the outer one.
     sine = angle.dag.function("sin", half)
     return (angle.dag.function("cos", half), *scale(sine, axis))
 
@@ -330,15 +328,15 @@ def quaternion_of_angles(angles: Vector) -> tuple[Node, ...]:
     dag = angles[0].dag
     total: tuple[Node, ...] = (dag.one, dag.zero, dag.zero, dag.zero)
     for axis, angle in zip(identity(dag), angles, strict=True):
-        # About fixed axes later turns multiply from the left.
+        # About fixed axes later rotations multiply from the left.
         total = quaternion_product(quaternion_about(axis, angle), total)
     return total
 
 
 def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
-    """Find the quaternion of a rotation matrix of numbers; None if it is no rotation.
+    """Return the quaternion of a numeric rotation matrix; None if it is not a rotation.
 
-    A matrix is one where that quaternion's own matrix is the same; see
+    A matrix is a rotation if it equals that quaternion's own matrix; see
     :func:`quaternion_of_nodes`.
     """
     dag = Dag()
@@ -346,9 +344,9 @@ def quaternion_of_matrix(rows: Sequence[Sequence[float]]) -> list[float] | None:
         x, y, z = ((dag.constant(a), dag.constant(b), dag.constant(c)) for a, b, c in rows)
         q = quaternion_of_nodes((x, y, z), lambda node: node.value or 0.0)
         back = of_quaternion(q)
-    except ArithmeticError:  # not finite, or so large that products are not
+    except ArithmeticError:  # not finite, or so large that products overflow
         return None
-    # 1e-6: a matrix printed with seven digits is meant to be a rotation.
+    # 1e-6: a rotation matrix printed with seven digits is accepted.
     pairs = zip(chain(*back), chain(*rows), strict=True)
     if not all(abs((node.value or 0.0) - entry) <= 1e-6 for node, entry in pairs):
         return None
@@ -363,8 +361,8 @@ def quaternion_of_nodes(m: Matrix, value: Callable[[Node], float]) -> tuple[Node
     """
     dag = m[0][0].dag
     trace = m[0][0] + m[1][1] + m[2][2]
-    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of the trace and the diagonal tells
-    # the largest component, which is at least a half, so that the division by it is safe.
+    # 4 q0^2 = 1 + tr and 4 qi^2 = 1 - tr + 2 m_ii. The largest of the trace and the diagonal
+    # determines the largest component, which is at least a half, so that dividing by it is safe.
     squares = [value(node) for node in (trace, m[0][0], m[1][1], m[2][2])]
     largest = squares.index(max(squares))
     if largest == 0:

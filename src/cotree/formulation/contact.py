@@ -208,7 +208,7 @@ class Ellipsoid:
         return [(seen := view.scalar(a)) * seen for a in self.semiaxes]
 
     def _entries(self, view: View, facing: Facing) -> tuple[list[Any], Any]:
-        """Return the normal's entries m along the axes, and the depth, the root of sum a^2 m^2."""
+        """Return the components m of the normal along the axes, and the depth sqrt(sum a^2 m^2)."""
         n = facing.value(view)
         entries = [vector.dot(n, axis.value(view)) for axis in self.axes]
         total = sum(

@@ -134,7 +134,7 @@ class AxisLength:
         )
 
     def pull(self, view: View) -> Pull:
-        """Act with a force along the axis at the second node, and its reaction there too."""
+        """Act with a force along the axis at the second node, and its reaction at that point."""
         # The axis rotates with its node: the power of e'.r comes from the moment of the reaction,
         # which acts on the first body at the position of the second node.
         return pull_in_place(view, self.ends, self.axis)

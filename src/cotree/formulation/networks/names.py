@@ -28,7 +28,7 @@ class Names:
 
     @cached_property
     def _of_ports(self) -> dict[str, Variable]:
-        """Name the variables of the ports as scenes do: in full, and where clear by the edge."""
+        """Return the ports' variables by their names in scenes: in full, and by the edge."""
         found: dict[str, Variable] = {}
         for port in self.ports.values():
             for quantity, symbol in _symbols(port).items():

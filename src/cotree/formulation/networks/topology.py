@@ -226,7 +226,7 @@ class Topology:
         return {place.branch: place.sign for place in self._places.values()}
 
     def above(self, branches: Sequence[str]) -> list[tuple[int, int]]:
-        """Return the sign of each of some branches, and which of them leads to it; -1 for none."""
+        """Return the sign of each given branch, and the branch that leads to it; -1 for none."""
         numbers = {name: i for i, name in enumerate(branches)}
         parents = {place.branch: self._places[place.parent] for place in self._places.values()
                    if place.branch}  # fmt: skip
