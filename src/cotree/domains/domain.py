@@ -1,7 +1,7 @@
 """The table of physical domains: names, symbols and units of their across and through variables.
 
-A domain says what the edges of one linear graph measure ([1] section 1.1). Adding a domain is
-adding a row to `_ROWS`.
+A domain defines the variables of one linear graph ([1] section 1.1). Adding a domain is adding a
+row to `_ROWS`.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _network(
     """Make the row of a scalar domain from name, symbol and unit of its variables."""
     return Domain(
         name,
-        # A scalar network has one across variable; multibody domains have its rates too.
+        # A scalar network has one across variable; multibody domains have its rates, too.
         (across[0],),
         across[1],
         through[0],
@@ -111,8 +111,8 @@ def _network(
 
 
 _INERTIAL = (
-    "moves against '{tail}', but inertia is against the ground: name 'ground' first, then the node "
-    "that it moves with"
+    "is connected to '{tail}', but inertia is relative to the ground: name 'ground' first, "
+    "then the node that it moves with"
 )
 
 
@@ -141,7 +141,7 @@ _ROWS = (
         ("V", "m^3"),
         ("Gamma", "Pa s"),
     ),
-    # Heat has a capacity but no inertance: nothing stores the integral of a temperature.
+    # Heat has a capacity but no inertance: no component stores the integral of a temperature.
     _network("thermal", ("temperature", "T", "K"), ("heat flow", "q", "W"), ("H", "J")),
     _network(
         "chemical",
@@ -151,8 +151,8 @@ _ROWS = (
         remedy="a species or a reaction",
         # A concentration counts from zero, so that a storage of it begins at the reference.
         absolute=(
-            "runs to '{tail}', but how much there is of it follows from its concentration above "
-            "zero: name its node first, then 'ground'"
+            "is connected to '{tail}', but its amount follows from its concentration "
+            "relative to zero: name its node first, then 'ground'"
         ),
     ),
     Domain(
@@ -195,7 +195,7 @@ DOMAINS: Mapping[str, Domain] = MappingProxyType({row.name: row for row in _ROWS
 
 
 def domain(name: str) -> Domain:
-    """Look a domain up by its name.
+    """Return the domain of a name.
 
     >>> domain("rotation").through_unit
     'N m'

@@ -1,10 +1,10 @@
 """Equations of a scene: ``A(x) w = b(x)`` and ``M x' = rates(x, w)``, with their derivatives.
 
 The unknowns w, accelerations and multipliers, solve linear equations at each instant. M is
-diagonal: one for states with a rate, zero for algebraic unknowns, which nonlinear equations give.
-Those come last among the states, and their ``rates`` are the residuals of these equations. A
-derivative along a direction has the same matrices on the left: ``A w_p = b_p`` and
-``M x_p' = rates_p``. Everything is nodes of one arena.
+diagonal: one for states with a rate, zero for algebraic unknowns, which nonlinear equations
+determine. Those come last among the states, and their ``rates`` are the residuals of these
+equations. A derivative along a direction has the same matrices on the left: ``A w_p = b_p`` and ``M
+x_p' = rates_p``. All values are nodes of one arena.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CornerRow:
-    """A corner of the rates, which a value reaches where it passes through zero."""
+    """A kink of the rates, at the zero of a value."""
 
-    value: Node  # the value, relative to the end of the piece that is held
-    piece: int  # which of the pieces that are held ends there
-    #: Zero where the piece is the sign of the value; else what is added to its number where the
-    #: value passes through zero in that direction.
+    value: Node  # the value, relative to the end of the frozen branch
+    piece: int  # which of the frozen branches ends there
+    #: Zero if the branch is the sign of the value; otherwise the increment of its number when the
+    #: value crosses zero in that direction.
     direction: int
-    #: Whether the piece is the width of a band around zero within which roots are replaced.
+    #: Whether the branch is the half-width of a band around zero within which roots are replaced.
     is_steep: bool = False
 
 
 def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
-    """Write a sparse row out in full, with ``zero`` at the places that it leaves out."""
+    """Write out a sparse row, with ``zero`` at its absent places."""
     return [row.get(i, zero) for i in range(n)]
 
 
@@ -43,13 +43,13 @@ def spread(row: Mapping[int, Node], n: int, zero: Node) -> list[Node]:
 class Derivative:
     """Derivatives of the equations along one direction.
 
-    Of states and outputs there may be many thousands, each direction changing a few: their
-    derivatives are kept by place, those that vanish left out.
+    There may be thousands of states and outputs, of which a direction changes a few: derivatives
+    are stored by place, without zeros.
     """
 
-    name: str  # the parameter or state that the direction belongs to
+    name: str  # the parameter or state of the direction
     seed: Mapping[Node, Node]  # tangents of the symbols
-    forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, unknowns held fixed
+    forcing: tuple[Node, ...]  # right-hand side of ``A w_p = forcing``, at constant unknowns
     #: Derivatives of the state rates, in terms of :attr:`Equations.unknown_tangents`.
     rates: Mapping[int, Node]
     outputs: Mapping[int, Node]  # derivatives of the outputs
@@ -61,7 +61,7 @@ class Derivative:
 
     @property
     def nodes(self) -> list[Node]:
-        """All its nodes but for those of the seed and of the initial values."""
+        """All its nodes except those of the seed and of the initial values."""
         rates, outputs = self.rates.values(), self.outputs.values()
         return [*self.forcing, *rates, *outputs, *self.held, *self.held_rates, *self.start]
 
@@ -74,7 +74,7 @@ def substituted(
     new = iter(substitute([node for row in rows for node in row.nodes], replacement))
 
     def again(row: Mapping[int, Node]) -> dict[int, Node]:
-        # Taken from the iterator whether it vanishes or not, so that the order is kept.
+        # Taken from the iterator even if it is zero, so that the order is kept.
         made = {i: next(new) for i in row}
         return {i: node for i, node in made.items() if not node.is_zero}
 
@@ -92,7 +92,7 @@ def substituted(
     )
 
 
-#: Parameters that a message names.
+#: The largest number of parameters that a message names.
 _MOST_SHOWN = 5
 
 
@@ -114,8 +114,10 @@ class State:
     unit: str
     symbol: Node  # the state as an argument of the program
     initial: Node  # its initial value, of parameters only
-    is_given: bool = True  # whether the scene gives it, or it may change to satisfy constraints
-    #: Whether an equation 0 = g, no rate, determines it; its initial value is then a guess.
+    is_given: bool = (
+        True  # whether the scene gives it; otherwise it may change to satisfy constraints
+    )
+    #: Whether an equation 0 = g, not a rate, determines it; its initial value is then a guess.
     is_algebraic: bool = False
     #: For a state that is the content of a storage, the algebraic unknown that follows from it.
     follower: str = ""
@@ -126,24 +128,25 @@ class ConstraintSet:
     """Constraints that the states must satisfy."""
 
     rows: tuple[Quantity, ...]  # name and unit of each constraint
-    edges: tuple[str, ...]  # the edge that each belongs to
+    edges: tuple[str, ...]  # the edge of each constraint
     # Levels of position and of velocity, which a projection enforces; the level of acceleration is
     # part of A w = b.
     #: The residual of each, which must be zero; None for constraints on rates only.
     values: tuple[Node | None, ...]
     rates: tuple[Node, ...]  # the rate of each, which must be zero too
     gradient: tuple[tuple[Node, ...], ...]  # derivatives of the rates by the speeds
-    #: Sums of squares of the gradient's terms, before anything cancels.
+    #: Sums of squares of the gradient's terms, without cancellation.
     sizes: tuple[tuple[Node, ...], ...]
-    #: Edges whose rotation is free, with the four states that are to keep the norm one.
+    #: Edges whose rotation is free, with the four states whose norm is to remain one.
     quaternions: tuple[tuple[str, tuple[Node, ...]], ...]
     # Conditions of the consistent start besides the constraints.
     #: Further start conditions: initial values of coordinates and rates that are not states.
     start_rows: tuple[Quantity, ...]
     start_is_rate: tuple[bool, ...]  # whether each is a rate
-    #: Their residuals; then the values of ``redundant`` by the states, then those that are given.
+    #: Their residuals; then the values of ``redundant`` in terms of the states, then the given
+    #: ones.
     start_values: tuple[Node, ...]
-    #: Derivatives by the speeds, of rates of coordinates by the speeds too.
+    #: Derivatives by the speeds; rates of coordinates are differentiated, too.
     start_gradient: tuple[tuple[Node, ...], ...]
     #: Initial values of networks that must agree with those of the states.
     redundant: tuple[RedundantRow, ...] = ()
@@ -155,13 +158,13 @@ class Guard:
 
     value: Node
     what: str  # name of the value, as the subject of a message
-    is_strict: bool  # whether it must be positive, or only not negative
-    #: Predicate of the message if the condition fails; empty where the value itself says it.
+    is_strict: bool  # whether it must be positive, or only nonnegative
+    #: Predicate of the message if the condition fails; empty for the standard predicate.
     breach: str = ""
-    parameters: tuple[str, ...] = ()  # names of the parameters that the value is made of
+    parameters: tuple[str, ...] = ()  # names of the parameters on which the value depends
 
     def named(self, names: Sequence[str]) -> Guard:
-        """Name the parameters that the value is made of, from the names of all of them."""
+        """Return the guard with the names of its parameters, from the names of all of them."""
         symbols = symbols_in([self.value])
         # Symbols of parameters are numbered in the order of the tunable ones.
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
@@ -180,7 +183,7 @@ class Guard:
 
     @property
     def demand(self) -> str:
-        """The condition as a sentence, without the number that the value has."""
+        """The condition as a sentence, without the actual value."""
         if self.breach:
             return f"{self.what} {self.breach}{self.source}"
         wanted = "be positive" if self.is_strict else "not be negative"
@@ -188,7 +191,7 @@ class Guard:
 
     def check(self, number: float) -> None:
         """Raise ParameterError if the number does not satisfy the guard."""
-        # Written so that nan satisfies no guard.
+        # Written so that nan violates every guard.
         if number > 0.0 or (number == 0.0 and not self.is_strict):
             return
         if self.breach:
@@ -199,45 +202,46 @@ class Guard:
 
 @dataclass(frozen=True)
 class EventRow:
-    """An event at the passage of a value through zero."""
+    """An event at the zero crossing of a value."""
 
     name: str
     direction: int  # -1 for downwards, 1 for upwards, 0 for both
-    is_stop: bool  # whether a run ends there
-    # States that the event sets, and places of the values that it looks at and sets them to.
-    #: The states that it sets: by expressions, then the speeds that its impact changes, all.
+    is_stop: bool  # whether the event is terminal
+    # States that the event sets, and places of its function and of the new values.
+    #: The states that it sets: by expressions, then all speeds that its impact changes.
     targets: tuple[int, ...]
     watched: int  # place of the value among :attr:`Equations.output_values`
     new_values: range  # places of the expressions there, in the order of their targets
-    #: Place of the coefficient of restitution there; None where there is no impact.
+    #: Place of the coefficient of restitution there; None without an impact.
     restitution: int | None
     results: range  # places of the new values of all targets among those of all events
-    #: Whether it sets the mode of a jump inside an expression, and its value counts from it.
+    #: Whether it sets the mode of a jump inside an expression; its new value is relative to that
+    #: mode.
     is_jump: bool = False
     is_count: bool = False
-    #: What of an edge whose mode is chosen with those of others it looks at, see
-    #: :class:`cotree.scene.events.ModePart`; zero where it is no such event.
+    #: Its role for an edge whose mode is chosen with those of others, see
+    #: :class:`cotree.scene.events.ModePart`; zero without one.
     part: int = 0
-    #: Whether it happens where an impact at a rigid stop ends in rest; whether it looks at the
-    #: force of one; and whether it looks at the speed of friction that one presses together.
+    #: Whether it takes place if an impact at a rigid stop ends in rest; whether its function is the
+    #: force of one; and whether it is the speed of friction that one presses together.
     is_rest: bool = False
     is_lift: bool = False
     is_pressed: bool = False
 
     @property
     def is_impact(self) -> bool:
-        """Whether an impulse changes all speeds."""
+        """Return whether an impulse changes all speeds."""
         return self.restitution is not None
 
     @property
     def kept(self) -> tuple[int, ...]:
-        """The states that expressions set, which constraints leave as they are."""
+        """The states that expressions set, which a projection keeps."""
         # Targets of expressions come first, those of the impact after them.
         return self.targets[: len(self.new_values)]
 
     @property
     def causes(self) -> dict[int, int]:
-        """The place of what each target is set by: an expression, or the restitution."""
+        """The place of the source of each target: an expression, or the restitution."""
         own = dict(zip(self.kept, self.new_values, strict=True))
         if self.restitution is None:
             return own
@@ -256,7 +260,7 @@ class Equations:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    # The scene's own values, where a run gives no others.
+    # The scene's own values, unless a run gives others.
     parameter_values: tuple[float, ...]  # the scene's values of p
     #: The symbols of u, and the scene's own values of time and parameters.
     input_symbols: tuple[Node, ...]
@@ -268,33 +272,33 @@ class Equations:
     matrix: Sequence[Sequence[Node]]  # A, symmetric
     forcing: tuple[Node, ...]  # b
     is_safe: tuple[bool, ...]  # whether each unknown's pivot is positive for every state
-    #: The tree, where elimination along it costs less than that of the matrix; else empty.
+    #: The tree, if elimination along it costs less than that of the matrix; otherwise empty.
     links: tuple[TreeLink, ...]
-    # M x' = rates(x, w), and what has to hold besides.
+    # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' in terms of x and w
-    balances: tuple[Node, ...]  # ``A w - b`` as the formulation wrote it, for people
+    balances: tuple[Node, ...]  # ``A w - b`` as formulated, for people
     constraints: ConstraintSet  # constraints on the states; the last unknowns are their multipliers
     #: y; then the value of each event; then, event by event, new values and restitution.
     output_values: tuple[Node, ...]
-    # Derivatives along directions: the same A and M, with right-hand sides of their own.
+    # Derivatives along directions: the same A and M, with their own right-hand sides.
     #: Along each requested parameter together with its states' sensitivities, and along each state.
     sensitivities: tuple[Derivative, ...]
     columns: tuple[Derivative, ...]
     guards: tuple[Guard, ...]  # conditions that parameter values must satisfy
     # Layout of x: coordinates, speeds, modes, states of networks, algebraic unknowns.
-    #: Number of modes and states of networks, algebraic unknowns not counted.
+    #: Number of modes and states of networks, without algebraic unknowns.
     n_network_states: int = 0
     n_modes: int = 0  # number of modes, which come first among these
     events: tuple[EventRow, ...] = ()
-    #: Along the motion itself, where there are events or algebraic unknowns, in terms of rates of
-    #: the states as symbols.
+    #: Along the motion itself, if there are events or algebraic unknowns, in terms of rates of the
+    #: states as symbols.
     motion: Derivative | None = None
-    #: Along a change of all states and of the parameters that sensitivities are taken to, where
-    #: these are several, in terms of these changes as symbols; see :mod:`cotree.dag.nodes`.
+    #: Along a common change of all states and of the parameters of several sensitivities, in terms
+    #: of these changes as symbols; see :mod:`cotree.dag.nodes`.
     direction: Derivative | None = None
-    #: What ends the pieces that steps hold; see :mod:`cotree.program.surfaces`.
+    #: The ends of the branches that steps freeze; see :mod:`cotree.program.surfaces`.
     corners: tuple[CornerRow, ...] = ()
-    #: For each of these pieces the number of the one that an argument is in; zero for signs.
+    #: For each of these branches the number of the present one; zero for signs.
     pieces: tuple[Node, ...] = ()
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
     #: Names of the initial values of coordinates and rates that the scene gives, in its order.
@@ -343,25 +347,25 @@ class Equations:
 class DerivedParameter:
     """A parameter that follows from others."""
 
-    #: As of other parameters.
+    #: In terms of other parameters.
     name: str
     unit: str
     doc: str
-    text: str  # the expression that gives it, as the scene has it
-    node: Node = field(repr=False)  # its value, of the symbols of parameters
+    text: str  # its expression, as stated in the scene
+    node: Node = field(repr=False)  # its value, in terms of the symbols of parameters
     #: Names of all parameters that are arguments, in the order of their symbols.
     arguments: tuple[str, ...] = field(repr=False)
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The parameters that it follows from and a run may change."""
+        """The parameters from which it follows and that a run may change."""
         symbols = symbols_in([self.node])
         places = sorted(symbol.data[1] for symbol in symbols if symbol.data[0] == PARAMETER)
         return tuple(self.arguments[place] for place in places)
 
     @property
     def told(self) -> str:
-        """Describe the expression that cannot be chosen."""
+        """Sentence on why its value cannot be chosen."""
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""
         return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"
@@ -369,16 +373,16 @@ class DerivedParameter:
 
 @dataclass(frozen=True)
 class RedundantRow:
-    """An initial value of a variable that is not a state but follows from states."""
+    """An initial value of a variable that follows from states."""
 
     name: str  # of the variable
-    states: tuple[str, ...]  # the states that the variable follows from
+    states: tuple[str, ...]  # the states from which the variable follows
     is_position: bool = False  # whether it is a position, which follows along an f-circuit
 
 
 @dataclass(frozen=True)
 class PositionRow:
-    """A position that is no state: the sum of those along its f-circuit."""
+    """A position that is not a state: the sum of those along its f-circuit."""
 
     #: Of the position.
     name: str

@@ -1,6 +1,6 @@
 """Linear graphs: nodes, directed edges, trees, and the matrices and walks that follow from them.
 
-Pure topology. What the edges mean is known to the rooms above.
+Pure topology: the physical meaning of the edges belongs to other packages.
 """
 
 from __future__ import annotations

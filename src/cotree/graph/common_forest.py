@@ -1,9 +1,9 @@
-"""Sets of edges that are forests in two graphs at once, of most edges at the least cost.
+"""Largest sets of edges that are forests in two graphs at once, at minimum cost.
 
 The two trees of a network with ideal amplifiers share such a set, and so do a tree and the graph
 that has two parallel edges for each ideal transformer: at most one of them is a branch. They are
-common independent sets of two matroids, found by augmenting along shortest paths of exchanges
-(A. Schrijver, Combinatorial Optimization, 2003, section 41.3).
+common independent sets of two matroids, found by augmenting along shortest paths of exchanges (A.
+Schrijver, Combinatorial Optimization, 2003, section 41.3).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _Length = tuple[int, int]
 
 
 class Contracted:
-    """A graph of which some edges are branches beforehand; these must not form a circuit."""
+    """A graph with given branches, which must not form a circuit."""
 
     def __init__(self, ends: Mapping[str, tuple[str, str]], branches: Iterable[str] = ()) -> None:
         parts = Parts(node for pair in ends.values() for node in pair)
@@ -30,11 +30,11 @@ class Contracted:
                 raise TopologyError(
                     f"edge '{name}' closes a circuit of edges that must be branches"
                 )
-        # A branch identifies its two nodes, so that one node stands for each part of the branches.
+        # A branch identifies its two nodes, so that one node represents each part of the branches.
         self.ends = {name: (parts.top(a), parts.top(b)) for name, (a, b) in ends.items()}
 
     def lightest(self, names: Iterable[str], costs: Mapping[str, int]) -> list[str]:
-        """Select a forest of least cost from some edges, the first among equals."""
+        """Select a forest of minimum cost from some edges, the first among equals."""
         parts = self._parts()
         cheapest = sorted(names, key=costs.__getitem__)
         # Kruskal's algorithm; the sort is stable, so that the first of equal edges is taken.
@@ -53,14 +53,14 @@ class Contracted:
     def circuits(
         self, forest: Sequence[str], others: Iterable[str]
     ) -> dict[str, Sequence[str] | None]:
-        """Name the edges of a forest between the ends of each other edge; None without such."""
+        """Return the edges of a forest between the ends of each other edge, or None."""
         neighbours: dict[str, list[tuple[str, str]]] = {}
         for name in forest:
             a, b = self.ends[name]
             neighbours.setdefault(a, []).append((b, name))
             neighbours.setdefault(b, []).append((a, name))
         # A forest may have several trees: each gets a root, from which depths are counted.
-        places: dict[str, tuple[int, str, str]] = {}  # depth, node above, edge to it
+        places: dict[str, tuple[int, str, str]] = {}  # depth, parent, edge to it
         for root in neighbours:
             if root not in places:
                 places[root] = (0, root, "")
@@ -75,13 +75,13 @@ class Contracted:
         found: dict[str, Sequence[str] | None] = {}
         for name in others:
             a, b = self.ends[name]
-            # An edge between two trees closes no circuit, so that the forest can take it as it is.
+            # An edge between two trees closes no circuit and can be added to the forest.
             found[name] = None if parts.top(a) != parts.top(b) else _between(places, a, b)
         return found
 
 
 def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list[str]:
-    """Name the edges between two nodes of a rooted tree."""
+    """Return the edges between two nodes of a rooted tree."""
     # Climb from the deeper end until the two paths meet.
     route = []
     while a != b:
@@ -94,7 +94,7 @@ def _between(places: Mapping[str, tuple[int, str, str]], a: str, b: str) -> list
 
 
 def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int]) -> set[str]:
-    """Select as many edges as are a forest in two graphs at once, at the least total cost.
+    """Select a largest set of edges that is a forest in two graphs, at minimum total cost.
 
     Only edges with a cost may be selected; of equal ones, the first are preferred.
 
@@ -109,10 +109,10 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
         path = _exchange(first, second, costs, shared)
         if path is None:
             return shared
-        # Along the path edges enter and leave by turns; one more enters than leaves.
+        # Along the path edges enter and leave alternately; one more enters than leaves.
         shared ^= set(path)
-        # No later edge adds less than this path: what is free in both graphs and costs no more
-        # needs no search.
+        # No later edge adds less than this path: an edge that is free in both graphs and costs no
+        # more needs no search.
         least = sum(costs[name] if name in shared else -costs[name] for name in path)
         grown = first.extended(shared), second.extended(shared)
         for name in cheapest:
@@ -130,20 +130,21 @@ def common_forest(first: Contracted, second: Contracted, costs: Mapping[str, int
 def _exchange(
     first: Contracted, second: Contracted, costs: Mapping[str, int], shared: set[str]
 ) -> list[str] | None:
-    """Find the cheapest exchange that gives one more edge; None where there is none."""
+    """Find the cheapest exchange that gains one edge; None if there is none."""
     forest = [name for name in costs if name in shared]
     others = [name for name in costs if name not in shared]
     enters, leaves = first.circuits(forest, others), second.circuits(forest, others)
-    # From what leaves to what the first graph then accepts, and on to what that makes leave the
-    # second. What is free in one of them begins or ends a path: one that passes it is no cheaper
-    # than its part from or up to there, as no exchange that adds no edge lowers the cost.
+    # Edges lead from a leaving one to those that the first graph then accepts, and from these to
+    # those that must leave the second. Edges that are free in one of them begin or end a path: a
+    # path through one is no cheaper than its part from or up to it, since no exchange that adds no
+    # edge lowers the cost.
     arcs: dict[str, list[str]] = {name: [] for name in costs}
     for name in others:
         for leaving in enters[name] or ():
             arcs[leaving].append(name)
         arcs[name] += leaves[name] or ()
-    # Bellman and Ford's algorithm, since edges that leave count with negative cost. No cycle has
-    # negative cost while the shared set is the cheapest of its size, so that the search ends.
+    # Bellman and Ford's algorithm, since leaving edges have a negative cost. No cycle has negative
+    # cost while the shared set is the cheapest of its size, so that the search ends.
     length: dict[str, _Length] = {n: (costs[n], 0) for n in others if enters[n] is None}
     before: dict[str, str] = {}
     waiting = list(length)

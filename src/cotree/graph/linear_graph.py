@@ -64,10 +64,10 @@ class LinearGraph:
 
     def __post_init__(self) -> None:
         _check_unique("node", self.nodes, self.domain)
-        # Two domains may use one name; within a graph it names a row or a column of the matrices.
+        # Two domains may use the same name; within a graph it is a row or a column of the matrices.
         _check_unique("edge", (edge.name for edge in self.edges), self.domain)
         known = set(self.nodes)
-        # Across variables of nodes are differences to the reference, and walks begin there.
+        # Across variables of nodes are relative to the reference, and walks begin there.
         if self.reference not in known:
             raise TopologyError(
                 f"the {self.domain} graph has no node '{self.reference}' to be its reference; "
@@ -79,10 +79,10 @@ class LinearGraph:
                     raise TopologyError(
                         f"edge '{edge.name}' ends at unknown node '{node}'{nearest(node, known)}"
                     )
-            # Such an edge is a circuit of its own: never a branch, and its across variable is zero.
+            # Such an edge is a circuit: never a branch, and its across variable is zero.
             if edge.tail == edge.head:
                 raise TopologyError(
-                    f"edge '{edge.name}' joins node '{edge.tail}' to itself; give it two nodes"
+                    f"edge '{edge.name}' connects node '{edge.tail}' to itself; give it two nodes"
                 )
 
     @cached_property
@@ -106,7 +106,7 @@ class LinearGraph:
         return tuple(self._edge_by_name)
 
     def edge(self, name: str) -> GraphEdge:
-        """Look an edge up by its name.
+        """Return an edge by its name.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class LinearGraph:
             ) from None
 
     def summary(self) -> str:
-        """Describe the graph, one line an edge."""
+        """Describe the graph, one line per edge."""
         head = (
             f"{self.domain} graph: {self.n_nodes} nodes, {self.n_edges} edges, "
             f"reference {self.reference}"
@@ -156,23 +156,23 @@ class TreeStep:
 def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[TreeStep, ...]:
     """Walk depth first from `start` along the named edges, reaching each node once.
 
-    Parents come before children, siblings in edge order, a subtree without interruption. Costs
-    O(n), and no recursion, so that long chains are no danger.
+    Parents come before children, siblings in edge order, subtrees without interruption. Costs O(n),
+    without recursion, so that long chains are no problem.
     """
     allowed = names if isinstance(names, (set, frozenset)) else set(names)
     leaving: defaultdict[str, list[TreeStep]] = defaultdict(list)
-    # Backwards, so that the stack gives the edges back in their own order.
+    # In reverse, so that the stack returns the edges in their own order.
     for edge in reversed(graph.edges):
         if edge.name in allowed:
             leaving[edge.tail].append(TreeStep(edge.name, edge.tail, edge.head, 1))
-            # A walk ignores the direction of edges, and notes it in the sign.
+            # A walk ignores the direction of edges, and records it in the sign.
             leaving[edge.head].append(TreeStep(edge.name, edge.head, edge.tail, -1))
     steps: list[TreeStep] = []
     reached = {start}
     stack = list(leaving[start])
     while stack:
         step = stack.pop()
-        # An edge of a circuit may lead to a node that was reached since the edge was put on the
+        # An edge of a circuit may lead to a node that was reached after the edge was put on the
         # stack.
         if step.child not in reached:
             reached.add(step.child)
@@ -182,9 +182,9 @@ def walk_edges(graph: LinearGraph, names: Collection[str], start: str) -> tuple[
 
 
 def check_spanned(graph: LinearGraph, names: Collection[str], what: str, remedy: str) -> None:
-    """Check that the named edges alone join every node to the reference.
+    """Check that the named edges alone connect every node to the reference.
 
-    ``what`` names these edges in the message; `{them}` in ``remedy`` stands for the nodes.
+    ``what`` names these edges in the message; `{them}` in ``remedy`` is replaced by the nodes.
     """
     steps = walk_edges(graph, names, graph.reference)
     # Each step reaches one more node; the reference is reached by none.

@@ -45,12 +45,12 @@ class TopologyMatrix:
         self.matrix.setflags(write=False)
 
     def terms(self, row: str) -> tuple[tuple[int, str], ...]:
-        """List sign and column of the entries of a row that are not zero."""
+        """List sign and column of the nonzero entries of a row."""
         entries = self.matrix[self.rows.index(row)]
         return tuple((int(entries[j]), self.columns[j]) for j in np.flatnonzero(entries))
 
     def summary(self) -> str:
-        """Print the matrix with the names of its rows and columns."""
+        """Describe the matrix with the names of its rows and columns."""
         rows = [(name, *row) for name, row in zip(self.rows, self.matrix.tolist(), strict=True)]
         return Table(("", *self.columns), rows).text()
 
@@ -60,7 +60,7 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
     matrix = np.zeros((graph.n_nodes, graph.n_edges), dtype=np.int64)
     row_of = {node: i for i, node in enumerate(graph.nodes)}
     for j, edge in enumerate(graph.edges):
-        # Through variables flow from tail to head, so that a row sums what leaves its node.
+        # Through variables flow from tail to head, so that a row sums the flows out of its node.
         matrix[row_of[edge.tail], j] = 1
         matrix[row_of[edge.head], j] = -1
     return TopologyMatrix(matrix, graph.nodes, graph.edge_names)
@@ -69,13 +69,13 @@ def incidence(graph: LinearGraph) -> TopologyMatrix:
 def f_cutset(tree: Tree) -> TopologyMatrix:
     """Form the f-cutset matrix, (n_branches, n_edges), of [1] eq. 1.
 
-    One row a branch, with +1 for the branch and for each edge that crosses the cut in its
+    One row per branch, with +1 for the branch and for each edge that crosses the cut in its
     direction, -1 for those that cross against it. The columns of the branches are the identity.
     """
     matrix, column_of = _with_identity(tree, tree.branches)
     row_of = {name: i for i, name in enumerate(tree.branches)}
-    # The chord's f-circuit holds a branch exactly if the branch's f-cutset holds the chord, with
-    # the opposite sign.
+    # The chord's f-circuit contains a branch exactly if the branch's f-cutset contains the chord,
+    # with the opposite sign.
     for chord, branch, sign in _circuit_terms(tree):
         matrix[row_of[branch], column_of[chord]] = -sign
     return TopologyMatrix(matrix, tree.branches, tree.graph.edge_names)
@@ -84,7 +84,7 @@ def f_cutset(tree: Tree) -> TopologyMatrix:
 def f_circuit(tree: Tree) -> TopologyMatrix:
     """Form the f-circuit matrix, (n_chords, n_edges), of [1] eq. 2.
 
-    One row a chord, with +1 for the chord and for each branch that the circuit goes along in its
+    One row per chord, with +1 for the chord and for each branch that the circuit follows in its
     direction, -1 for those against it. The columns of the chords are the identity.
     """
     # Each chord closes exactly one f-circuit, so that its own column has a single entry.
@@ -98,7 +98,7 @@ def f_circuit(tree: Tree) -> TopologyMatrix:
 def _with_identity(
     tree: Tree, rows: tuple[str, ...]
 ) -> tuple[npt.NDArray[np.int64], dict[str, int]]:
-    """Make a matrix that is the identity on the columns of `rows`, and the map to columns."""
+    """Return a matrix with an identity in the columns of `rows`, and the map to columns."""
     # Columns are in edge order, so that cutset and circuit matrices share them.
     column_of = {name: j for j, name in enumerate(tree.graph.edge_names)}
     matrix = np.zeros((len(rows), len(column_of)), dtype=np.int64)
@@ -110,8 +110,9 @@ def _with_identity(
 def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
     """Yield chord, branch and sign for every branch of every f-circuit.
 
-    A circuit goes along its chord from tail to head and back to the tail through the tree. Only the
-    steps below the point where the two paths meet are visited, so the cost is the number of terms.
+    A circuit follows its chord from tail to head and returns to the tail through the tree. Only the
+    steps below the point at which the two paths meet are visited, so the cost is the number of
+    terms.
     """
     step_to = {step.child: step for step in tree_walk(tree)}
     depth = {tree.graph.reference: 0}
@@ -123,7 +124,7 @@ def _circuit_terms(tree: Tree) -> Iterator[tuple[str, str, int]]:
         # Up from the head is against the path from the reference, hence the minus sign.
         tail, head = edge.tail, edge.head
         while tail != head:
-            # The deeper end cannot be on the path of the other, so that it is the one to move.
+            # The deeper end cannot be on the path of the other: move it.
             if depth[head] >= depth[tail]:
                 step = step_to[head]
                 head = step.parent

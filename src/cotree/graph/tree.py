@@ -42,7 +42,7 @@ class Tree:
     @cached_property
     def chords(self) -> tuple[str, ...]:
         """Names of the edges of the cotree, in edge order."""
-        # Edges that could never be branches are chords too, such as springs and loads.
+        # Edges that could never be branches are chords, too, such as springs and loads.
         return tuple(name for name in self.graph.edge_names if name not in self._branch_set)
 
     def is_branch(self, name: str) -> bool:
@@ -53,7 +53,7 @@ class Tree:
         TopologyError
             If the graph has no such edge.
         """
-        # By way of the graph, which refuses unknown names.
+        # The graph raises for unknown names.
         return self.graph.edge(name).name in self._branch_set
 
     def summary(self) -> str:
@@ -72,7 +72,7 @@ class Tree:
 
 
 def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
-    """Select the spanning tree of least total weight, among equal ones the first in edge order.
+    """Select the spanning tree of minimum weight, the first in edge order among equals.
 
     Edges without a finite weight never become branches. Raises TopologyError if a weight is given
     for an unknown edge, or the edges that may be branches do not reach every node.
@@ -87,7 +87,8 @@ def select_tree(graph: LinearGraph, weights: Mapping[str, float]) -> Tree:
         "edges that may be branches",
         f"connect {{them}} to '{graph.reference}' by one (in mechanics a joint, an arm or a body)",
     )
-    # Kruskal's way: the lightest edge that joins two parts, first in edge order among equals.
+    # Kruskal's algorithm: the lightest edge that connects two parts, first in edge order among
+    # equals.
     parts = Parts(graph.nodes)
     chosen = {
         name
@@ -113,12 +114,12 @@ def named_tree(graph: LinearGraph, names: Iterable[str]) -> Tree:
             )
         # Checked edge by edge, so that the message can name the circuit.
         if not parts.join(edge.tail, edge.head):
-            # The edges named so far already join the two nodes; the path between them closes the
+            # The edges named so far already connect the two nodes; the path between them closes the
             # circuit.
             circuit = [*path_between(graph, branches, edge.tail, edge.head), name]
             raise TopologyError(
                 f"the tree of the {graph.domain} graph contains a circuit of the edges "
-                f"{listed(circuit)}; leave one of them out"
+                f"{listed(circuit)}; remove one of them"
             )
         branches.add(name)
     check_spanned(
@@ -139,14 +140,14 @@ class Parts:
         self._above = {node: node for node in nodes}
 
     def join(self, a: str, b: str) -> bool:
-        """Join the parts of two nodes; False if they are in one part already."""
+        """Join the parts of two nodes; return False if they are in one part already."""
         top, other = self.top(a), self.top(b)
-        # Where both are in one part this changes nothing.
+        # If both are in one part, this changes nothing.
         self._above[other] = top
         return top != other
 
     def top(self, node: str) -> str:
-        """Name the node that stands for the part of a node."""
+        """Return the node that represents the part of a node."""
         above = self._above
         while above[node] != node:
             above[node] = node = above[above[node]]  # halves the path for the next search
@@ -158,7 +159,7 @@ def _tree_of(graph: LinearGraph, branches: set[str]) -> Tree:
 
 
 def path_between(graph: LinearGraph, names: set[str], start: str, end: str) -> list[str]:
-    """Name the edges from a node to another along a forest that joins them."""
+    """Return the edges from a node to another along a forest that connects them."""
     # From the end back to the start, since each node has one step that leads to it.
     step_to = {step.child: step for step in walk_edges(graph, names, start)}
     path: list[str] = []

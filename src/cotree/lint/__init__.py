@@ -1,4 +1,4 @@
-"""The linter: what is suspicious in a scene, though it may run."""
+"""The linter: findings that are suspicious in a scene, although it may run."""
 
 from __future__ import annotations
 

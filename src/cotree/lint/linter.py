@@ -1,4 +1,4 @@
-"""The linter itself: every rule over a scene, less what is on purpose."""
+"""The linter itself: every rule over a scene, without allowed findings."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
     from cotree.scene.description import SceneDescription
 
-# Larger scenes take long to compile: of these the equations are formed alone.
+# Larger scenes take long to compile: only their equations are formed.
 _LARGEST_STARTED = 60  # edges
 
 
 def lint(
     scene: SceneDescription, allow: Sequence[str] = (), *, is_formed: bool = True
 ) -> tuple[Finding, ...]:
-    """List what is suspicious in a scene.
+    """List the suspicious findings of a scene.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def lint(
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []
-    # Where ports are open, a scene may float: it is formed where it is a part.
+    # A scene with open ports may float: it is formed as a part.
     if is_formed and not scene.ports:
         found += _refused(scene)
     for findings in (name_findings, topology_findings, value_findings):
@@ -70,7 +70,7 @@ def lint(
 
 
 def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Keep one of the findings that parts of one scene share, and none that it has on purpose."""
+    """Keep one of equal findings in parts of one scene, and none that the scene allows."""
     seen = set()
     for row in found:
         place = origin_of(row.name, scene.members)
@@ -86,15 +86,15 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
 
 
 def dangling_hint(scene: SceneDescription) -> str:
-    """Return a hint at a misspelt node for the end of a message; empty if there is none."""
+    """Suggest a misspelt node for the end of a message; empty if there is none."""
     found = list(dangling_nodes(scene, is_refused=True))
-    # A node that looks like another one is the culprit before all that do not.
+    # A node with a similar name is reported before all others.
     found.sort(key=lambda row: "did you mean" not in row.message)
     return f"; {found[0].message}" if found else ""
 
 
 def _refused(scene: SceneDescription) -> Iterable[Finding]:
-    """Form the equations, and find the start of scenes that are compiled at once."""
+    """Form the equations, and find the start of scenes that compile quickly."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -112,7 +112,7 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
 
 
 def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:
-    """Find the part of a scene that a message names first."""
+    """Return the element of a scene that a message names first."""
     kinds: dict[str, Mapping[str, object]] = {
         "edge": scene.edges,
         "parameter": scene.parameters,
@@ -136,6 +136,6 @@ def _with_lines(scene: SceneDescription, found: Iterable[Finding]) -> Iterable[F
         for node in edge.nodes:
             first.setdefault(node, edge.name)
     for row in found:
-        # A node stands where its first edge does.
+        # The line of a node is that of its first edge.
         key = ("edge", first.get(row.name, "")) if row.kind == "node" else (row.kind, row.name)
         yield replace(row, line=lines.get(key))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Finding:
-    """One suspicious thing in a scene.
+    """One suspicious finding in a scene.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Finding:
 
     @property
     def allow(self) -> str:
-        """The entry of ``allow`` that says it is on purpose; empty for errors."""
+        """The entry of ``allow`` for this finding; empty for errors."""
         return "" if self.severity == "error" else f"{self.rule}:{self.name}"
 
     def __str__(self) -> str:
@@ -81,9 +81,9 @@ _LIKE = 0.8  # share of letters in common
 
 
 def look_alike(name: str, others: Iterable[str]) -> str:
-    """Return the name that another may be a slip of; nothing where none is close.
+    """Return the name of which another may be a misspelling; "" if none is close.
 
-    Names that differ in numbers only, as ``m1`` and ``m2``, are meant to differ; names of one part
+    Names that differ in numbers only, such as ``m1`` and ``m2``, differ on purpose; names of a part
     are compared with those of the same part.
     """
     form, owner = _DIGITS.sub("#", name), name.rpartition(".")[0]
@@ -103,21 +103,21 @@ def _without_doubles(name: str) -> str:
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*")
-#: Shorter names follow a notation, as r and R or m and M do.
+#: Shorter names follow a notation, such as r and R or m and M.
 _SHORTEST = 3
 
 
 def name_findings(scene: SceneDescription) -> Iterator[Finding]:
     """Find unused parameters and inputs, and names that differ in case only."""
     used = used_names(scene)
-    # Readers of other tools' files declare what a model has, used or not.
+    # Readers of other tools' files declare all symbols of a model, used or not.
     own = scene.origin is None
     for kind, table in (("parameter", scene.parameters), ("input", scene.inputs)):
         for name in table:
             if own and name not in used:
                 close = look_alike(name, used & {*scene.parameters, *scene.inputs})
-                hint = f"; is it meant where '{close}' is used?" if close else ""
-                told = f"{kind} '{name}' is used nowhere: remove it, or use it{hint}"
+                hint = f"; did you mean it instead of '{close}'?" if close else ""
+                told = f"{kind} '{name}' is unused: remove it, or use it{hint}"
                 yield Finding(f"unused-{kind}", kind, name, told)
     yield from _similar(scene)
 
@@ -135,7 +135,7 @@ def used_names(scene: SceneDescription) -> set[str]:
     for edge in scene.edges.values():
         values = chain(edge.fields.values(), edge.initial.values())
         found |= {name for value in values for entry in entries(value) for name in entry.names}
-        # Some components take their fields apart before they become expressions.
+        # Some components process their fields before they become expressions.
         fields = {k: v for k, v in edge.statement.items() if k not in ("type", "nodes")}
         found |= set(_words(fields))
     return found
@@ -175,10 +175,10 @@ def _similar(scene: SceneDescription) -> Iterator[Finding]:
             other = seen.setdefault(name.casefold(), name)
             if other != name and len(name) >= shortest:
                 own = _kind(scene, name) if kind == "parameter" else kind
-                # A hydraulic node c beside a mechanical C is drawn like that in textbooks.
+                # Textbooks draw a hydraulic node c beside a mechanical C like this.
                 if kind == "node" and not domains.get(name, set()) & domains.get(other, set()):
                     continue
-                told = f"{own} '{name}' and '{other}' differ in the case of letters only"
+                told = f"{own} '{name}' and '{other}' differ only in upper and lower case"
                 yield Finding("similar-names", own, name, f"{told}: are they the same?")
 
 
@@ -188,7 +188,7 @@ def _kind(scene: SceneDescription, name: str) -> str:
 
 
 def _domains(scene: SceneDescription) -> dict[str, set[str]]:
-    """Return the domains in which each node is touched."""
+    """Return the domains of the edges at each node."""
     found: dict[str, set[str]] = {}
     for edge in scene.edges.values():
         if edge.component.role is not Role.NETWORK:
@@ -202,7 +202,7 @@ def _domains(scene: SceneDescription) -> dict[str, set[str]]:
     return found
 
 
-# Names that other tools have for the ground.
+# Names of the ground in other tools.
 _GROUNDS = frozenset({"gnd", "0", "gnd!", "earth", "ground"})
 
 
@@ -211,18 +211,20 @@ def topology_findings(scene: SceneDescription) -> Iterator[Finding]:
     yield from dangling_nodes(scene)
     for node in scene.nodes:
         if node != "ground" and node.lower() in _GROUNDS:
-            told = f"node '{node}' is a node like any other: is 'ground' meant?"
+            told = f"node '{node}' is an ordinary node: did you mean 'ground'?"
             yield Finding("similar-names", "node", node, told)
     for edge in scene.edges.values():
         if _is_shorted(edge):
-            told = f"both ends of edge '{edge.name}' are at node '{edge.nodes[0]}': it does nothing"
+            told = (
+                f"both ends of edge '{edge.name}' are at node '{edge.nodes[0]}': it has no effect"
+            )
             yield Finding("shorted", "edge", edge.name, told)
 
 
 def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterator[Finding]:
-    """Find nodes that one edge alone touches and no expression looks at.
+    """Find nodes with one edge that no expression uses.
 
-    Bodies may fly on their own, and terminals may be open, unless the scene is refused.
+    Bodies may be unconnected, and terminals open, unless the scene is refused.
     """
     touching: dict[str, list[Edge]] = defaultdict(list)
     for edge in scene.edges.values():
@@ -243,23 +245,23 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         close = look_alike(node, set(scene.nodes))
         if scene.origin is not None and edge.component.role is not Role.NETWORK:
             continue  # robots have frames at the ends of arms and joints
-        is_end = edge.component.role is Role.BODY  # bodies may fly on their own
+        is_end = edge.component.role is Role.BODY  # bodies may move freely
         if is_end and edge.initial:
-            continue  # as one does that is given a start
+            continue  # so does a body with a given start
         # Sensing terminals and open ends of a component with several nodes are usual.
         is_open = edge.component.role is Role.NETWORK and len(edge.ports) > 1
         if not close and not is_refused and (is_end or is_open):
             continue
-        hint = f"; did you mean '{close}'?" if close else ": connect it, or look at it in an output"
-        if close and len(touching[close]) == 1:  # either may be the slip
+        hint = f"; did you mean '{close}'?" if close else ": connect it, or use it in an output"
+        if close and len(touching[close]) == 1:  # either may be misspelt
             other = touching[close][0].name
             hint = f", and '{close}' by edge '{other}' only: did you mean one node?"
-        told = f"node '{node}' is touched by edge '{edge.name}' only{hint}"
+        told = f"node '{node}' is connected to edge '{edge.name}' only{hint}"
         yield Finding("dangling-node", "node", node, told)
 
 
 def _owners(name: str) -> Iterator[str]:
-    """List what a name may be a variable of."""
+    """List the kinds of elements whose variables a name may be."""
     while name := name.rpartition(".")[0]:
         yield name
 
@@ -267,19 +269,19 @@ def _owners(name: str) -> Iterator[str]:
 def _is_shorted(edge: Edge) -> bool:
     if edge.component.role is not Role.NETWORK:
         return len(edge.nodes) == 2 and edge.nodes[0] == edge.nodes[1]
-    # Transistors as diodes have one port shorted of several.
+    # Transistors used as diodes have one of several ports shorted.
     return bool(edge.ports) and all(e.tail and e.tail == e.head for e in edge.ports)
 
 
 _LONGEST_ARM = 1000.0  # m
-_LARGEST_ANGLE = 4.0 * math.pi  # rad; more is taken for degrees
+_LARGEST_ANGLE = 4.0 * math.pi  # rad; larger values are taken for degrees
 _LARGEST_GRAVITY = 300.0  # m/s^2, that of the sun
 #: Batteries have capacitances that no single capacitor has.
 _LARGEST = {"capacitor": 1e4, "inductor": 1e4}
 
 
 def value_findings(scene: SceneDescription) -> Iterator[Finding]:
-    """Find contradicting dimensions, unusual magnitudes, and what is constant or of no effect."""
+    """Find contradicting dimensions, unusual magnitudes, constants, and values without effect."""
     yield from _dimensions(scene)
     yield from _shared(scene)
     yield from _magnitudes(scene)
@@ -289,7 +291,7 @@ def value_findings(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def _expressions(scene: SceneDescription) -> Iterator[tuple[str, str, str, str, Expression]]:
-    """List kind and name of the culprit, what it is, its unit, and the expression."""
+    """List the expressions: kind and name of the owner, description, unit, and expression."""
     for edge in scene.edges.values():
         for what, unit, value in stated_values(edge):
             yield "edge", edge.name, what, unit, value
@@ -309,19 +311,19 @@ class _Known:
     """Dimensions of the names of a scene."""
 
     def __init__(self, scene: SceneDescription) -> None:
-        # Time stays out of it: many write exp(-t) or 1 + t, and mean a factor of one.
+        # Time has no dimension here: many write exp(-t) or 1 + t with a factor of one in mind.
         self._scene, self._units = scene, {"t": "", **stated_units(scene)}
         self._pending: set[str] = set()
         self._variable_unit = VariableUnits(scene)
         self._derived: dict[str, Dimension | None] = {}
-        with suppress(Error):  # a circle is told by another rule
+        with suppress(Error):  # another rule reports cycles
             for name in in_order(scene.parameters):
                 value = scene.parameters[name].value
                 if isinstance(value, Expression):
                     self._derived[name] = Dimensions(self).of(value.tree)
 
     def states_any(self, value: Expression) -> bool:
-        """Whether the scene states the unit of a name in an expression."""
+        """Return whether the scene states the unit of a name in an expression."""
         if any(self.states(name) for name in value.names):
             return True
         rows = (self._scene.parameters.get(name) for name in value.names)
@@ -329,7 +331,7 @@ class _Known:
         return any(self.states(name) for inner in derived for name in inner.names)
 
     def states(self, name: str) -> bool:
-        """Whether the scene states the unit of a name."""
+        """Return whether the scene states the unit of a name."""
         return bool(self._units.get(name))
 
     def __call__(self, name: str) -> Dimension | None:
@@ -351,8 +353,8 @@ class _Known:
 def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
     known = _Known(scene)
     for kind, name, what, unit, value in _expressions(scene):
-        # One name of another dimension is refused when the equations are formed. Expressions
-        # without any unit of the user's own may follow another system.
+        # A single name of another dimension is refused when the equations are formed. Expressions
+        # without any unit of the user may follow another system.
         if known.states(alone(value)) or not known.states_any(value):
             continue
         dimensions = Dimensions(known)
@@ -370,7 +372,7 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
 
 
 def _shared(scene: SceneDescription) -> Iterator[Finding]:
-    """Find parameters without a unit that stand in fields of different dimensions."""
+    """Find parameters without a unit in fields of different dimensions."""
     uses: dict[str, dict[str, str]] = defaultdict(dict)
     for edge in scene.edges.values():
         for what, unit, value in stated_values(edge):
@@ -392,7 +394,7 @@ def _values(scene: SceneDescription) -> dict[str, float]:
     try:
         return parameter_values(scene.parameters)
     except Error:
-        return {}  # told by another rule
+        return {}  # another rule reports it
 
 
 def _number(value: Expression, known: dict[str, float]) -> float:
@@ -413,7 +415,7 @@ def _magnitudes(scene: SceneDescription) -> Iterator[Finding]:
     known = _values(scene)
     gravity = math.hypot(*(_number(item, known) for item in scene.gravity))
     if gravity > _LARGEST_GRAVITY:
-        told = f"gravity is {gravity:.4g} m/s^2: is it meant in another unit?"
+        told = f"gravity is {gravity:.4g} m/s^2: is its unit correct?"
         yield Finding("magnitude", "scene", scene.name, told)
     for edge in scene.edges.values():
         yield from _edge_magnitudes(edge, known)
@@ -425,9 +427,9 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
         is_initial = what.startswith("initial")
         told = ""
         if unit == "m" and edge.component.role is Role.ARM and size >= _LONGEST_ARM:
-            told = 'm: if millimetres are meant, say unit = "mm"'
+            told = 'm: if millimetres are meant, write unit = "mm"'
         elif unit == "rad" and size > _LARGEST_ANGLE and (is_initial or "rotation" in what):
-            told = 'rad: if degrees are meant, say unit = "deg"'
+            told = 'rad: if degrees are meant, write unit = "deg"'
         elif edge.component.name in _LARGEST and size > _LARGEST[edge.component.name]:
             told = f"{unit}: is a prefix missing?"
         if told:
@@ -437,8 +439,8 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
         given = edge.fields.get(row.name)
         if row.sign == "nonzero" and isinstance(given, Expression) and _number(given, known) < 0.0:
             told = (
-                f"{row.name} of edge '{edge.name}' is {_number(given, known):.6g}: it feeds energy "
-                "in; is the sign meant?"
+                f"{row.name} of edge '{edge.name}' is {_number(given, known):.6g}: it "
+                "supplies energy; is the sign correct?"
             )
             yield Finding("magnitude", "edge", edge.name, told)
             return
@@ -449,14 +451,14 @@ def _inertias(scene: SceneDescription) -> Iterator[Finding]:
         for name, told in (*inertia_faults(scene), *tiny_masses(scene)):
             yield Finding("inertia", "edge", name, told)
     except Error:
-        return  # told by another rule
+        return  # another rule reports it
     known = _values(scene)
     for edge in scene.edges.values():
         if edge.component.role is not Role.BODY:
             continue
         given = [e for name in ("mass", "inertia") for e in entries(edge.fields.get(name))]
         if given and all(_number(entry, known) == 0.0 for entry in given):
-            told = f"edge '{edge.name}' has neither mass nor inertia: it does nothing"
+            told = f"edge '{edge.name}' has neither mass nor inertia: it has no effect"
             yield Finding("inertia", "edge", edge.name, told)
 
 
@@ -470,9 +472,9 @@ def _constants(scene: SceneDescription) -> Iterator[Finding]:
         try:
             found = value.lower(dag, places.__getitem__).value
         except Error:
-            continue  # it has no value, which another rule tells
+            continue  # it has no value, which another rule reports
         if found is not None:
-            told = f"{what} is '{value.text}', which is {found:.6g} whatever the names stand for"
+            told = f"{what} is '{value.text}', which is {found:.6g} for any values of its names"
             yield Finding("constant", kind, name, told)
 
 
@@ -487,10 +489,13 @@ def _without_effect(scene: SceneDescription) -> Iterator[Finding]:
         given = list(chain.from_iterable(entries(value) for value in edge.fields.values()))
         is_plain = all(entry.number is not None for entry in given)
         if given and is_plain and all(_number(entry, known) == 0.0 for entry in given):
-            told = f"edge '{edge.name}' of type '{edge.component.name}' gives nothing: all is zero"
+            told = (
+                f"edge '{edge.name}' of type '{edge.component.name}' has no effect: all "
+                "its values are zero"
+            )
             yield Finding("no-effect", "edge", edge.name, told)
     set_by_events = {name for event in scene.events.values() for name in event.set}
     for name, mode in scene.modes.items():
         if name not in set_by_events and not mode.is_jump:
-            told = f"mode '{name}' is set by no event: it stays what it is, as a parameter does"
+            told = f"mode '{name}' is set by no event: it is constant, like a parameter"
             yield Finding("no-effect", "mode", name, told)

@@ -1,15 +1,17 @@
 """Derivatives along many directions as maps of many columns.
 
-In a sensitivity graph the derivative of a terminal equation by a parameter that stands in it is a
-source: ``F' = m a' + m' a``. What follows from sources and from the states' sensitivities, along
-f-circuits and f-cutsets, is the same for all parameters. Here both are parted as far out as they
-can be: sources are the largest values that depend on no sensitivity of a state.
+In a sensitivity graph the derivative of a terminal equation by one of its parameters is a source:
+``F' = m a' + m' a``. Along f-circuits and f-cutsets, the values that follow from sources and from
+the states' sensitivities are the same for all parameters. This module separates the common part,
+which is as large as possible: sources are the largest values that depend on no sensitivity of a
+state.
 
-Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, where the matrix b_x
-is the same for all and b_j is the explicit derivative by the parameter. Statements written out for
-each parameter exploit its zeros; those of a map are written once, and C takes several columns at a
-time. The columns of the Jacobian are one map of unit vectors s; where they are fewer than the
-parameters, it is formed first and multiplied with each s_j. The costs of all ways are compared.
+Along parameter j the unknowns' derivatives solve ``A w_j = b_x s_j + b_j``, in which the matrix b_x
+is common to all and b_j is the explicit derivative by the parameter. Statements written out for
+each parameter exploit its zeros; those of a map are written once, and C processes several columns
+at a time. The columns of the Jacobian are one map of unit vectors s; if they are fewer than the
+parameters, it is formed first and multiplied by each s_j. The costs of these alternatives are
+compared.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
     from cotree.program.solved import SolvedSystem
 
 
-#: Operations that moving one value into a vector, zeros alone left out, or out of it costs.
+#: Operations for moving one nonzero value into a vector, or out of it.
 _MOVE = 2
 #: Number of times that exchanges of two columns are tried for all pairs; none for many columns.
 _SWEEPS, _MOST_COLUMNS = 4, 400
@@ -59,12 +61,12 @@ def cost_of_map(linear: LinearMap) -> int:
 
 
 def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
-    """Put columns with similar zeros into one block, and leave out those that vanish.
+    """Put columns with similar zeros into one block, and leave out zero columns.
 
-    Two columns of different blocks change places as long as fewer values are then computed.
-    Returns, with the map, the earlier place of each column.
+    Two columns of different blocks are exchanged as long as this reduces the number of computed
+    values. Also returns the original place of each column.
     """
-    # The supports, turned over: for each column the statements that are not zero there, as bits.
+    # The supports by column: the statements that are nonzero there, as bits.
     nonzero = [0] * linear.n_columns
     for k, node in enumerate(linear.statements):
         support = linear.supports[node]
@@ -72,13 +74,13 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
             lowest = support & -support
             nonzero[lowest.bit_length() - 1] |= 1 << k
             support ^= lowest
-    # A column in which all results vanish gives nothing, whatever is computed in it.
+    # A column whose results are all zero is left out.
     found = reduce(or_, (linear.supports[root] for root in linear.results), 0)
     places = [j for j in range(linear.n_columns) if found >> j & 1]
     blocks = [places[at : at + BLOCK] for at in range(0, len(places), BLOCK)]
     for _ in range(_SWEEPS if len(places) <= _MOST_COLUMNS else 0):
         pairs = ((a, b) for a in range(len(blocks)) for b in range(a))
-        # Every pair is tried, whether or not the one before it was exchanged.
+        # Every pair is tried, whether or not the previous one was exchanged.
         if not any([_exchange(blocks[a], blocks[b], nonzero) for a, b in pairs]):
             break
     order = list(chain.from_iterable(blocks))
@@ -86,7 +88,7 @@ def gather_columns(linear: LinearMap) -> tuple[LinearMap, list[int]]:
 
 
 def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bool:
-    """Swap columns of two blocks if the blocks then compute less together."""
+    """Swap columns of two blocks if this reduces their operations."""
     least = _n_together(first, nonzero) + _n_together(second, nonzero)
     has_changed = False
     for i, k in product(range(len(first)), range(len(second))):
@@ -100,7 +102,7 @@ def _exchange(first: list[int], second: list[int], nonzero: Sequence[int]) -> bo
 
 
 def _n_together(block: Sequence[int], nonzero: Sequence[int]) -> int:
-    """Count the values that are other than zero in some column of a block."""
+    """Count the values that are nonzero in some column of a block."""
     union = 0
     for column in block:
         union |= nonzero[column]
@@ -117,7 +119,7 @@ class CommonDirection:
 
     direction: Derivative  # the forcing and the rates, in terms of both
     sources: tuple[Node, ...]  # symbols of the sources
-    #: The sources of each parameter, by place, those that vanish left out.
+    #: The nonzero sources of each parameter, by place.
     given: list[dict[int, Node]]
 
 
@@ -133,7 +135,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
     changes = [dag.symbol(PARAMETER_CHANGE, j) for j in range(len(equations.sensitivities))]
     roots = substitute([*common.forcing, *common.rates.values()], unknowns)
     parting = _Parting(dag, roots, [*states, *equations.unknown_tangents], changes)
-    # All that follows from sensitivities and sources is formed once for all parameters; only the
+    # Values that follow from sensitivities and sources are formed once for all parameters; only the
     # values of the sources differ.
     parted, n = [parting.parted(root) for root in roots], len(common.forcing)
     rates = dict(zip(common.rates, parted[n:], strict=True))
@@ -144,7 +146,7 @@ def part_sources(equations: Equations, unknowns: Mapping[Node, Node]) -> CommonD
 class _Parting:
     """Splits values that are linear in changes of states and of parameters.
 
-    The sources of nested sums are summed up first: one value of each column is then added.
+    The sources of nested sums are added first: each column then adds one value.
     """
 
     def __init__(
@@ -155,7 +157,7 @@ class _Parting:
         self._dag, self._changes = dag, changes
         self._changed = dependent(order, changes)
         self._moved = dependent(order, states)
-        # Uses by results count, too: what is read twice must be formed as a whole.
+        # Uses by results count, too: a value with two users must be formed as a whole.
         self._n_readers = Counter(roots)
         for node in order:
             self._n_readers.update(node.args)
@@ -165,7 +167,7 @@ class _Parting:
                 self._parts[node] = self._parts_of(node)
 
     def parted(self, node: Node) -> Node:
-        """Return a value with the symbols of sources in it."""
+        """Return a value in terms of the symbols of sources."""
         if node not in self._changed:
             return node
         if node not in self._moved:
@@ -177,7 +179,7 @@ class _Parting:
         return source - moved.args[0] if moved.op == "neg" else moved + source
 
     def given(self) -> list[dict[int, Node]]:
-        """Return the sources of each change by itself, by place, those that vanish left out."""
+        """Return the nonzero sources of each single change, by place."""
         nodes = list(self.sources)
         supports = _supports(reachable(nodes), self._changes)
         still = dict.fromkeys(self._changes, self._dag.zero)
@@ -195,30 +197,30 @@ class _Parting:
         return self.sources.setdefault(node, self._dag.symbol(SOURCE, len(self.sources)))
 
     def _parts_of(self, node: Node) -> tuple[Node, Node]:
-        """Write a value as the sum of a part that states change and one of parameters alone."""
+        """Split a value into parts that depend on states and on parameters alone."""
         dag = self._dag
         if node.op not in _SUMS:
-            # Products and quotients have one factor that changes. Its parts are joined before,
-            # since to multiply both would cost twice.
+            # Products and quotients have one factor that changes. Its parts are added before, since
+            # multiplying both would cost twice.
             return dag.rebuild(node, tuple(self.parted(arg) for arg in node.args)), dag.zero
         terms = [self._term(arg) for arg in node.args]
         moved, alone = zip(*terms, strict=True)
         return dag.rebuild(node, moved), dag.rebuild(node, alone)
 
     def _term(self, node: Node) -> tuple[Node, Node]:
-        """Return both parts of a term of a sum, if nothing else reads it."""
+        """Return both parts of a term of a sum, if it has no other user."""
         if node not in self._changed:
             return node, self._dag.zero
         if node not in self._moved:
             return self._dag.zero, node
         if self._n_readers[node] == 1:
             return self._parts[node]
-        # Something else reads the sum itself, so that parting it here would form it twice.
+        # The sum has another user, so that splitting it here would form it twice.
         return self.parted(node), self._dag.zero
 
 
 def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]:
-    """Return the changes that each value depends on, as bits; values without any are left out."""
+    """Return the changes on which each value depends, as bits; constant values are left out."""
     found = {node: 1 << j for j, node in enumerate(changes)}
     for node in order:
         bits = 0
@@ -231,11 +233,11 @@ def _supports(order: Sequence[Node], changes: Sequence[Node]) -> dict[Node, int]
 
 #: Fewer operations than these are written out for each direction.
 _FEW_OPERATIONS = 600
-#: A map is taken if it costs less than this share of the operations written out.
+#: A map is used if it costs less than this fraction of the operations written out.
 _WORTH = 0.75
-#: Values of all columns that a kernel keeps on its stack: 800 kB.
+#: The largest number of column values that a kernel stores on its stack: 800 kB.
 _MOST_VALUES = 100_000
-#: Directions that are written out to see what one costs.
+#: Directions that are written out to estimate the cost of one.
 _SAMPLES = 5
 
 #: Derivatives along one direction, by place.
@@ -244,7 +246,7 @@ _Row = dict[int, "Node"]
 
 @dataclass(frozen=True)
 class MappedRates:
-    """The rates along all states, and along all sensitivities; None where they are no map."""
+    """The rates along all states, and along all sensitivities; None if they are not a map."""
 
     columns: list[_Row] | None  # of the Jacobian, by place
     sensitivities: list[Node] | None  # rates of all sensitivities, direction by direction
@@ -256,13 +258,13 @@ def map_rates(
     rates: Sequence[Node],
     reached: Sequence[Sequence[int]],
 ) -> MappedRates:
-    """Form derivatives of the rates as maps, where that costs less than to write them out.
+    """Form derivatives of the rates as maps if that costs less than writing them out.
 
-    ``rates`` are solved; ``reached`` are the states that each parameter reaches, the sensitivities
-    of all others being zero.
+    ``rates`` are solved; ``reached`` are the states that depend on each parameter, the
+    sensitivities of all others being zero.
     """
-    # The elimination of algebraic unknowns needs the derivatives along each direction by itself;
-    # see cotree.program.reduced.
+    # Eliminating algebraic unknowns needs the derivatives along each direction separately; see
+    # cotree.program.reduced.
     if equations.n_algebraic:
         return MappedRates(None, None)
     common = part_sources(equations, solved.unknowns)
@@ -286,7 +288,7 @@ def map_rates(
 
 @dataclass(frozen=True)
 class _Map:
-    """A map of columns, in the order in which they are taken."""
+    """A map of columns, in the order of its columns."""
 
     dag: Dag
     linear: LinearMap
@@ -303,7 +305,7 @@ class _Map:
 
     @cached_property
     def rows(self) -> list[_Row]:
-        """The results of each direction, those that vanish left out."""
+        """The nonzero results of each direction."""
         supports = [self.linear.supports[root] for root in self.linear.results]
         found: list[_Row] = [{} for _ in range(self.n_directions)]
         if not self.order:
@@ -320,7 +322,7 @@ class _Map:
 
 @dataclass(frozen=True)
 class _Ways:
-    """The ways to form derivatives of the rates."""
+    """The alternative forms of derivatives of the rates."""
 
     equations: Equations
     common: CommonDirection
@@ -340,7 +342,7 @@ class _Ways:
     @cached_property
     def _solving(self) -> list[int]:
         """Places of the rates that depend on unknowns."""
-        # Rates without unknowns take no part in this map: with_unsolved forms their derivatives
+        # Rates without unknowns are not part of this map: with_unsolved forms their derivatives
         # directly.
         rates, unknowns = self.common.direction.rates, self.equations.unknown_tangents
         moving = dependent(reachable(rates.values()), unknowns)
@@ -361,7 +363,7 @@ class _Ways:
         without = dict.fromkeys(self.common.sources, dag.zero)
         for i in self.common.direction.rates.keys() - set(self._solving):
             # The rate is linear in the changes of states, so its derivative by one is its value
-            # where this change is one and all others are zero.
+            # with this change equal to one and all others zero.
             (rate,) = substitute([self.common.direction.rates[i]], without)
             moving = [node for node in symbols_in([rate]) if node.data[0] == STATE_CHANGE]
             still = dict.fromkeys(moving, dag.zero)
@@ -372,10 +374,10 @@ class _Ways:
         return found
 
     def along_sensitivities(self, along_states: _Map | None) -> list[_Map] | None:
-        """Choose the cheaper way to the rates of sensitivities; the last map gives them.
+        """Choose the cheaper form of the rates of sensitivities; the last map returns them.
 
-        Either one map of changes of states and of what parameters change, or the columns of the
-        Jacobian, what parameters change by themselves, and a sum of products of both.
+        It is either one map of changes of states and of sources, or the columns of the Jacobian,
+        the explicit derivatives by parameters, and a sum of products of both.
         """
         n, n_given = len(self._states), sum(map(len, (*self.reached, *self.common.given)))
         if _are_too_many(n_given, len(self.reached), n):
@@ -400,8 +402,8 @@ class _Ways:
         if at_once is None or along_states is None:
             return None if at_once is None else [at_once]
         columns = self.with_unsolved(along_states)
-        # The Jacobian costs a product and a sum for each nonzero and column. Where these alone
-        # exceed the statements at once, the second way cannot win.
+        # The Jacobian costs a product and a sum for each nonzero and column. If these alone exceed
+        # the statements of the first form, the second cannot be cheaper.
         if 2 * sum(map(len, columns)) > len(at_once.linear.statements):
             return [at_once]
         alone = self._map(self._results(self._states), range(n), self.common.sources, given)
@@ -414,10 +416,10 @@ class _Ways:
     def _products(
         self, columns: Sequence[_Row], alone: Sequence[_Row], changes: Sequence[Sequence[Node]]
     ) -> _Map:
-        """Multiply the Jacobian with the sensitivities, and add the derivatives by parameters."""
+        """Multiply the Jacobian by the sensitivities, and add the derivatives by parameters."""
         dag, n = self._dag, len(self._states)
         places = sorted({i for row in alone for i in row})
-        # The derivatives by parameters enter as further inputs of each column.
+        # The derivatives by parameters are further inputs of each column.
         own = {place: dag.symbol(ENTRY, k) for k, place in enumerate(places)}
         results = [own.get(i, dag.zero) for i in range(n)]
         for column, change in zip(columns, self._states, strict=True):
@@ -432,7 +434,7 @@ class _Ways:
         return found
 
     def _results(self, still: Sequence[Node]) -> list[Node]:
-        """Return the rates of all states along any direction, some symbols being zero."""
+        """Return the rates of all states along any direction, with some symbols zero."""
         places = self.common.direction.rates.keys()
         found = dict(zip(places, self._rates_along(places, still), strict=True))
         return spread(found, len(self._states), self._dag.zero)
@@ -455,7 +457,7 @@ class _Ways:
         *,
         in_order: bool = False,
     ) -> _Map | None:
-        """Form a map; None where none can be formed, or it is too large."""
+        """Form a map; None if that is impossible, or it is too large."""
         n_given = sum(not value.is_zero for column in columns for value in column)
         if _are_too_many(n_given, len(columns), len(results)):
             return None
@@ -489,17 +491,17 @@ class _Ways:
             count_operations(node for node in order if node not in shared).total
             for order in written_out
         )
-        # The cost of the sampled directions stands for that of all of them.
+        # The cost of the sampled directions represents that of all of them.
         longhand = scalar + apart * len(rows) / len(samples)
         return longhand > _FEW_OPERATIONS and self._cost(maps) < _WORTH * longhand
 
 
 def _are_too_many(n_given: int, n_columns: int, n_results: int) -> bool:
-    """Return whether inputs and results of columns are more values than a kernel is to keep."""
+    """Return whether inputs and results of columns are too many values for a kernel's stack."""
     return n_given + n_columns * n_results > _MOST_VALUES
 
 
 def _sample(n: int) -> list[int]:
-    """Choose a few of n, evenly."""
+    """Choose a few of n indices, evenly spaced."""
     times = min(n, _SAMPLES)
     return [(2 * i + 1) * n // (2 * times) for i in range(times)]

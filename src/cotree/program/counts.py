@@ -1,8 +1,8 @@
 """Costs of a program: counts of operations, and cycles estimated by a model of a processor.
 
-A processor of today starts two operations a cycle as long as they wait for nothing; the longest
-path through the values bounds the waiting. The longer of both times decides, and a part of the
-other adds to it. The numbers are those of common 64-bit processors, rounded.
+A modern processor starts two independent operations per cycle; the longest path through the values
+bounds the latency. The longer of both times dominates, and a fraction of the other is added. The
+numbers are rounded ones of common 64-bit processors.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class OperationCount:
 
     @property
     def total(self) -> int:
-        """All operations, those of ``prepare`` that the kernel uses counted in."""
+        """All operations, with those of ``prepare`` that the kernel uses."""
         return self.kernel + self.prepare
 
     def with_prepared(self, share: OperationCount) -> OperationCount:
@@ -46,10 +46,10 @@ class OperationCount:
 
 
 def count_operations(nodes: Iterable[Node]) -> OperationCount:
-    """Count the operations among some nodes; reading a result of several is none.
+    """Count the operations among some nodes; reading a result of several counts zero.
 
     A linear system of n unknowns solved at run time counts (2/3) n^3 for each matrix and 2 n^2 for
-    each right-hand side. A map counts for each of its columns, but for what vanishes there.
+    each right-hand side. A map counts in each of its columns, zero values excepted.
     """
     kinds: Counter[str] = Counter()
     factorised = set()
@@ -71,7 +71,7 @@ def count_operations(nodes: Iterable[Node]) -> OperationCount:
     return OperationCount(dict(sorted(kinds.items())), kinds.total())
 
 
-#: Cycles until the next operation of the kind can start, and until its result is there.
+#: Cycles until the next operation of the kind can start, and until its result is available.
 _COSTS = {
     "add": (0.5, 4.0),
     "sub": (0.5, 4.0),
@@ -99,7 +99,7 @@ def bounds(nodes: Iterable[Node], known: Container[Node] = ()) -> tuple[float, f
     path: dict[Node, float] = {}
     for node in nodes:
         if node in known or not node.args:
-            # Given values, constants and arguments of the kernel are there from the start.
+            # Given values, constants and arguments of the kernel are available from the start.
             continue
         start, wait = _cost(node)
         started += start
@@ -113,12 +113,12 @@ def waits(node: Node) -> float:
 
 
 def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, float]:
-    """Return the longest path from each value to a result, in cycles, that of the value included.
+    """Return the longest path from each value to a result, in cycles, its own included.
 
     Values are in order of evaluation; ``known`` ones take no cycles.
     """
     need = dict.fromkeys(order, 0.0)
-    # Backwards, all readers of a value have passed on their need before it is added to.
+    # In reverse order, all users of a value have passed on their need before its own is added.
     for node in reversed(order):
         if node not in known:
             need[node] += waits(node)
@@ -130,11 +130,11 @@ def needs(order: Sequence[Node], known: Container[Node] = ()) -> dict[Node, floa
 def by_need(order: Sequence[Node], known: Container[Node] = ()) -> list[Node]:
     """Order values by the longest path from each to a result.
 
-    A processor looks a few hundred operations ahead. In this order the next ones of the longest
-    path stand among those, and what it does not wait for stands between them.
+    A processor looks a few hundred operations ahead. In this order those include the next ones of
+    the longest path, with independent operations between them.
     """
     need = needs(order, known)
-    # Reading a result of several takes none: it stays behind what it reads.
+    # Reading a result of several takes no time: it follows the node that it reads.
     return sorted(order, key=lambda node: (-need[node], node.index))
 
 
@@ -143,7 +143,7 @@ def _cost(node: Node) -> tuple[float, float]:
         return 0.0, 0.0
     if node.op == "sines":
         return 9.0 * node.data, 50.0
-    # The factors take (2/3) n^3 operations, two a cycle; the rest is pivots and substitutions.
+    # The factors take (2/3) n^3 operations, two per cycle; the rest is pivots and substitutions.
     if node.op == "solve":
         n = node.data.size
         return n**3 / 3.0 + 2.0 * n * n, 20.0 * n

@@ -1,15 +1,15 @@
-"""Kernels of events: what they look at, what they set, and the derivatives of both.
+"""Kernels of events: their functions, the values that they set, and the derivatives of both.
 
-What is linear in states, inputs and time turns round within a step no more often than these, which
-the error test resolves. Anything else may pass through zero and return, as the sine of a large
-angle does, however small the error is. For each such value the kernel ``event_ranges`` gives a
-range of it and of its rate, from ranges of the quantities that it is made of: the largest linear
-parts, and what nothing more is known of. The engine divides a step until each range, or that of
-each rate, leaves out zero (``templates/runtime/events/cotree_scan.c``).
+Values that are linear in states, inputs and time change direction within a step no more often than
+these, which the error test resolves. Others may cross zero and return, as the sine of a large angle
+does, however small the error is. For each such value the kernel ``event_ranges`` computes a range
+of it and of its rate, from ranges of the quantities of which it consists: the largest linear parts,
+and values without known ranges. The engine divides a step until each range, or that of each rate,
+excludes zero (``templates/runtime/events/cotree_scan.c``).
 
 The impulse L acts along D, the derivatives of the expression's rate by the speeds, and constraints
-pass it on without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]`` gives the change a of the speeds for
-a unit of it. ``L = -(1 + e) g' / (D a)`` turns the rate g' of the expression into -e g'.
+transmit it without work: ``[M, -G^T; -G, 0] [a; *] = [D; 0]`` gives the change a of the speeds per
+unit impulse. ``L = -(1 + e) g' / (D a)`` changes the rate g' of the expression to -e g'.
 """
 
 from __future__ import annotations
@@ -42,29 +42,30 @@ if TYPE_CHECKING:
     from cotree.program.solved import Along, SolvedSystem
 
 
-#: Functions that grow or fall throughout, so that the zeros of their argument tell theirs.
+#: Monotonic functions: the zeros of their argument determine theirs.
 _MONOTONE = frozenset({"sqrt", "asin", "acos", "atan", "sinh", "tanh", "exp", "log", "erf"})
 
-#: Values of more nodes than this are read as they are: their ranges would take longer than steps.
+#: Values of more nodes than this are quantities themselves: computing their ranges would take
+#: longer than steps.
 _MOST_NODES = 1000
 
-#: How a value depends on what moves during a step.
+#: How a value depends on variables that change during a step.
 _CONSTANT, _LINEAR, _CURVED = range(3)
 
 
 @dataclass(frozen=True)
 class EventRanges:
-    """Ranges of what events and corners look at."""
+    """Ranges of event functions and switching functions."""
 
-    #: The place of each of these among all events, corners behind them; -1: it is linear.
+    #: The place of each among all events, followed by kinks; -1: it is linear.
     places: tuple[int, ...]
-    quantities: tuple[Node, ...]  # what they are made of
-    #: For each of these four values: ends of its range, and of the range of its rate.
+    quantities: tuple[Node, ...]  # the quantities of which they consist
+    #: For each of these, four values: the ends of its range, and of the range of its rate.
     results: tuple[Node, ...]
 
 
 def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
-    """Form the ranges of the values, without unknowns, of each event and then of each corner."""
+    """Form the ranges of the values, without unknowns, of each event and then of each kink."""
     dag = equations.dag
     kinds = _kinds(equations, values)
     curved = [
@@ -76,7 +77,7 @@ def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
     n = len(quantities)
     symbols = [dag.symbol(RANGE, i) for i in range(4 * n)]
     known = {q: (symbols[i], symbols[n + i]) for i, q in enumerate(quantities)}
-    # A rate has a symbol of its own, whose range is put in its place.
+    # A rate has its own symbol, which is replaced by its range.
     speeds = [dag.symbol(RANGE, 4 * n + i) for i in range(n)]
     known |= {v: (symbols[2 * n + i], symbols[3 * n + i]) for i, v in enumerate(speeds)}
     rates = tangents(curved, dict(zip(quantities, speeds, strict=True)))
@@ -91,7 +92,7 @@ def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
 
 
 def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
-    """Return how each value depends on what moves during a step."""
+    """Return how each value depends on variables that change during a step."""
     still = {
         state.symbol
         for state, rate in zip(equations.states, equations.rates, strict=True)
@@ -104,7 +105,7 @@ def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
             kinds[node] = _LINEAR if moves else _CONSTANT
             continue
         if _is_held(node):
-            # A sign stays as it is, and enters through the values that it is taken of otherwise.
+            # A sign is kept as it is; otherwise it depends on its argument.
             kinds[node] = _CONSTANT if node.op == "select" else _LINEAR
             continue
         given = [kinds[arg] for arg in node.args]
@@ -113,7 +114,7 @@ def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
             node.op in ("add", "sub", "neg")
             or (node.op == "mul" and _CONSTANT in given)
             or (node.op == "div" and given[1] == _CONSTANT)
-            # A piece of a table, held as it is, is a line.
+            # A frozen interval of a table is a line.
             or isinstance(node.data, HeldTable)
             or (node.op == "result" and isinstance(node.args[0].data, HeldTable))
         )
@@ -122,7 +123,7 @@ def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
 
 
 def _is_held(node: Node) -> bool:
-    """Return whether a value is a sign that steps hold, or an end or the number of their piece."""
+    """Return whether a value is a sign that steps freeze, or an end or number of their branch."""
     if node.op == "select":
         return {symbol.data[0] for symbol in symbols_in(node.args[:1])} == {PIECE}
     data = node.args[0].data if node.op == "result" else None
@@ -133,7 +134,7 @@ def _is_held(node: Node) -> bool:
 
 
 def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a value is linear, or grows or falls with one that is."""
+    """Return whether a value is linear, or a monotonic function of a linear one."""
     if kinds[node] != _CURVED:
         return True
     moving = [arg for arg in node.args if kinds[arg] != _CONSTANT]
@@ -144,12 +145,12 @@ def _is_plain(node: Node, kinds: dict[Node, int]) -> bool:
 
 
 def _is_leaf(node: Node, kinds: dict[Node, int]) -> bool:
-    """Return whether a value that moves is read as it is."""
+    """Return whether a changing value is a quantity itself."""
     return kinds[node] == _LINEAR or not is_ranged(node)
 
 
 def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
-    """List what a value is made of, as far as the quantities."""
+    """List the values between a value and its quantities."""
     leaves = {
         node for node in reachable([value]) if kinds[node] != _CONSTANT and _is_leaf(node, kinds)
     }
@@ -157,7 +158,7 @@ def _inside(value: Node, kinds: dict[Node, int]) -> list[Node]:
 
 
 def _quantities(values: Sequence[Node], kinds: dict[Node, int]) -> list[Node]:
-    """List the quantities that some values are made of, in order of evaluation."""
+    """List the quantities of some values, in order of evaluation."""
     found = {
         node
         for value in values
@@ -182,15 +183,16 @@ class Impact:
     ) -> list[Node]:
         """Differentiate the speeds after it along a direction.
 
-        ``restitution`` is the derivative of e. The equations' matrix is that of the impulse, too.
+        ``restitution`` is the derivative of e. The matrix of the equations is also that of the
+        impulse.
         """
         n = len(self.gradient)
         gradient = tangents(self.gradient, seed)
-        # [M, -G^T; -G, 0] [a; *] = [D; 0] is differentiated with the same matrix; zeros belong to
-        # the multipliers.
+        # [M, -G^T; -G, 0] [a; *] = [D; 0] is differentiated with the same matrix; the zeros belong
+        # to the multipliers.
         forcing = [*gradient, *([solved.dag.zero] * (len(self.response) - n))]
         response = solved.solve_again(forcing, self.response, seed)[:n]
-        # The chain rule: what the speeds were formed of is seeded, so that none of it is
+        # Chain rule: the values from which the speeds were formed are seeded, so that these are not
         # differentiated again.
         known = {**seed, self.restitution: restitution, self.rate: tangents([self.rate], seed)[0]}
         known |= dict(zip(self.gradient, gradient, strict=True))
@@ -203,7 +205,7 @@ def form_impact(
 ) -> Impact:
     """Form the impact of an event from the output values, unknowns eliminated.
 
-    Raises SceneError if the expression is none of positions, or no speed changes it.
+    Raises SceneError if the expression is not one of positions, or does not depend on any speed.
     """
     assert event.restitution is not None
     restitution, place, name = values[event.restitution], event.watched, event.name
@@ -220,8 +222,8 @@ def form_impact(
         gradient.append(total)
     if all(entry.is_zero for entry in gradient):
         raise SceneError(
-            f"when of event '{name}' does not change with any joint or body of the multibody "
-            "system, which its impact acts on: set states instead"
+            f"when of event '{name}' does not depend on any joint or body of the multibody "
+            "system, on which its impact acts: set states instead"
         )
     assert equations.motion is not None  # it comes with the events
     # The derivative along the motion is in terms of rates as symbols; only those of coordinates
@@ -242,7 +244,7 @@ def form_impact(
 
 
 def _check_positions(equations: Equations, place: int, name: str) -> None:
-    """Refuse expressions of speeds, accelerations, inputs or states of networks."""
+    """Raise for expressions of speeds, accelerations, inputs or states of networks."""
     # Positions are coordinates, and modes, which are constant between events.
     first, n = equations.n_coordinates, equations.n_coordinates + equations.n_speeds
     allowed = {*range(first), *range(n, n + equations.n_modes)}
@@ -268,7 +270,7 @@ def event_kernels(
     along: Sequence[Along],
     motion: Along,
 ) -> tuple[dict[str, list[Node]], EventRanges]:
-    """Form the results of the kernels of events, and the ranges among them; empty for none.
+    """Form the results of the kernels of events, and their ranges; empty for none.
 
     ``values`` are outputs, then the expressions of events, unknowns eliminated, ``along`` their
     derivatives along each parameter and ``motion`` those along the motion.
@@ -287,13 +289,12 @@ def event_kernels(
         jumps += [*(values[i] for i in row.new_values), *(impact.speeds if impact else ())]
 
     corners = solved.put([row.value for row in equations.corners])
-    # Nothing jumps at a corner, whenever it is; where the slope is infinite, its value at rest
-    # depends on no parameter.
+    # No state jumps at a kink; if the slope is infinite, its value at rest depends on no parameter.
     looked_at = [
         value if row.is_steep else dag.zero
         for row, value in zip(equations.corners, corners, strict=True)
     ]
-    # What decides whether an impact ends in rest is read at impacts only.
+    # The value that decides whether an impact ends in rest is read at impacts only.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
     found_ranges = find_ranges(equations, [*crossed, *corners])
     seed_of_motion = _along_the_motion(equations)
@@ -301,7 +302,7 @@ def event_kernels(
     def derivatives(
         changes: Mapping[int, Node], seed: Mapping[Node, Node], of_corners: Sequence[Node]
     ) -> list[Node]:
-        # All watched values first, then event by event what it sets, as in the kernels of values.
+        # All event functions first, then the targets event by event, as in the kernels of values.
         found = [*(changes.get(row.watched, dag.zero) for row in rows), *of_corners]
         for row, impact in zip(rows, impacts, strict=True):
             found += [changes.get(i, dag.zero) for i in row.new_values]
@@ -312,7 +313,7 @@ def event_kernels(
     directions = zip(along, equations.sensitivities, strict=True)
     # Algebraic unknowns are the last states.
     n_rated = len(equations.states) - equations.n_algebraic
-    # The rates of algebraic unknowns are their residuals, which stand behind all others.
+    # The rates of algebraic unknowns are their residuals, which follow all others.
     residuals = (motion.rates.get(i, dag.zero) for i in range(n_rated, len(equations.states)))
     kernels = {
         "events": [
@@ -337,7 +338,7 @@ def event_kernels(
 
 
 def _along_the_motion(equations: Equations) -> Mapping[Node, Node]:
-    """Return the tangents along the motion: of states symbols, of inputs the scene's own."""
+    """Return the tangents along the motion: symbols for states, the scene's own for inputs."""
     if equations.motion is not None:
         return equations.motion.seed
     dag = equations.dag

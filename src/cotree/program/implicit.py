@@ -52,15 +52,15 @@ def form_curvature(program: Program) -> Curvature | None:
     direction = [dag.symbol(DIRECTION, i) for i in range(n)]
     seed = {dag.symbol(STATE, i): direction[i] for i in range(n)}
     found = tangents(kernel.results, seed)
-    # Most of these derivatives vanish, and are left out of the results.
+    # Most of these derivatives are zero, and are left out of the results.
     places = tuple(i for i, node in enumerate(found) if not node.is_zero)
     if not places:
         return None
     whole = with_reciprocals(Kernel(_ALONG, tuple(found[i] for i in places), {}))
     order = reachable(whole.results)
     moving = dependent(order, direction)
-    # The second kernel has no arguments but ``v`` and ``k``. Whatever else it reads, states and
-    # parameters included, is therefore carried over from the first one.
+    # The second kernel has the arguments ``v`` and ``k`` only. All other values that it reads,
+    # states and parameters included, are carried over from the first one.
     read = {arg for node in order if node in moving for arg in node.args}
     carried = [
         node
@@ -87,7 +87,7 @@ def form_time_slope(program: Program) -> Kernel | None:
     dag, kernels = program.dag, program.kernels
     rates = kernels["augmented_rhs"].results or kernels["rhs"].results
     time = {dag.symbol(TIME, 0): dag.one}
-    # The inputs are the scene's own functions of time, so that the chain rule goes through them.
+    # The inputs are the scene's functions of time, so that the chain rule includes them.
     moving = tangents(kernels["inputs"].results, time)
     # At a fixed state: states and sensitivities have no tangent.
     seed = {**time, **{dag.symbol(INPUT, i): node for i, node in enumerate(moving)}}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Arguments of kernels, arrays but for ``t``. ``k`` is what ``prepare`` made of p.
+#: Arguments of kernels, arrays except ``t``. ``k`` are the results of ``prepare`` for p.
 ARGUMENTS: dict[str, str] = {
     "t": "time",
     "x": "states",
@@ -20,18 +20,18 @@ ARGUMENTS: dict[str, str] = {
 class KernelSpec:
     """A kind of kernel."""
 
-    name: str  # its name; in C it follows the model's
+    name: str  # its name; in C it follows the model's name
     arguments: tuple[str, ...]  # keys of :data:`ARGUMENTS`, in order; the result comes last
     result: str  # name of the result in C
     doc: str  # the meaning of its results
-    #: The kernel whose last results are this one's, if there is one: C then calls it and keeps
-    #: those, since computing them alone would save next to nothing.
+    #: The kernel whose last results are those of this one, if any: C then calls it and keeps those,
+    #: since computing them alone would save little.
     tail_of: str = ""
-    #: Whether every model has it. Others are left out of C where they have no results.
+    #: Whether every model has it. Others are left out of C if they have no results.
     is_required: bool = False
-    #: Whether its ``s``, and the sensitivities among its results, leave out those that vanish.
+    #: Whether its ``s``, and the sensitivities among its results, leave out zero sensitivities.
     is_packed: bool = False
-    #: Ends its name in the structure of a model, where that has a number or array of the name.
+    #: Suffix of its name in the structure of a model, if that has a number or array of the name.
     of: str = ""
 
     @property
@@ -88,7 +88,7 @@ _ROWS = (
         _SENSITIVITY,
         "ds",
         "rates of the sensitivities that do not vanish, which alone s holds",
-        # The kernel that is called stands before this one, as codegen relies on.
+        # The called kernel comes before this one, on which codegen relies.
         tail_of="augmented_rhs",
         is_packed=True,
     ),
@@ -98,7 +98,7 @@ _ROWS = (
         "constraints",
         _STATE,
         "c",
-        "what is to be zero: constraints, their rates, norms of quaternions less one",
+        "residuals: constraints, their rates, norms of quaternions minus one",
     ),
     KernelSpec(
         "constraint_sensitivity",
@@ -141,14 +141,14 @@ _ROWS = (
         "events",
         _STATE,
         "g",
-        "what events look at for zeros, then corners; the numbers of pieces of tables; quantities",
+        "event functions, then switching functions; the numbers of branches of tables; quantities",
     ),
-    KernelSpec("jumps", _STATE, "r", "what each event sets its targets to, in turn"),
+    KernelSpec("jumps", _STATE, "r", "the values to which each event sets its targets, in turn"),
     KernelSpec(
         "event_sensitivity",
         _SENSITIVITY,
         "dg",
-        "sensitivities of events, zeros of corners, then of jumps, parameter by parameter",
+        "sensitivities of events, zeros of kinks, then of jumps, parameter by parameter",
     ),
     KernelSpec(
         "event_rates",

@@ -1,4 +1,4 @@
-"""From equations to a program: eliminate the unknowns and gather the kernels."""
+"""From equations to a program: eliminate the unknowns and collect the kernels."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def lower(equations: Equations) -> Program:
     """Turn governing and sensitivity equations into a program.
 
     The matrix is factorised once; every derivative reuses the factors. Raises ParameterError if a
-    sensitivity to an algebraic unknown is asked for.
+    sensitivity to an algebraic unknown is requested.
     """
-    # The pattern comes before the derivatives: where sensitivities vanish, all that is made of them
-    # folds away.
+    # The pattern comes before the derivatives: values that follow from zero sensitivities fold
+    # away.
     _check_sensitivities(equations)
     solved = SolvedSystem.of(equations)
     rates = solved.put(equations.rates)
@@ -58,7 +58,7 @@ def lower(equations: Equations) -> Program:
         is_mapped=bool(mapped.sensitivities),
         with_columns=not mapped.columns,
     )
-    # Derivatives that are no maps are written out, direction by direction.
+    # Derivatives that are not maps are written out, direction by direction.
     columns = mapped.columns or [row.rates for row in written_out]
     sensitivity_rates = mapped.sensitivities or [
         node for row in along for node in spread(row.rates, n, zero)
@@ -76,7 +76,7 @@ def lower(equations: Equations) -> Program:
         "inputs": list(equations.input_values),
         "rhs": rates,
         "jacobian": values,
-        # The rates stand in both kernels: one call then gives all that a step with sensitivities
+        # Both kernels contain the rates: one call then computes all that a step with sensitivities
         # needs.
         "augmented_rhs": [*rates, *packed] if equations.sensitivities else [],
         "sensitivity_rhs": packed,
@@ -102,7 +102,7 @@ def lower(equations: Equations) -> Program:
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
         _timed(equations, _of_time(equations, [*rates, *watched], find_stops)),
-        # A long step would pass over what events look at, too, where it is driven by a sine.
+        # A long step might also skip event functions that are driven by a sine.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
         else {},
@@ -110,7 +110,7 @@ def lower(equations: Equations) -> Program:
 
 
 def _inputs_in(equations: Equations, nodes: Sequence[Node]) -> tuple[str, ...]:
-    """Name the inputs that some values depend on."""
+    """Return the names of the inputs on which some values depend."""
     read = set(symbols_in(nodes))
     pairs = zip(equations.inputs, equations.input_symbols, strict=True)
     return tuple(quantity.name for quantity, symbol in pairs if symbol in read)
@@ -121,7 +121,7 @@ def _of_time(
     rates: Sequence[Node],
     find: Callable[[Dag, list[Node]], tuple[_Found, ...]],
 ) -> dict[str, tuple[_Found, ...]]:
-    """Find something in each input, by its name, and in the rates, by the empty one."""
+    """Apply a search to each input, by its name, and to the rates, by the empty name."""
     found = {"": find(equations.dag, list(rates))}
     for quantity, value in zip(equations.inputs, equations.input_values, strict=True):
         found[quantity.name] = find(equations.dag, [value])
@@ -131,22 +131,22 @@ def _of_time(
 def _timed(
     equations: Equations, stops: Mapping[str, tuple[Stop, ...]]
 ) -> dict[str, tuple[Stop, ...]]:
-    """Differentiate the times of stops along each sensitivity."""
+    """Differentiate time events along each sensitivity."""
     seeds = [row.seed for row in equations.sensitivities]
     return {name: stops_along(own, seeds) for name, own in stops.items()}
 
 
 def _check_sensitivities(equations: Equations) -> None:
-    """Refuse sensitivities to states without an initial value of their own."""
+    """Raise for sensitivities to states that have no initial value of their own."""
     algebraic = {state.name for state in equations.states if state.is_algebraic}
-    # The unknown that follows from the state of a storage may be given in its place, so that its
-    # initial value counts.
+    # The unknown that follows from the state of a storage may be given instead, so that its initial
+    # value counts.
     algebraic -= {state.follower for state in equations.states}
     for row in equations.sensitivities:
         if row.name in algebraic:
             raise ParameterError(
-                f"'{row.name}' is an algebraic unknown: its initial value is a guess, which "
-                "nothing has a sensitivity to; name a parameter, or a state that has a rate"
+                f"'{row.name}' is an algebraic unknown: its initial value is a guess, so that "
+                "no sensitivity to it exists; name a parameter, or a state that has a rate"
             )
 
 
@@ -161,9 +161,10 @@ def _differentiate(
     nothing = Along((), {}, {})
     wanted = [row for row in equations.sensitivities if row.outputs or not is_mapped]
     motion = [] if equations.motion is None else [equations.motion]
-    # Outputs are differentiated along all but the states.
+    # Outputs are differentiated along all directions except the states.
     columns = [replace(row, outputs={}) for row in equations.columns] if with_columns else []
-    # All directions at once: they share most of their values. They are taken apart in this order.
+    # All directions at once, since they share most of their values. They are separated in this
+    # order.
     found = iter(solved.along([*wanted, *motion, *columns]))
     along = [
         next(found) if row.outputs or not is_mapped else nothing for row in equations.sensitivities
@@ -173,11 +174,11 @@ def _differentiate(
 
 
 def _compress(columns: Sequence[Mapping[int, Node]]) -> tuple[list[int], list[int], list[Node]]:
-    """Compress the nonzeros by columns."""
+    """Return the nonzeros in compressed columns."""
     starts, rows, values = [0], [], []
     for column in columns:
         for i, node in sorted(column.items()):
-            # A derivative may be formed and fold to zero all the same.
+            # A derivative may be formed and still fold to zero.
             if not node.is_zero:
                 rows.append(i)
                 values.append(node)

@@ -1,29 +1,29 @@
 """Passes: one program to another with the same values, and a report of what each saved.
 
-They run in the order of :data:`RECIPE`. Each assumes and guarantees:
+They run in the order of :data:`RECIPE`. Their assumptions and guarantees are:
 
 reciprocals
-    Assumes nothing. The same values to rounding. A reciprocal is formed where a kernel divides by
-    the same value more than once, or by a value of parameters only, whose reciprocal ``prepare``
-    then forms once for all calls. Other divisions stay.
+    Assumes nothing. The same values to rounding. A reciprocal is formed if a kernel divides by the
+    same value more than once, or by a value of parameters only, whose reciprocal ``prepare`` then
+    forms once for all calls. Other divisions stay.
 sines
     Assumes nothing. The same values to a rounding of the last place. Sines and cosines of angles
-    that depend on no sine themselves are taken together; those of parameters only stay, since
-    ``prepare`` has them.
+    that depend on no sine themselves are combined; those of parameters only stay, since ``prepare``
+    has them.
 balance
-    Assumes that nothing is prepared yet. As many operations at most, and the same values but for
-    the rounding of sums, whose terms are added in another order. Sums that end no earlier that way
-    stay, and so do all of a kernel that has other things to do while it waits. So do those of
-    residuals: currents through large conductances cancel in the order in which they were formed; in
-    another one, what rounding left of them has stopped rodas5 at tolerances of 1e-11.
+    Assumes that nothing is prepared yet. At most as many operations, and the same values except for
+    the rounding of sums, whose terms are added in another order. Sums that do not end earlier stay,
+    and so do all sums of a kernel that has other operations to overlap. So do those of residuals:
+    currents through large conductances cancel in the order in which they were formed; in another
+    order, the remaining rounding has stopped rodas5 at tolerances of 1e-11.
 stage
-    Assumes that nothing is prepared yet. No kernel but ``prepare`` computes a value of parameters
-    only: each reads it as a prepared value. Pieces that steps hold stand behind these, and are zero
-    until a run sets them.
+    Assumes that nothing is prepared yet. No kernel except ``prepare`` computes values of
+    parameters only: it reads prepared values. The branches that steps freeze follow these, and are
+    zero until a run sets them.
 order
     Assumes nothing. The same operations with the same values. A kernel whose time is that of one
     long path of operations is written in the order in which the path needs values, so that other
-    operations overlap with it. Where that keeps more values alive, which then pass through memory,
+    operations overlap with it. If that keeps more values alive, which then pass through memory,
     values stay in the order in which they were formed.
 """
 
@@ -60,12 +60,12 @@ def stage_parameters(program: Program) -> Program:
 
 
 def varying_values(order: Sequence[Node]) -> set[Node]:
-    """Return what depends on more than parameters, among values in order of evaluation."""
+    """Return values that depend on more than parameters, among values in order of evaluation."""
     return dependent(order, [n for n in order if n.op == "symbol" and n.data[0] != PARAMETER])
 
 
 def _frontier(results: list[Node]) -> list[Node]:
-    """List the values of parameters only that values of other things, or results, read."""
+    """List the values of parameters only that results or other values use."""
     order = reachable(results)
     varying = varying_values(order)
     read = {arg for node in order if node in varying for arg in node.args}
@@ -79,7 +79,7 @@ def _frontier(results: list[Node]) -> list[Node]:
 
 
 def for_each_kernel(program: Program, change: Callable[[Kernel], Kernel]) -> Program:
-    """Change every kernel of a program by itself."""
+    """Change every kernel of a program separately."""
     kernels = {name: change(kernel) for name, kernel in program.kernels.items()}
     return replace(program, kernels=kernels)
 
@@ -89,8 +89,8 @@ def rewrite(
 ) -> Kernel:
     """Replace ``chosen`` values of a kernel, and rebuild all that depend on them.
 
-    ``form`` makes the new value from the old one and from what has been replaced so far. New values
-    keep the labels of those that they replace.
+    ``form`` makes the new value from the old one and from the replacements so far. New values keep
+    the labels of the values that they replace.
     """
     new: dict[Node, Node] = {}
     for node in kernel.order:
@@ -102,7 +102,7 @@ def rewrite(
                 made = rebuilt(node, new)
         else:
             continue
-        # Values that come out the same are not replaced, so that nothing above them is rebuilt.
+        # Values that come out the same are not replaced, so that their users are not rebuilt.
         if made is not node:
             new[node] = made
     return replace(kernel, results=tuple(new.get(node, node) for node in kernel.results))
@@ -116,7 +116,7 @@ def share_reciprocals(program: Program) -> Program:
 def with_reciprocals(kernel: Kernel) -> Kernel:
     """Replace the repeated divisions of one kernel."""
     order = kernel.order
-    # Reciprocals themselves are left alone.
+    # Reciprocals themselves are unchanged.
     divisions = [n for n in order if n.op == "div" and n.args[0] is not n.dag.one]
     if not divisions:
         return kernel
@@ -141,7 +141,7 @@ _FEWEST = 3
 
 
 def pack_sines(program: Program) -> Program:
-    """Take the sines and cosines of each kernel together."""
+    """Combine the sines and cosines of each kernel."""
     return for_each_kernel(program, _packed)
 
 
@@ -149,7 +149,7 @@ def _packed(kernel: Kernel) -> Kernel:
     order = kernel.order
     found = [node for node in order if node.op in ("sin", "cos")]
     varying = varying_values(order)
-    # An angle that depends on a sine of its own kernel cannot be taken together with it.
+    # An angle that depends on a sine of its own kernel cannot be combined with it.
     late = dependent(order, found) - set(found)
     angles = list(
         dict.fromkeys(n.args[0] for n in found if n.args[0] in varying and n.args[0] not in late)
@@ -157,7 +157,7 @@ def _packed(kernel: Kernel) -> Kernel:
     if len(angles) < _FEWEST:
         return kernel
     dag = angles[0].dag
-    # One node serves the sines and the cosines of an angle, whichever of them are read.
+    # One node computes the sine and the cosine of an angle, even if only one of them is used.
     with dag.labelled("sines and cosines"):
         packed = sines(dag, angles)
     place = {angle: i for i, angle in enumerate(angles)}
@@ -169,14 +169,14 @@ def _packed(kernel: Kernel) -> Kernel:
 #: Kernels that methods call at each step.
 _BALANCED = frozenset({"rhs", "augmented_rhs", "sensitivity_rhs", "jacobian"})
 _SUMS = frozenset({"add", "sub", "neg"})
-#: If all operations together take longer than so many times the longest path, sums of products are
-#: better left to fused operations, which chains have more of.
+#: If all operations together take longer than this multiple of the longest path, sums of products
+#: are better left to fused operations, of which chains have more.
 _MOST = 2.0
-_PREPARED = -1.0  # arrival of what depends on parameters only
+_PREPARED = -1.0  # arrival of values that depend on parameters only
 
 
 def balance_sums(program: Program) -> Program:
-    """Balance the sums of each kernel, where there are no algebraic unknowns."""
+    """Balance the sums of each kernel, if there are no algebraic unknowns."""
     if any(program.layout.algebraic):
         return program
     return for_each_kernel(program, _balanced)
@@ -189,7 +189,7 @@ def _balanced(kernel: Kernel) -> Kernel:
     varying = varying_values(order)
     started, longest = bounds(order, set(order) - varying)
     inner = _inner_sums(order, kernel.results, varying)
-    # A kernel that is bound by starting operations gains nothing from a shorter path.
+    # A shorter path does not help a kernel whose time is bound by issuing operations.
     if not inner or started > _MOST * longest:
         return kernel
     clock = _Clock(varying)
@@ -197,9 +197,9 @@ def _balanced(kernel: Kernel) -> Kernel:
     def form(node: Node, new: Mapping[Node, Node]) -> Node:
         made = rebuilt(node, new)
         if node.op in _SUMS and node not in inner:
-            # If both are there at the same time, the sum stays as it was formed.
+            # If both are available at the same time, the sum stays as it was formed.
             made = min(made, _sum(_terms(node, inner, new), clock), key=clock)
-        clock(made)  # of each value in turn: those that it depends on are known
+        clock(made)  # of each value in turn: its arguments are known
         return made
 
     return rewrite(kernel, set(order), form)
@@ -228,12 +228,12 @@ class _Clock:
 def _inner_sums(
     order: Sequence[Node], results: Sequence[Node], varying: Collection[Node]
 ) -> set[Node]:
-    """Find the sums that are read by one other sum only.
+    """Find the sums that are used by one other sum only.
 
-    Sums of the kernel's own arguments stay: a difference of two that are close is exact.
+    Sums of the kernel's own arguments stay: a difference of two close numbers is exact.
     """
     uses = Counter(arg for node in order for arg in node.args)
-    # A result is read from outside: merged into another sum it would be lost.
+    # A result is used from outside: merged into another sum it would be lost.
     uses.update(results)
     return {
         arg
@@ -264,9 +264,9 @@ def _terms(
 
 
 def _sum(terms: Sequence[tuple[Node, bool]], clock: _Clock) -> Node:
-    """Add terms, at each step the two available first; ties go to those that stand first."""
-    # By the time at which each is there; the place among the terms decides ties, so that nodes are
-    # never compared.
+    """Add terms, at each step the two available first; ties are broken by their order."""
+    # By the time at which each is available; the place among the terms breaks ties, so that nodes
+    # are never compared.
     heap = [(clock(term), i, term, is_added) for i, (term, is_added) in enumerate(terms)]
     heapify(heap)
     while len(heap) > 1:
@@ -288,24 +288,25 @@ def _place(item: tuple[float, int, Node, bool]) -> int:
     return item[1]
 
 
-#: Operations that a processor looks ahead, whatever their order is.
+#: The number of operations that a processor looks ahead.
 _FEW = 250
-#: Operations beyond which values stay as they were formed: links that repeat then become loops. A
-#: chain of 1000 rods is written in half the C; one of 100 is twice as quick in the order of needs.
+#: Kernels with more operations keep their values in the order of forming: repeated links then
+#: become loops. A chain of 1000 rods takes half the C text; one of 100 is twice as fast in the
+#: order of needs.
 _MANY = 20_000
-#: If all operations together take longer than so many times the longest path, there are operations
-#: to overlap it with in any order.
+#: If all operations together take longer than this multiple of the longest path, any order has
+#: operations to overlap with it.
 _MOST_EARLY = 3.0
 
 
 def order_by_need(program: Program) -> Program:
-    """Order the values of each kernel by need, where that helps."""
+    """Order the values of each kernel by need, if that helps."""
     return for_each_kernel(program, _ordered)
 
 
 def _ordered(kernel: Kernel) -> Kernel:
     order, prepared = kernel.order, kernel.prepared
-    # A map begins when all that any of its columns needs is there.
+    # A map begins when the arguments of all its columns are available.
     n = len(order) - len(prepared)
     if not _FEW <= n <= _MANY or any(node.op == "map" for node in order):
         return kernel
@@ -317,16 +318,16 @@ def _ordered(kernel: Kernel) -> Kernel:
 
 
 def _lifetimes(kernel: Kernel) -> int:
-    """Sum up how many values are formed while each waits to be read: the registers it takes."""
+    """Sum the lifetimes of all values, in formed values: a measure of registers needed."""
     formed = [node for node in kernel.order if node.args and node not in kernel.prepared]
-    # Later statements overwrite: the last reader stays.
+    # Later statements overwrite: the last user counts.
     last = {arg: i for i, node in enumerate(formed) for arg in node.args}
     return sum(last.get(node, i) - i for i, node in enumerate(formed))
 
 
-#: Each pass with its name, in the order they run.
+#: Each pass with its name, in order.
 # Reciprocals and sums come before staging, which then finds the reciprocals of parameters, and
-# needs sums as they will be computed. The order of values is decided last, on what remains.
+# needs the final sums. The order of values is decided last.
 RECIPE: tuple[tuple[str, Callable[[Program], Program]], ...] = (
     ("reciprocals", share_reciprocals),
     ("sines", pack_sines),
@@ -367,7 +368,7 @@ def run_passes(program: Program) -> tuple[Program, tuple[PassReport, ...]]:
     """Run every pass of the recipe."""
     reports = []
     for name, transform in RECIPE:
-        # Programs are immutable, so the report keeps both as they are.
+        # Programs are immutable, so the report stores both.
         earlier, program = program, transform(program)
         reports.append(PassReport(name, earlier, program))
     return program, tuple(reports)

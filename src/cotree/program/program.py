@@ -39,21 +39,21 @@ class Kernel:
 
     spec: KernelSpec  # its kind
     results: tuple[Node, ...]  # the values that it writes
-    #: Values that it reads from ``k`` in place of computing them, with their place there.
+    #: Values that it reads from ``k`` instead of computing them, with their place there.
     prepared: Mapping[Node, int]
-    #: Whether it is written in the order in which its longest path needs values, in place of that
-    #: in which they were formed.
+    #: Whether it is written in the order in which its longest path needs values, not in that of
+    #: forming.
     is_by_need: bool = False
 
     @property
     def is_present(self) -> bool:
-        """Whether the kernel is written in C: without results only where every model has it."""
+        """Return whether C has the kernel: without results only if every model has it."""
         return bool(self.results) or self.spec.is_required
 
     @cached_property
     def order(self) -> list[Node]:
         """Every value that the results need, in order of evaluation; prepared ones included."""
-        # The walk ends at prepared values: ``prepare`` computes what they depend on.
+        # The traversal ends at prepared values: ``prepare`` computes their arguments.
         order = reachable(self.results, stop=self.prepared)
         return by_need(order, self.prepared) if self.is_by_need else order
 
@@ -73,17 +73,17 @@ class Layout:
     parameters: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]  # parameters and states that sensitivities are taken to
+    sensitivities: tuple[str, ...]  # parameters and states of the sensitivities
     parameter_values: tuple[float, ...]  # the scene's values
     #: The Jacobian's pattern, compressed by columns.
     column_starts: tuple[int, ...]
     row_indices: tuple[int, ...]
-    #: For each input, which of ``sensitivities`` it has in the scene.
+    #: For each input, the ``sensitivities`` on which its scene function depends.
     input_sensitivities: tuple[tuple[str, ...], ...]
     uncertain: tuple[str, ...]  # coordinates whose pivot is checked at run time
     #: Residuals of the constraints, in the order of the kernel ``constraints``.
     constraints: tuple[Quantity, ...]
-    constraint_edges: tuple[str, ...]  # the edge of each of its rows that has a multiplier
+    constraint_edges: tuple[str, ...]  # the edge of each row that has a multiplier
     n_coordinates: int  # number of coordinates among the states; they come first
     n_speeds: int  # number of speeds among the states; they come next
     #: Whether each state is an algebraic unknown; these come last. Their rates are residuals.
@@ -94,32 +94,32 @@ class Layout:
     start_rows: tuple[str, ...]
     start_units: tuple[str, ...]  # their units
     start_is_rate: tuple[bool, ...]  # whether each is a rate
-    #: Whether each output depends on multipliers themselves: a reaction.
+    #: Whether each output depends on multipliers: a reaction.
     uses_multipliers: tuple[bool, ...]
     events: tuple[EventRow, ...] = ()  # in the order of the kernel ``events``
     event_inputs: tuple[str, ...] = ()  # the inputs that these kernels read
-    #: Initial values that must agree with those of states; the kernel ``start`` gives last what
-    #: they follow as, and what they are given as.
+    #: Initial values that must agree with those of states; the last results of the kernel ``start``
+    #: are the values that follow from states, then the given ones.
     redundant: tuple[RedundantRow, ...] = ()
     #: States that are the content of several storages, with the algebraic unknown that follows from
-    #: each: a start that is not given the one has the other.
+    #: each: a start without a given content has that unknown.
     followers: tuple[tuple[int, int], ...] = ()
-    #: The states that depend on each of them, one after another: the pattern of sensitivities,
-    #: compressed by columns. The others have none at any time.
+    #: The states that depend on each of them, one after another: the pattern of sensitivities, in
+    #: compressed columns. Other sensitivities are zero at all times.
     sensitivity_starts: tuple[int, ...] = (0,)
     sensitivity_rows: tuple[int, ...] = ()
-    #: Parameters that follow from these, and are no arguments.
+    #: Parameters that follow from these, and are not arguments.
     derived: tuple[DerivedParameter, ...] = ()
-    #: What that kernel gives next: of each corner the piece that ends there, the direction, and
-    #: whether it is steep, as of :class:`cotree.equations.CornerRow`.
+    #: The next results of that kernel: for each kink the branch that ends there, the direction, and
+    #: whether it is steep, as in :class:`cotree.equations.CornerRow`.
     corners: tuple[tuple[int, int, bool], ...] = ()
-    #: Number of pieces that steps hold: the last prepared values, zero where nobody holds them.
+    #: Number of branches that steps freeze: the last prepared values, zero unless frozen.
     n_pieces: int = 0
     positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: For each event, then each corner, its place in the kernel ``event_ranges``; -1: it is linear,
+    #: For each event, then each kink, its place in the kernel ``event_ranges``; -1: it is linear,
     #: and has none.
     ranges: tuple[int, ...] = ()
-    #: Number of quantities that these are made of, which the kernel ``events`` gives last.
+    #: Number of quantities of these, the last results of the kernel ``events``.
     n_quantities: int = 0
     #: The initial values of coordinates and rates that the scene gives, in its order.
     given_names: tuple[str, ...] = ()
@@ -135,7 +135,7 @@ class Layout:
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each state, position, output, input and parameter; of several the last's."""
+        """Unit of each state, position, output, input and parameter; the last of equal names."""
         rows: tuple[Quantity | PositionRow, ...] = (
             *self.states,
             *self.positions,
@@ -148,12 +148,12 @@ class Layout:
 
     @property
     def has_conditions(self) -> bool:
-        """Whether initial values have equations to satisfy besides those of algebraic unknowns."""
+        """Return whether initial values have conditions besides those of algebraic unknowns."""
         return bool(self.constraints or self.start_rows)
 
     @cached_property
     def has_start_equations(self) -> bool:
-        """Whether anything at all follows from initial values, or has to agree with them."""
+        """Return whether any value follows from initial values, or has to agree with them."""
         is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
         return bool(is_found) or any(row.is_jump for row in self.events)
 
@@ -204,10 +204,10 @@ class Program:
     layout: Layout  # names and patterns
     kernels: Mapping[str, Kernel]  # by name, in the registry's order
     guards: tuple[Guard, ...]  # checked by ``prepare``
-    #: When each input, by its name, has a jump or a kink in the scene; and when anything else that
-    #: the rates are made of has, by the empty name; along each sensitivity.
+    #: Times at which each input, by its name, jumps or has a kink in the scene; and times of all
+    #: others in the rates, by the empty name; along each sensitivity.
     stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
-    #: Upper bounds of the steps while each input is the scene's own, by name likewise.
+    #: Upper bounds of the steps while each input is the scene's own, by the same names.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 
     def corners(
@@ -217,14 +217,14 @@ class Program:
         replaced: Container[str] = (),
         others: Sequence[float] = (),
     ) -> Corners:
-        """List the times within a span where integration stops, for parameters p.
+        """List the times within a span at which integration restarts, for parameters p.
 
-        ``replaced`` are inputs that a run gives otherwise, ``others`` further times, which depend
-        on no parameter. Raises SolveError if a period is far too short for the span.
+        ``replaced`` are inputs that a run replaces, ``others`` further times, which depend on no
+        parameter. Raises SolveError if a period is far too short for the span.
         """
         if not self.stops and not others:
             return Corners.none()
-        # A run that replaces an input has no corners of the scene's own one.
+        # A run that replaces an input has none of its time events.
         stops = [stop for name, own in self.stops.items() if name not in replaced for stop in own]
         try:
             nodes = [
@@ -269,9 +269,9 @@ class Program:
 
     @property
     def can_extend(self) -> bool:
-        """Whether rates of algebraic unknowns stand for all of a run, sensitivities included."""
+        """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
         if self.layout.corners:
-            return False  # these rates jump where the residuals have a corner
+            return False  # these rates jump at kinks of the residuals
         name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
         return bool(self.kernels[name].results)
 
@@ -282,7 +282,7 @@ class Program:
 
     @cached_property
     def elimination(self) -> Elimination | None:
-        """The planned elimination of implicit methods; None where the pattern is singular."""
+        """The planned elimination of implicit methods; None if the pattern is singular."""
         layout = self.layout
         return plan_elimination(
             len(layout.states), layout.column_starts, layout.row_indices, layout.n_algebraic
@@ -290,16 +290,16 @@ class Program:
 
     @cached_property
     def operations(self) -> dict[str, OperationCount]:
-        """Operation counts of each kernel, with its share of ``prepare`` counted in."""
+        """Operation counts of each kernel, with its share of ``prepare``."""
         counts = {}
         for name, kernel in self.kernels.items():
-            # ``prepare`` serves all kernels; each is charged with what it needs of it.
+            # ``prepare`` serves all kernels; the counts of each include the values that it needs.
             used = [node for node in kernel.order if node in kernel.prepared]
             counts[name] = kernel.operations.with_prepared(count_operations(reachable(used)))
         return counts
 
     def summary(self) -> str:
-        """Describe the kernels by their operation counts, those that C has."""
+        """Describe the kernels in C by their operation counts."""
         present = {name: k for name, k in self.kernels.items() if k.is_present}
         counts = {name: self.operations[name] for name in present}
         rows = [
@@ -316,6 +316,6 @@ class Program:
 
 
 def _parameters(roots: Iterable[Node | None], p: Sequence[float]) -> dict[Node, float]:
-    """Return the values of the parameters that some nodes depend on; no node is made."""
+    """Return the values of the parameters on which some nodes depend; no node is made."""
     symbols = symbols_in([root for root in roots if root is not None])
     return {symbol: float(p[symbol.data[1]]) for symbol in symbols}

@@ -1,7 +1,7 @@
-"""Kernels that hold the states to the constraints.
+"""Kernels that project the states onto the constraints.
 
-The step is the one of least kinetic energy: its left-hand side is the matrix of the governing
-equations, with the constraints' residuals in place of the forces.
+The step is that of minimum kinetic energy: its left-hand side is the matrix of the governing
+equations, with the constraints' residuals instead of the forces.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from cotree.program.solved import SolvedSystem
 
 
-#: Near a singular configuration, at a distance whose square is this, constraints are about to
-#: become redundant: their corrections there would be rounding, enlarged by its inverse.
+#: Constraints are nearly redundant closer to a singular configuration than the square root of this:
+#: corrections there would amplify rounding by the inverse distance.
 _RANK = 1e-8
 
 
 def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
-    """Name the results of the kernel ``constraints``."""
+    """Return the names of the results of the kernel ``constraints``."""
     rows = equations.constraints
     held = zip(rows.rows, rows.values, strict=True)
     values = [row for row, value in held if value is not None]
@@ -41,7 +41,7 @@ def constraint_quantities(equations: Equations) -> tuple[Quantity, ...]:
 
 
 def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, list[Node]]:
-    """Form the results of the kernels of constraints; empty where there are none."""
+    """Form the results of the kernels of constraints; empty if there are none."""
     rows = equations.constraints
     results: dict[str, list[Node]] = {
         "constraints": [],
@@ -64,10 +64,11 @@ def projection_kernels(equations: Equations, solved: SolvedSystem) -> dict[str, 
         # Constraints on speeds alone have no residual of positions.
         values = [zero if v is None else v for v in rows.values]
         shrink: dict[Node, Node] = {}
-        # A turn leaves the norm of a quaternion, to first order, so norms are corrected apart.
+        # A rotation preserves the norm of a quaternion to first order, so norms are corrected
+        # separately.
         for (_, q), norm in zip(rows.quaternions, norms, strict=True):
             # Newton's step for |q|^2 = 1 along q itself: dq = -q (|q|^2 - 1) / (2 |q|^2), which
-            # does not turn the frame.
+            # does not rotate the frame.
             factor = norm / (2.0 * _square(q))
             shrink |= {entry: -(factor * entry) for entry in q}
         results["projection"] = _step(equations, solved, values, rows.rates, shrink)
@@ -102,13 +103,13 @@ def _step(
     """Form the change of the states that removes given residuals."""
     n, n_coordinates = equations.n_speeds, equations.n_coordinates
     zeros = [equations.dag.zero] * n
-    # In [M, -G^T; -G, 0] [v; *] = [0; c] the lower rows say G v + c = 0: the residual vanishes to
-    # first order, and of all such v this one has the least kinetic energy.
+    # In [M, -G^T; -G, 0] [v; *] = [0; c] the lower rows are G v + c = 0: the residual vanishes to
+    # first order, and of all such v this one has minimum kinetic energy.
     shift = solved.factors.solve([*zeros, *values], _RANK)[:n]
     speed = solved.factors.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
-    # Rates of coordinates are linear in the speeds. With the shift in the place of the speeds they
-    # give the change of the coordinates, quaternions included.
+    # Rates of coordinates are linear in the speeds. With the shift in place of the speeds they are
+    # the change of the coordinates, quaternions included.
     known = dict(zip(speeds, shift, strict=True))
     moved = substitute(equations.rates[:n_coordinates], known)
     coordinates = [state.symbol for state in equations.states[:n_coordinates]]

@@ -1,19 +1,19 @@
-"""Kernels for explicit methods where there are algebraic unknowns.
+"""Kernels for explicit methods, for models with algebraic unknowns.
 
 In: rates and residuals ``x' = f(x, z), 0 = g(x, z)`` with their derivatives. Out, all with the same
 factors of g_z in straight-line code:
 
 - the *extended* rates: x', and ``z' = -g_z^-1 (g_x x' + g_t)``. Unknowns are integrated like
-  states, from a solution, and brought back to one after each step. Sensitivities of z need no
+  states, from a solution, and projected onto one after each step. Sensitivities of z need no
   integration: ``S_z = -g_z^-1 (g_x S_x + g_p)``.
-- a step from a guess of z towards the solution, and the rates of x where it ends. It is a Taylor
+- a step from a guess of z towards the solution, and the rates of x at its end. It is a Taylor
   series: along ``g(z(s)) = (1 - s) g(z(0))`` the derivatives by s are
 
       z' = -g_z^-1 g,    z'' = -g_z^-1 (g_zz z' z'),
 
-  and z(1) is the solution. What remains is of third order in the step. Series see what is near:
-  the kernel says, too, how far the step goes compared with the distance over which any function in
-  it bends.
+  and z(1) is the solution. The remainder is of third order in the step. The kernel also estimates
+  the reach of the series: the length of the step relative to the distance over which any function
+  in it bends.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from cotree.linear.factors import SparseFactors
     from cotree.program.solved import Along
 
-#: Beyond these a kernel costs more to compile than loops over dense matrices cost to run.
+#: Larger kernels take longer to compile than loops over dense matrices take to run.
 _MOST_UNKNOWNS, _MOST_UPDATES, _MOST_OPERATIONS = 100, 2000, 3000
 
-# Functions that bend as their argument changes by 1, whatever it is; and those that do, or may have
-# a kink, where it changes by its own size.
+# Functions that bend when their argument changes by 1, whatever its value; and those that bend, or
+# may have a kink, when it changes by its own size.
 _OF_CHANGE = frozenset({"exp", "sin", "cos", "sinh", "cosh", "tanh", "atan"})
 _OF_SHARE = frozenset({"sqrt", "log", "abs", "sign"})
 
@@ -60,12 +60,12 @@ def reduced_kernels(
     motion: Along,
     reached: Sequence[Sequence[int]],
 ) -> dict[str, list[Node]]:
-    """Form the results of the kernels; empty if there is nothing to eliminate, or too much.
+    """Form the results of the kernels; empty if nothing can be eliminated, or too much.
 
     ``rates`` are f, then g; ``columns`` their derivatives by each state, by place; ``along`` the
     same along each parameter, in terms of the states' sensitivities, and ``motion`` along the
-    motion, in terms of the states' rates. ``reached`` are for each parameter the states with
-    sensitivities.
+    motion, in terms of the states' rates. ``reached`` are the states with sensitivities to each
+    parameter.
     """
     found: dict[str, list[Node]] = {
         "algebraic_step": [],
@@ -85,14 +85,14 @@ def reduced_kernels(
         factors, doubt = factorised
         symbols = [state.symbol for state in equations.states[cut:]]
         found["algebraic_step"] = [*_step(factors, rates, slopes, symbols), doubt]
-        # Constraints are held by projections of their own.
+        # Constraints have projections of their own.
         is_held = equations.constraints.rows or equations.constraints.quaternions
         if cut > 0 and equations.motion is not None and not is_held:
             extended = [*rates[:cut], *_unknown_rates(equations, factors, rates, motion)]
             along_rates, along_unknowns = _sensitivities(
                 equations, factors, columns[cut:], along, reached
             )
-            # Runs without the sensitivities that a model was compiled with take the states alone.
+            # Runs without sensitivities integrate the states alone.
             found["extended_rhs"] = extended
             if along:
                 found["extended_augmented_rhs"] = [*extended, *along_rates]
@@ -123,8 +123,8 @@ def _step(
     """Form the rates at the end of a step, the step itself, its last part and its reach."""
     dag, cut = factors.dag, len(rates) - len(symbols)
     first = factors.solve([-node for node in rates[cut:]])
-    # Symbols stand for z' while second derivatives are formed; z' itself, a long expression, is put
-    # in their place afterwards.
+    # Symbols represent z' while second derivatives are formed; z' itself, a long expression, is
+    # substituted afterwards.
     known = {dag.symbol(STEP, j): node for j, node in enumerate(first)}
     seed = dict(zip(symbols, known, strict=True))
     changes, reach = _bends(dag, rates, seed), dag.one
@@ -149,13 +149,14 @@ def _curvature(
 
 
 def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Node]:
-    """Return values where a step ends; exponentials, which are costly, by their series."""
+    """Return values at the end of a step; exponentials, which are costly, by their series."""
     new = {symbol: symbol + change for symbol, change in step.items()}
     order = reachable(values)
     changing = dependent(order, step)
     for node in order:
         if node.op == "exp" and node in changing:
-            # exp(a + d) = exp(a) (1 + d + d^2/2): the error is of third order, as that of the step.
+            # exp(a + d) = exp(a) (1 + d + d^2/2): the error is of third order, like that of the
+            # step.
             change = tangents(node.args, step)[0]
             # The tangent is the change of the argument only if that is linear in the step.
             if not changing.isdisjoint(reachable([change], stop=set(step.values()))):
@@ -167,7 +168,7 @@ def _values_after(values: Sequence[Node], step: Mapping[Node, Node]) -> list[Nod
 def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[Node] | None:
     """Measure a step by each function that is not linear in it; near 1 the function bends.
 
-    None if there is no measure for one of them: a table, or an external function.
+    None if a function has no measure: a table, or an external function.
     """
     order = reachable(roots)
     changing = dependent(order, seed)
@@ -175,8 +176,8 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     of_share: dict[Node, None] = {}
     for node in order:
         inner = [arg for arg in node.args if arg in changing]
-        # Sums are linear in the step, and so are products and quotients with one factor that
-        # changes, whatever its size.
+        # Sums are linear in the step, and so are products and quotients with one changing factor,
+        # of any size.
         if not inner or node.op in ("add", "sub", "neg"):
             continue
         if node.op in _OF_CHANGE:
@@ -195,7 +196,7 @@ def _bends(dag: Dag, roots: Sequence[Node], seed: Mapping[Node, Node]) -> list[N
     changes = tangents([*of_change, *of_share], seed)
     sizes = [dag.function("abs", change) for change in changes]
     shares = [
-        # A share tends to one where the change exceeds the value itself.
+        # The fraction tends to one if the change exceeds the value itself.
         size / (dag.function("abs", arg) + size + TINY)
         for arg, size in zip(of_share, sizes[len(of_change) :], strict=True)
     ]
@@ -220,10 +221,10 @@ def _unknown_rates(
     rates: Sequence[Node],
     motion: Along,
 ) -> list[Node]:
-    """Form z', which cancels the change of the residuals along the motion with z at rest."""
+    """Form z', which cancels the change of the residuals along the motion at constant z."""
     dag, n = equations.dag, len(rates)
     cut = n - equations.n_algebraic
-    # The states move at their rates and z rests, so that g_x x' + g_t is left.
+    # The states move at their rates and z is constant, so that g_x x' + g_t remains.
     moving = {dag.symbol(STATE_RATE, i): rates[i] if i < cut else dag.zero for i in range(n)}
     changes = substitute([motion.rates.get(i, dag.zero) for i in range(cut, n)], moving)
     return factors.solve([-node for node in changes])
@@ -238,15 +239,15 @@ def _sensitivities(
 ) -> tuple[list[Node], list[Node]]:
     """Form the rates of sensitivities and the sensitivities of the unknowns.
 
-    The residuals where S_z is zero are the right-hand side. The argument s leaves S_z out, and what
-    vanishes.
+    The residuals at S_z = 0 are the right-hand side. The argument s contains neither S_z nor zero
+    sensitivities.
     """
     dag, n = factors.dag, len(equations.states)
     cut = n - len(columns)
     rates: list[Node] = []
     unknowns: list[Node] = []
-    # The argument of the kernel holds the nonzero sensitivities of states one after another, and
-    # none of z.
+    # The argument of the kernel has the nonzero sensitivities of states one after another, and none
+    # of z.
     for j, (row, own) in enumerate(zip(along, reached, strict=True)):
         left = [i for i in own if i < cut]
         known = {dag.symbol(SENSITIVITY, j * n + i): dag.zero for i in range(n)}

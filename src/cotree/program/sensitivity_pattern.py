@@ -1,11 +1,12 @@
 """Pattern of the sensitivities that can be nonzero: a path connects them to their parameter.
 
-In: equations and their solution. Out: for each parameter the states that depend on it,
-and the equations without the sensitivities that vanish. Beginning with the states whose initial
-value or rate has the parameter in it, a state is reached where its rate depends on one that is.
-Algebraic unknowns are reached together where equations connect them, and what a constraint or an
-event moves where that depends on the parameter. Where a parameter decides when a rate has a kink
-or jumps, it reaches that state, even if nothing changes with it between such times.
+In: equations and their solution. Out: for each parameter the states that depend on it, and the
+equations without the sensitivities that are always zero. Starting with the states whose initial
+value or rate depends explicitly on the parameter, a state is reached if its rate depends on one
+that is. Algebraic unknowns are reached together if equations connect them, and so are the states
+that a constraint or an event moves if that depends on the parameter. If a parameter determines the
+times of kinks or jumps of a rate, its state is reached, even if the rate is constant between such
+times.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.program.solved import SolvedSystem
 
-#: The symbols that a value depends on, as bits, and whether it may be nonzero where all are zero.
+#: The symbols on which a value depends, as bits, and whether it may be nonzero if all of these are
+#: zero.
 _Part = tuple[int, bool]
 
 _CONSTANT: _Part = (0, True)
@@ -45,13 +47,13 @@ def reached_states(
 ) -> tuple[tuple[int, ...], ...]:
     """Return for each parameter of sensitivity the states that depend on it, at any time.
 
-    ``timed`` are the conditions on times which each sensitivity moves; see :func:`timed_by`.
+    ``timed`` are the conditions on times that each sensitivity moves; see :func:`timed_by`.
     """
     rows, n = equations.sensitivities, len(equations.states)
     if not rows:
         return ()
-    # A direction's derivatives hold its own sensitivities only, so that state i has bit i in all of
-    # them. Tangents of the unknowns have the bits behind those of the states.
+    # A direction's derivatives contain its own sensitivities only, so that state i has bit i in all
+    # of them. Tangents of the unknowns have the bits after those of the states.
     bits = {
         equations.dag.symbol(SENSITIVITY, j * n + i): 1 << i
         for j in range(len(rows))
@@ -69,8 +71,8 @@ def reached_states(
     for along, own in zip(directions, timed, strict=True):
         along.connect(groups)
         along.follow(followers(equations))
-        # States that constraints or events move may reach further states, which may in turn let
-        # more be moved: this is repeated until nothing is added.
+        # States that constraints or events move may reach further states, which may in turn make
+        # more move: this is repeated until nothing is added.
         reached = along.reached(own.states)
         while not reached.issuperset(
             moved := _moved(equations, parts, along, choosers, reached, own.is_event)
@@ -82,14 +84,14 @@ def reached_states(
 
 @dataclass(frozen=True)
 class Timed:
-    """Conditions that look at times which a parameter moves."""
+    """Conditions on times that a parameter moves."""
 
-    states: set[int]  # the states whose rates do
-    is_event: bool  # whether what some event looks at does
+    states: set[int]  # the states whose rates have such a condition
+    is_event: bool  # whether some event function has one
 
 
 def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node]) -> list[Timed]:
-    """Find the conditions that depend on times which each sensitivity moves.
+    """Find the conditions on times that each sensitivity moves.
 
     ``watched`` are the values of events, unknowns eliminated as in the rates.
     """
@@ -102,7 +104,8 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     order = reachable(roots) if any(looking.values()) else []
     found = []
     for row in rows:
-        # A time that moves along the direction has a first time, or a period, with a derivative.
+        # A time event that moves along the direction has a first time, or a period, with a
+        # derivative.
         moved = [
             node
             for node, own in looking.items()
@@ -115,7 +118,7 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
 
 
 class _Parts:
-    """Table of the symbols that each value depends on."""
+    """Table of the symbols on which each value depends."""
 
     def __init__(self, nodes: Sequence[Node], bits: Mapping[Node, int]) -> None:
         self._known: dict[Node, _Part] = {node: (bit, False) for node, bit in bits.items()}
@@ -127,11 +130,11 @@ class _Parts:
             for own, _ in parts:
                 mask |= own
             remains = [rest for _, rest in parts]
-            # A product vanishes where one of its factors does.
+            # A product is zero if one of its factors is.
             if node.op in ("mul", "div"):
                 is_left = all(remains)
             else:
-                # The condition of a selection decides, and adds nothing to the value.
+                # The condition of a selection adds nothing to the value.
                 is_left = any(remains[1:] if node.op == "select" else remains)
             self._known[node] = (mask, is_left)
 
@@ -145,12 +148,12 @@ class _Direction:
     def __init__(self, row: Derivative, parts: _Parts, solving: Sequence[int], n: int) -> None:
         self.row, self._parts, self._n = row, parts, n
         forcing = [parts[node] for node in row.forcing]
-        # Each unknown follows from those entries of the forcing that elimination brings to it.
+        # Each unknown follows from those entries of the forcing that elimination combines in it.
         self._tangents = [_either(forcing[k] for k in _places(mask)) for mask in solving]
         self.rates = {i: self.part(node) for i, node in row.rates.items()}
 
     def part(self, node: Node) -> _Part:
-        """Return the states whose sensitivities a value depends on, tangents solved for."""
+        """Return the states on whose sensitivities a value depends, with tangents solved for."""
         mask, rest = self._parts[node]
         own = mask & ((1 << self._n) - 1)
         solved = _either(self._tangents[k] for k in _places(mask >> self._n))
@@ -162,7 +165,7 @@ class _Direction:
         return rest or not reached.isdisjoint(_places(mask))
 
     def users(self, states: Iterable[int]) -> set[int]:
-        """Return the states whose rates depend on some others."""
+        """Return the states whose rates depend on given states."""
         wanted = sum(1 << i for i in states)
         return {i for i, (mask, _) in self.rates.items() if mask & wanted}
 
@@ -179,7 +182,7 @@ class _Direction:
             self.rates[total] = mask | 1 << follower, rest
 
     def reached(self, known: Iterable[int]) -> set[int]:
-        """Follow the rates from states that depend on the parameter themselves, or are known to."""
+        """Follow the rates from states that depend on the parameter directly."""
         users: dict[int, list[int]] = {}
         for i, (mask, _) in self.rates.items():
             for k in _places(mask):
@@ -219,7 +222,7 @@ def _either(parts: Iterable[_Part]) -> _Part:
 
 
 def _solving(solved: SolvedSystem) -> list[int]:
-    """Return which places of the forcing each unknown depends on, as bits."""
+    """Return the places of the forcing on which each unknown depends, as bits."""
     own = [solved.dag.symbol(ENTRY, k) for k in range(len(solved.unknowns))]
     unknowns = solved.factors.solve(own) if own else []
     parts = _Parts(unknowns, {symbol: 1 << k for k, symbol in enumerate(own)})
@@ -230,7 +233,7 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
     """Group the algebraic unknowns that equations connect."""
     cut = len(equations.states) - equations.n_algebraic
     masks = [1 << i for i in range(cut, len(equations.states))]
-    # Groups are masks of places. An equation joins all groups that it touches into one.
+    # Groups are masks of places. An equation joins all groups that it contains.
     for i, (mask, _) in rates:
         if i < cut:
             continue
@@ -242,20 +245,20 @@ def _connected(rates: Iterable[tuple[int, _Part]], equations: Equations) -> list
 
 
 def _choosers(equations: Equations) -> dict[int, set[int]]:
-    """Return the states whose rates look at states that events set, by the latter.
+    """Return, for each state that events set, the states whose rates have conditions on it.
 
-    A selection, a sign or a floor has no derivative by what it looks at, and yet another value
-    once that has jumped.
+    The derivative of a selection, sign or floor by its condition is zero, and yet its value changes
+    when that jumps.
     """
     targets = {target for event in equations.events for target in event.targets}
     if not targets:
         return {}
     mask = {equations.states[target].symbol: 1 << target for target in targets}
-    # A state that an event sets may stand in a condition anywhere in the balances. All unknowns are
-    # then taken to depend on it, which is never too seldom.
+    # A state that an event sets may occur in a condition anywhere in the balances. All unknowns are
+    # then assumed to depend on it, which is conservative.
     matrix = equations.matrix if isinstance(equations.matrix, tuple) else ()
     solved = [*equations.forcing, *(entry for row in matrix for entry in row)]
-    # Masks of all values, in order of evaluation: which targets each looks at.
+    # Masks of all values, in order of evaluation: the targets on which each depends.
     for node in reachable(solved):
         mask[node] = mask.get(node, 0) | _either((mask[arg], False) for arg in node.args)[0]
     whole = _either((mask[node], False) for node in solved)[0]
@@ -277,7 +280,7 @@ def _moved(
     reached: set[int],
     is_timed: bool,
 ) -> set[int]:
-    """Return the states that constraints and events move in a way that depends on the parameter."""
+    """Return the states that constraints and events move as a function of the parameter."""
     row, constraints = along.row, equations.constraints
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     moved: set[int] = set()
@@ -285,17 +288,17 @@ def _moved(
     norms = {i for i, state in enumerate(equations.states) if state.symbol in turned}
     held = [*row.held, *row.held_rates, *row.start]
     # A projection moves all coordinates and speeds together. Quaternions that depend on the
-    # parameter are brought back to unit length, which moves them, too.
+    # parameter are normalised, which moves them, too.
     if any(along.depends(node, reached) for node in held) or not norms.isdisjoint(reached):
         moved.update(range(n_coordinates + n_speeds))
     depending = {k for k, node in row.outputs.items() if along.depends(node, reached)}
-    # One event may make others happen at its own time.
+    # One event may trigger others at the same time.
     is_timed = is_timed or any(event.watched in depending for event in equations.events)
     for event in equations.events:
         causes = event.causes
         moved |= {target for target, k in causes.items() if k in depending or target in reached}
         if is_timed:
-            # What it sets moves on from then, and so does what has another rate after it.
+            # The states that it sets change from then on, and so do those whose rates change.
             moved |= {target for target, k in causes.items() if _moves(equations, parts, target, k)}
             moved |= along.users(causes).union(*(choosers[target] for target in causes))
     return moved
@@ -311,7 +314,7 @@ def _moves(equations: Equations, parts: _Parts, target: int, place: int) -> bool
 
 
 def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) -> Equations:
-    """Replace sensitivities that vanish by zero, so that all derivatives fold."""
+    """Replace sensitivities that are always zero by zero, so that all derivatives fold."""
     dag, n = equations.dag, len(equations.states)
     gone = {
         dag.symbol(SENSITIVITY, j * n + i): dag.zero
@@ -330,10 +333,10 @@ def without_vanishing(equations: Equations, reached: Sequence[Sequence[int]]) ->
 def pack_rates(
     dag: Dag, reached: Sequence[Sequence[int]], n: int, rates: Sequence[Node]
 ) -> list[Node]:
-    """Leave out sensitivities that vanish: their rates, and their numbers among the symbols.
+    """Leave out sensitivities that are always zero: their rates, and their numbers among symbols.
 
-    ``rates`` are n for each parameter, in terms of as many symbols; of those that
-    :func:`reached_states` returns, in terms of packed symbols, is the result.
+    ``rates`` are n for each parameter, in terms of as many symbols; the result has the rates of the
+    states of :func:`reached_states`, in terms of packed symbols.
     """
     left = [j * n + i for j, own in enumerate(reached) for i in own]
     if len(left) == len(rates):

@@ -1,9 +1,9 @@
 """Equations solved for their unknowns, and differentiated along any direction.
 
-In: ``A w = b`` and what is made of the unknowns w. Out: the same without unknowns, and its
-derivatives: along a direction ``A w' = b'``, with the factors of A that are known already
-(b' = db - dA w, which the sensitivity graphs give). Whatever needs the derivative of the solved
-system takes it from here: Jacobian columns, sensitivities, events along the motion, linearisation.
+In: ``A w = b`` and functions of the unknowns w. Out: the same without unknowns, and its
+derivatives: along a direction ``A w' = b'``, with the known factors of A (b' = db - dA w, from the
+sensitivity graphs). All derivatives of the solved system come from here: Jacobian columns,
+sensitivities, events along the motion, linearisation.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class Along:
     """Derivatives along one direction, in terms of states, inputs and parameters alone."""
 
     unknowns: tuple[Node, ...]  # w'
-    #: By place, those that the direction leaves out being zero.
+    #: By place; absent ones are zero.
     rates: dict[int, Node]
     outputs: dict[int, Node]
 
 
 @dataclass(frozen=True)
 class SolvedSystem:
-    """The solution of linear equations, and the means to solve them again."""
+    """The solution of linear equations, with the factors to solve them again."""
 
     dag: Dag  # the arena
     matrix: Sequence[Sequence[Node]]  # A, symmetric
@@ -57,12 +57,12 @@ class SolvedSystem:
         return cls(equations.dag, equations.matrix, factors, found, equations.unknown_tangents)
 
     def put(self, nodes: Sequence[Node]) -> list[Node]:
-        """Put the values of the unknowns in the place of their symbols."""
+        """Substitute the values of the unknowns for their symbols."""
         return substitute(nodes, self.unknowns)
 
     def along(self, directions: Sequence[Derivative]) -> list[Along]:
-        """Differentiate along directions one by one; values that they share are visited once."""
-        # Derivatives of thousands of states share most of what they are made of.
+        """Differentiate along directions one by one; shared values are visited once."""
+        # Derivatives of thousands of states share most of their nodes.
         known = iter(
             self.put(
                 [
@@ -78,7 +78,7 @@ class SolvedSystem:
             forcing = [next(known) for _ in row.forcing]
             rates = [next(known) for _ in row.rates]
             outputs = [next(known) for _ in row.outputs]
-            # The forcing of a direction is b' = db - dA w, so the factors of A serve again.
+            # The forcing of a direction is b' = db - dA w, so the factors of A are reused.
             unknowns = self.factors.solve(forcing)
             changes = dict(zip(self.tangents, unknowns, strict=True))
             found.append(
@@ -98,8 +98,8 @@ class SolvedSystem:
         ``forcing`` is the derivative of its right-hand side, ``seed`` the tangents of the symbols
         in A.
         """
-        # b' - A' w, row by row.
-        # The derivative of A is formed here, since no sensitivity graph knows this solution.
+        # b' - A' w, row by row. The derivative of A is formed here, since no sensitivity graph
+        # contains this solution.
         rest = list(forcing)
         for i, row in enumerate(self.matrix):
             for d, w in zip(tangents(row, seed), solution, strict=True):

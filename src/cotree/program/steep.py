@@ -1,11 +1,12 @@
 """Roots whose slope is infinite on both sides of zero, and their replacement near zero.
 
-A flow that follows ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, where its law has no
-derivative. Within a band of width b around zero the root r(z) becomes ``r(b)*(z/b)**3``, with a
-slope of zero at rest. Where the law drives the state to zero from both sides, the solutions of
-both laws remain within the band, so that they differ by no more than b. The engine sets b to the
-tolerance of z while it is near zero (``templates/runtime/events/cotree_branches.c``); anywhere
-else b is zero or negative, and the root is exact.
+A flow with the law ``sign(v)*sqrt(abs(v))`` comes to rest in a finite time, at which its law has no
+derivative. Within a band of half-width b around zero the root r(z) is replaced by
+``r(b)*(z/b)**3``, with a slope of zero at rest. If the law drives the state to zero from both
+sides, the solutions of both laws remain within the band, so that they differ by at most b. The
+engine sets b to the tolerance of z while it is near zero
+(``templates/runtime/events/cotree_branches.c``); otherwise b is zero or negative, and the root is
+exact.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 def find_roots(
     nodes: Iterable[Node], condition: Node, is_same: Callable[[Node], bool]
 ) -> dict[Node, Node] | None:
-    """Return the roots that end where a condition is zero, each with its signed argument.
+    """Return the roots that end at the zero of a condition, each with its signed argument.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def find_roots(
 
 
 def ends(node: Node, way: Mapping[Node, Node]) -> bool:
-    """Return whether an operation has no value beyond where a condition is zero."""
+    """Return whether an operation has no value beyond the zero of a condition."""
     first, *others = substitute(node.args, way)
     if node.op == "pow":
         return first.value is not None and first.value <= 0.0
@@ -69,7 +70,7 @@ def ends(node: Node, way: Mapping[Node, Node]) -> bool:
 
 
 def _signed(value: Node, is_same: Callable[[Node], bool]) -> Node:
-    """Write a value without the absolute value of a condition."""
+    """Return a value without the absolute value of a condition."""
     known: dict[Node, Node] = {}
     stack = [value]
     while stack:
@@ -97,7 +98,7 @@ class SteepRoots:
         return {root.dag.pow(root.args[0], _exponent(root) - 1.0): root for root in self.signed}
 
     def root_of(self, node: Node) -> Node | None:
-        """Return the root that a value is, or that its slope is formed of."""
+        """Return the root that a value is, or of which its slope is formed."""
         if node.op == "div" and node.args[1].op == "sqrt":
             node = node.args[1]
         node = self._slopes.get(node, node)

@@ -1,22 +1,21 @@
 """Switching surfaces of right-hand sides: each step keeps the branches on which it began.
 
-In: equations that hold absolute values, selections and piecewise linear tables of what moves. Out:
-the same equations with a symbol in each condition and each table that says which piece is to be
-taken; where it is zero, the argument decides. The engine holds the pieces while it takes a step,
-looks for the time at which an argument leaves its piece as it looks for events, and begins anew
-from there on the next piece. States and their sensitivities are continuous at a corner, so that
-nothing else happens there.
+In: equations with absolute values, selections and piecewise linear tables of variables. Out: the
+same equations with a symbol in each condition and each table that selects its branch; if it is
+zero, the argument decides. The engine freezes the branches while it takes a step, locates the time
+at which an argument leaves its branch like an event, and restarts there on the next branch. States
+and their sensitivities are continuous at a kink, so that no further action is needed there.
 
-A sign, or a selection whose two sides differ, is a corner where what reads it is continuous, as in
-``x*sign(x)``. A piece of a root, a power, a logarithm or a quotient may have no value beyond its
-end: steps end there, too, but the argument decides at all times. The other side of such a corner is
-held where it is constant, as that of ``sqrt(max(x, 0))`` is.
+A sign, or a selection whose two sides differ, is a kink if its user is continuous, as in
+``x*sign(x)``. A branch of a root, a power, a logarithm or a quotient may have no value beyond its
+end: steps end there, too, but the argument decides at all times. The other side of such a kink is
+frozen if it is constant, as that of ``sqrt(max(x, 0))``.
 
-Left as they are: conditions that do not evidently lead to a continuous value, which would be jumps;
-those that are known functions of time, where integration stops anyway; conditions within roots
-and the like whose readers are twice differentiable, as in the law of an orifice; corners within
-masses and constraints; tables within roots and the like; and tables with very many points, whose
-corners are small. Where the slope is infinite on both sides, as of ``sqrt(abs(x))``, the argument
+Not followed are: conditions that do not provably lead to a continuous value, which would be jumps;
+known functions of time, at which integration restarts anyway; conditions within roots and similar
+functions whose users are twice differentiable, as in the law of an orifice; kinks within masses and
+constraints; tables within roots and similar functions; and tables with very many points, whose
+kinks are small. If the slope is infinite on both sides, as of ``sqrt(abs(x))``, the argument
 decides, and roots are replaced near zero (:mod:`cotree.program.steep`).
 """
 
@@ -54,18 +53,18 @@ if TYPE_CHECKING:
     from cotree.equations import Equations
     from cotree.program.program import Program
 
-#: Functions that have a value beyond any corner. Of a quotient it is the dividend alone that may
-#: have corners, and of a linear system the right-hand side.
+#: Functions that have a value beyond any kink. In a quotient only the dividend may have kinks, and
+#: in a linear system the right-hand side.
 _TAME = frozenset({"add", "sub", "mul", "neg", "sin", "cos", "tanh", "atan", "erf", "abs"})
 _TAME |= {"exp", "sinh", "cosh", "select", "sign", "table", "result", "sines", "solve"}
 _BRANCHING = frozenset({"select", "abs", "sign"})
 
-#: Tables with more points than this along an axis are left to the error test: a run would stop at
-#: each of them.
+#: Tables with more points than this along an axis are left to the error test: a run would restart
+#: at each of them.
 _MOST_POINTS = 1000
 
-#: So many values are tried between one that jumps and those in which it no longer does, and so many
-#: that a branch is read by.
+#: The largest number of values followed from one that jumps to those that do not, and of users of a
+#: branch.
 _MOST_READERS, _MOST_ABOVE = 8, 64
 
 #: Sums of more terms than this are compared as they stand.
@@ -73,7 +72,7 @@ _MOST_TERMS = 64
 
 
 def hold_pieces(equations: Equations) -> Equations:
-    """Return the equations whose steps hold the pieces of what has corners."""
+    """Return the equations with branches that steps freeze."""
     found = _find(equations)
     if not found.conditions and not found.tables and not found.steep.signed:
         return equations
@@ -107,7 +106,7 @@ def without_corners(program: Program) -> Program:
         kernels[name] = replace(kernels[name], results=tuple(chain.from_iterable(left)))
 
     n_before, ranges = n + m + layout.n_pieces, layout.ranges[:n]
-    # Ranges are numbered in the order of what they are of, and those of events come first.
+    # Ranges are numbered in the order of their values, and those of events come first.
     ends = kernels["event_ranges"].results[: 4 * (1 + max(ranges, default=-1))]
     kernels["event_ranges"] = replace(kernels["event_ranges"], results=ends)
     n_quantities = layout.n_quantities if ends else 0
@@ -123,11 +122,11 @@ def without_corners(program: Program) -> Program:
 
 @dataclass
 class _Found:
-    """Conditions and tables whose pieces steps hold."""
+    """Conditions and tables whose branches steps freeze."""
 
-    #: The sides of each condition, as :class:`_Keys` writes it, on which steps hold a piece.
+    #: The sides of each condition, as :class:`_Keys` writes it, on which steps freeze a branch.
     conditions: dict[_Key, frozenset[int]]
-    tables: set[Node]  # the tables, whose pieces steps hold
+    tables: set[Node]  # the tables whose branches steps freeze
     steep: SteepRoots
 
 
@@ -149,7 +148,7 @@ def _find(equations: Equations) -> _Found:
             continue
         key, scale = keys.of(node.args[0])
         looked_at.setdefault(key, node.args[0])
-        # One condition serves all that it decides: one of these may rule it out.
+        # One condition has all users of its key: one of these may exclude it.
         sides = None if node in heavy else corners.sides(node)
         if node in wild:
             sides = _in_common(sides, corners.sides_above(node))
@@ -174,10 +173,10 @@ def _find(equations: Equations) -> _Found:
 
 @dataclass(frozen=True)
 class _Sides:
-    """Sides of a corner: 1 where its condition is positive, -1 where it is negative."""
+    """Sides of a kink: 1 if its condition is positive, -1 if it is negative."""
 
-    held: frozenset[int]  # those on which steps hold the piece; on others the argument decides
-    steep: frozenset[int]  # those on which the slope is infinite at the corner
+    held: frozenset[int]  # those on which steps freeze the branch; on others the argument decides
+    steep: frozenset[int]  # those on which the slope is infinite at the kink
 
     def turned(self, scale: float) -> _Sides:
         """Return the sides of the condition divided by a factor."""
@@ -188,17 +187,17 @@ class _Sides:
 
 
 _BOTH = frozenset({-1, 1})
-#: Of a corner whose pieces have values beyond it.
+#: A kink whose branches have values beyond it.
 _OPEN = _Sides(_BOTH, frozenset())
 
 
 def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
-    """Return the sides that two values allow to hold; None: one of them jumps."""
+    """Return the sides that two values allow to freeze; None: one of them jumps."""
     return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
 
 
 class _Corners:
-    """Changes where a condition is zero, followed up to where the whole is continuous.
+    """Changes at the zero of a condition, followed up to users that are continuous.
 
     ``roots`` must not jump; ``order`` has all values, arguments first; ``moving`` symbols change
     between events.
@@ -241,7 +240,7 @@ class _Corners:
                 return None
             for reader in self._readers(last):
                 own = [substitute([reader], {node: value})[0] for value in branches]
-                # Of several results each is compared.
+                # Each of several results is compared.
                 found = None if reader.op in SEVERAL else _sides(condition, own)
                 if found is None:
                     jumping.append(reader)
@@ -250,14 +249,14 @@ class _Corners:
         return None
 
     def is_smooth(self, node: Node) -> bool:
-        """Return whether all that reads a value that branches is twice differentiable there."""
+        """Return whether all users of a branching value are twice differentiable there."""
         condition, positive, negative = _branches(node)
         if _meet_twice(positive, negative, condition, self._moving):
             return True
         if node in self._roots:
             return False
         above, below = {node: positive}, {node: negative}
-        # In the order of all values, so that whatever reads several of those before finds them.
+        # In the order of all values, so that users of several earlier ones find them.
         waiting = set(self._readers(node))
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -279,14 +278,14 @@ class _Corners:
         return False
 
     def sides_above(self, node: Node) -> _Sides:
-        """Return the sides that what reads a value that branches allows, up to the roots."""
+        """Return the sides that the users of a branching value allow, up to the roots."""
         condition, *branches = _branches(node)
         ways = ways_to_zero(condition)
         found = [self._end_above(node, value, ways) for value in branches]
         return _sides_of(found)
 
     def _end_above(self, node: Node, value: Node, ways: _Ways) -> int:
-        """Return how a branch ends in what reads it."""
+        """Return how a branch ends in its users."""
         known, waiting, end = {node: value}, [node], _NOWHERE
         for _ in range(_MOST_ABOVE):
             if not waiting:
@@ -308,7 +307,7 @@ class _Corners:
 
 
 def _branches(node: Node) -> tuple[Node, Node, Node]:
-    """Return the condition of a value that branches, and what it is on both sides."""
+    """Return the condition of a branching value, and its values on both sides."""
     dag, (condition, *sides) = node.dag, node.args
     if node.op == "abs":
         return condition, condition, -condition
@@ -317,7 +316,7 @@ def _branches(node: Node) -> tuple[Node, Node, Node]:
 
 
 def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> bool:
-    """Return whether two values and their first and second derivatives meet where one is zero."""
+    """Return whether two values and their first two derivatives agree at the zero of a third."""
     pairs, one = [(above, below)], above.dag.one
     symbols = sorted(moving.intersection(symbols_in([boundary])), key=repr)
     for order in range(3):
@@ -332,10 +331,10 @@ def _meet_twice(above: Node, below: Node, boundary: Node, moving: set[Node]) -> 
     return True
 
 
-#: Where a value has no slope, or none beyond a corner.
+#: Values without a slope, or without one beyond a kink.
 _NOWHERE, _ENDS, _STEEP = range(3)
 
-#: Substitutions, each of which says that a condition is zero.
+#: Substitutions, each of which makes a condition zero.
 _Ways = list[dict["Node", "Node"]]
 
 
@@ -350,7 +349,7 @@ def _sides(condition: Node, branches: Sequence[Node]) -> _Sides | None:
 
 
 def _sides_of(ends: Sequence[int]) -> _Sides:
-    """Return the sides, from how the branch above a condition ends, and the one below it."""
+    """Return the sides, from the ends of the branches above and below a condition."""
     pairs = list(zip((1, -1), ends, strict=True))
     return _Sides(
         frozenset(side for side, end in pairs if end == _NOWHERE),
@@ -359,7 +358,7 @@ def _sides_of(ends: Sequence[int]) -> _Sides:
 
 
 def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
-    """Return how roots and the like among some values end where a condition is zero."""
+    """Return how roots and similar functions among some values end at the zero of a condition."""
     roots = [node for node in nodes if node.op in SINGULAR]
     try:
         ending = [node for node in roots for way in ways if ends(node, way)]
@@ -371,7 +370,7 @@ def _end_within(nodes: Iterable[Node], ways: _Ways) -> int:
 
 
 def _is_flat(node: Node) -> bool:
-    """Return whether the slope of an operation is finite where its value ends."""
+    """Return whether the slope of an operation is finite at the end of its domain."""
     power = node.args[-1].value
     return node.op == "pow" and power is not None and power > 1.0
 
@@ -393,7 +392,7 @@ def _is_timed(node: Node) -> bool:
 
 
 def _is_table(node: Node) -> bool:
-    return type(node.data) in (Table, PlaneTable)  # not one that is held already
+    return type(node.data) in (Table, PlaneTable)  # not one that is frozen already
 
 
 def _n_points(node: Node) -> int:
@@ -406,9 +405,9 @@ def _axes(node: Node) -> tuple[tuple[float, ...], ...]:
 
 
 def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
-    """List the values of masses and of constraints, whose corners are not followed.
+    """List the values of masses and of constraints, whose kinks are not followed.
 
-    Those of linear systems within rates are among them, as are the sizes that pivots are chosen by.
+    Those of linear systems within rates are among them, as are the sizes for choosing pivots.
     """
     held = equations.constraints
     values = [node for node in held.values if node is not None]
@@ -423,7 +422,7 @@ def _heavy(order: Iterable[Node], equations: Equations) -> set[Node]:
 
 
 def _is_tame(node: Node) -> bool:
-    """Return whether an operation has a value beyond any corner of its arguments."""
+    """Return whether an operation has a value beyond any kink of its arguments."""
     if node.op == "pow":
         base = node.args[0].value
         return base is not None and base > 0.0
@@ -431,7 +430,7 @@ def _is_tame(node: Node) -> bool:
 
 
 def _wild(order: Sequence[Node]) -> set[Node]:
-    """List the values that something reads which must not be given a piece beyond its end."""
+    """List the values whose users must not get a branch beyond its end."""
     found: set[Node] = set()
     for node in reversed(order):
         if node in found or not _is_tame(node):
@@ -444,16 +443,16 @@ _Key = tuple[tuple[int, float], ...]
 
 
 class _Keys:
-    """Tells conditions that are the same but for their sign, a factor, or the order of their terms.
+    """Identifies conditions that differ only in sign, a factor, or the order of their terms.
 
-    Derivatives of laws write the conditions of the laws themselves in other ways.
+    Derivatives of laws write the conditions of the laws in other forms.
     """
 
     def __init__(self) -> None:
         self._terms: dict[Node, dict[Node, float]] = {}
 
     def of(self, condition: Node) -> tuple[_Key, float]:
-        """Return the key of a condition, and the factor by which it is what the key says."""
+        """Return the key of a condition, and its factor relative to the key."""
         terms = sorted((node.index, factor) for node, factor in self._sum(condition).items())
         scale = terms[0][1] if terms else 1.0
         return tuple((index, factor / scale) for index, factor in terms), scale
@@ -481,14 +480,14 @@ class _Keys:
 
 @dataclass
 class _Held:
-    """Rows and symbols that are found while pieces are numbered."""
+    """Rows and symbols that are found while branches are numbered."""
 
     rows: list[CornerRow]
     pieces: list[Node]
 
 
 def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]:
-    """Form what takes the place of each value that has a corner, from the inside out."""
+    """Form the replacement of each value that has a kink, from the inside out."""
     dag, held = equations.dag, _Held([], [])
     new: dict[Node, Node] = {}
     keys = _Keys()
@@ -516,9 +515,9 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         own = piece if scale * first > 0.0 else -piece
         sides = found.conditions[key]
         if sides == _BOTH:
-            # Minus its size is zero or more where it is zero itself.
+            # Minus its size is zero or more only at its own zero.
             return dag.select(-dag.function("abs", piece), of(condition), own)
-        # What decides where no piece is held, and beyond a side that is not.
+        # The condition if no branch is frozen, and beyond a side that is not.
         decides = of(condition)
         for side in (own_side if scale > 0.0 else -own_side for own_side in sides):
             decides = dag.select(side * own - 0.5, dag.constant(side), decides)
@@ -577,7 +576,7 @@ def _held(equations: Equations, found: _Found) -> tuple[dict[Node, Node], _Held]
         elif key and key in found.conditions:
             own = sign(node.args[0], key, scale)
             if not found.conditions[key]:
-                # The step ends there, but its values decide by themselves.
+                # The step ends there, but its values are decided by the arguments.
                 made = dag.rebuild(node, tuple([of(arg) for arg in node.args]))
             elif node.op == "select":
                 made = dag.select(own, of(node.args[1]), of(node.args[2]))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def gather_constraints(first: FirstGraph) -> ConstraintSet:
-    """Gather the constraints in the form that projection, starts and reports need.
+    """Collect the constraints in the form that projection, starts and reports need.
 
     Raises ParameterError if a redundant initial value belongs to a variable that accelerations
     determine.
@@ -44,8 +44,8 @@ def gather_constraints(first: FirstGraph) -> ConstraintSet:
         ),
         start_rows=tuple(Quantity(row.name, row.unit) for row in first.conditions),
         start_is_rate=tuple(row.is_rate for row in first.conditions),
-        # Three blocks, in an order that the start relies on: conditions on chords, what redundant
-        # initial values follow to, and what the scene gives for them.
+        # Three blocks, on whose order the start relies: conditions on chords, the values of
+        # redundant variables that follow from states, and the given ones.
         start_values=(
             *(
                 (row.measure.rate(first.view) if row.is_rate else row.measure.value(first.view))
@@ -87,7 +87,7 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
     if first.network is None or not redundant:
         return []
     measured = first.measured
-    # Measured values may use other measured ones: one substitution into themselves, then one into
+    # Measured values may use other measured ones: they are substituted into themselves, then into
     # the values of the networks.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
     values = substitute([first.network.solved.values[row.variable] for row in redundant], known)
@@ -96,8 +96,8 @@ def _followed(first: FirstGraph, redundant: Sequence[Redundant]) -> list[Node]:
         # A start knows states and parameters; accelerations follow from it later.
         if not unknowns.isdisjoint(symbols_in([value])):
             raise ParameterError(
-                f"'{row.name}' follows from accelerations, so that its initial value cannot be "
-                "given: leave it out"
+                f"'{row.name}' follows from accelerations, so that its initial value cannot "
+                "be given: remove it"
             )
     return values
 

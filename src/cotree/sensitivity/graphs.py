@@ -1,4 +1,4 @@
-"""Sensitivity graphs G2, G3, ...: the formulation run again over differentiated variables.
+"""Sensitivity graphs G2, G3, ...: the formulation evaluated over differentiated variables.
 
 In: the first graph, solved for its through and across variables. Out: one
 :class:`~cotree.equations.Derivative` for each direction. Jacobian columns, parameter and
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reach:
-    """Index of the values that depend on each symbol, so that a direction looks at no others."""
+    """Index of the values that depend on each symbol, so that a direction visits no others."""
 
     #: Places of outputs and initial values, by symbol.
     outputs: Mapping[Node, list[int]]
@@ -60,11 +60,11 @@ class Reach:
 
     @classmethod
     def of(cls, first: FirstGraph, changing: Iterable[Node]) -> Reach:
-        """Look at everything that the equations are made of, for symbols that may change."""
-        # Only symbols that some direction changes are worth an index.
+        """Index all values of the equations by the symbols that may change."""
+        # Only symbols that some direction changes are indexed.
         among = {*changing, *first.unknowns, *first.measured}
         outputs = _by_symbol(first.outputs.values, among)
-        # Reactions in fields of friction hold accelerations.
+        # Reactions in fields of friction contain accelerations.
         unknowns = (*first.unknowns, *first.reactions)
         moving = {i for symbol in unknowns for i in outputs.get(symbol, ())}
         starts = tuple(state.initial for state in first.states)
@@ -94,7 +94,7 @@ def _by_symbol(nodes: Sequence[Node], among: set[Node]) -> dict[Node, list[int]]
 
 def _rows_by_symbol(rows: Sequence[Sequence[Node]], among: set[Node]) -> dict[Node, list[int]]:
     found: defaultdict[Node, dict[int, None]] = defaultdict(dict)
-    # One pass over all nodes of all rows; `places` tells the row of each.
+    # One pass over all nodes of all rows; `places` returns the row of each.
     places = [i for i, row in enumerate(rows) for _ in row]
     for i, symbols in zip(places, symbols_of_each([*chain(*rows)], among), strict=True):
         for symbol in symbols:
@@ -110,7 +110,7 @@ def rows_touched(rows: Mapping[Node, list[int]], symbols: Iterable[Node]) -> lis
 def derived_parameters(
     first: FirstGraph, units: Mapping[str, str] | None = None
 ) -> tuple[DerivedParameter, ...]:
-    """List the parameters of a scene that are derived from others, with units that are found."""
+    """List the derived parameters of a scene, with their units."""
     units = units or {}
     nodes, names = first.system.parameters, tuple(first.system.tunable)
     return tuple(
@@ -128,7 +128,7 @@ def derived_parameters(
 
 
 def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
-    """Raise ParameterError for names that nothing can have a sensitivity to.
+    """Raise ParameterError for names to which no sensitivity exists.
 
     These are neither parameters nor states, not tunable, derived, or occur twice.
     """
@@ -137,7 +137,7 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
     derived = {row.name: row for row in derived_parameters(first)}
     for name, times in Counter(wanted).items():
         if times > 1:
-            raise ParameterError(f"the sensitivity to '{name}' is asked for twice")
+            raise ParameterError(f"the sensitivity to '{name}' is requested twice")
         if name in tunable or name in states:
             continue
         if name in derived:
@@ -146,7 +146,7 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
             )
         if name in first.scene.parameters:
             raise ParameterError(
-                f"parameter '{name}' is not tunable, so nothing has a sensitivity to it: "
+                f"parameter '{name}' is not tunable, so that no sensitivity to it exists: "
                 "declare it tunable"
             )
         raise ParameterError(
@@ -157,11 +157,11 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
 def differentiate(
     first: FirstGraph, directions: Mapping[str, Mapping[Node, Node]], support: Support
 ) -> list[Derivative]:
-    """Run the formulation over sensitivity graphs.
+    """Evaluate the formulation over sensitivity graphs.
 
     ``directions`` has, by name, the tangent of each symbol that changes; all share ``support``.
     """
-    # Sparse: a direction visits only values that depend on what it changes.
+    # Sparse: a direction visits only values that depend on its symbols.
     reach = Reach.of(first, {symbol for row in directions.values() for symbol in row})
     if first.network is None:
         return [
@@ -189,7 +189,7 @@ def differentiate(
 def _tangents_at(
     nodes: Sequence[Node], places: Iterable[int], seed: Mapping[Node, Node]
 ) -> dict[int, Node]:
-    """Differentiate the nodes at some places; those whose derivative vanishes are left out."""
+    """Differentiate the nodes at some places; zero derivatives are left out."""
     chosen = sorted(set(places))
     along = tangents([nodes[i] for i in chosen], seed)
     return {i: d for i, d in zip(chosen, along, strict=True) if not d.is_zero}
@@ -204,7 +204,7 @@ def _along(
     of_networks: Mapping[Node, Node],
     network_rates: Mapping[int, Node],
 ) -> Derivative:
-    """Run the multibody formulation over one sensitivity graph, beside that of the networks."""
+    """Evaluate the multibody formulation over one sensitivity graph, and add the networks'."""
     dag = first.system.dag
     # Fields use across variables by symbols: these change with the states.
     symbols = {**symbols, **_measured_tangents(first, {**symbols, **of_networks})}
@@ -215,13 +215,13 @@ def _along(
         pulled = [first.applied[i] for i in sorted({*touched, *_turned_pulls(first, view)})]
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
-        # Constraints that the direction does not reach stay zero at all three levels.
+        # Constraints that do not depend on the direction have zero derivatives at all three levels.
         held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
         for i in rows_touched(reach.held, symbols):
             held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
-        # Reactions that friction on joints depends on change with accelerations.
+        # Reactions in the friction of joints change with accelerations.
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
@@ -229,7 +229,7 @@ def _along(
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
         rates |= {n + i: changed for i, changed in network_rates.items()}
-        # Friction that sticks on a joint looks at accelerations, which change with everything.
+        # Friction that sticks on a joint depends on accelerations, which every direction changes.
         for i, d in _tangents_at(first.rates, range(n, len(first.rates)), of_unknowns).items():
             rates[i] = rates[i] + d if i in rates else d
         # Positions and velocities in outputs are not differentiated again: the graph has their
@@ -242,15 +242,14 @@ def _along(
             [*touched, *reach.moving],
             {**symbols, **of_unknowns, **_sums(symbols, of_reactions), **of_nodes},
         )
-        # Initial values depend on parameters only, so that no state along the direction reaches
-        # them.
+        # Initial values depend on parameters only, not on states.
         started = [i for symbol in symbols for i in reach.initial.get(symbol, ())]
         initial = _tangents_at(reach.starts, started, symbols)
     return Derivative(
         name,
         dict(symbols),
-        # A w_p = b_p - A_p w: the residual of the balances is A w - b, and the rows below hold -G,
-        # so that the two parts have opposite signs.
+        # A w_p = b_p - A_p w: the residual of the balances is A w - b, and the rows below contain
+        # -G, so that the two parts have opposite signs.
         (*(-row for row in residual), *(acceleration for _, _, acceleration in held)),
         rates,
         outputs,
@@ -264,7 +263,7 @@ def _along(
 def _with_reactions(
     first: FirstGraph, of_networks: Mapping[Node, Node], of_reactions: Mapping[Node, Node]
 ) -> Mapping[Node, Node]:
-    """Add to the tangents of observed variables what they change by with reactions."""
+    """Add to the tangents of observed variables their changes with reactions."""
     if first.network is None or not of_reactions:
         return of_networks
     values = [first.network.solved.values[variable] for variable in first.network.watched]
@@ -274,7 +273,7 @@ def _with_reactions(
 
 
 def _sums(first: Mapping[Node, Node], second: Mapping[Node, Node]) -> dict[Node, Node]:
-    """Add tangents of nodes that change in two ways."""
+    """Add the tangents of two sets of nodes."""
     return {node: first[node] + second[node] for node in first.keys() & second.keys()}
 
 
@@ -285,7 +284,7 @@ def _measured_tangents(first: FirstGraph, symbols: Mapping[Node, Node]) -> dict[
 
 
 def _turned_pulls(first: FirstGraph, view: View) -> list[int]:
-    """List the places of pulls whose components may stay while their basis turns with the seed."""
+    """List the places of pulls whose basis turns with the seed, even if their components do not."""
     turned = view.motion.frames.turned
     if not turned:
         return []
@@ -328,7 +327,7 @@ def form_derivatives(
 ) -> tuple[Derivative, ...]:
     """Differentiate along parameters or initial values, with the sensitivities of the states.
 
-    ``wanted`` are parameters, or states whose initial value is meant. The sensitivity of state i to
+    ``wanted`` are parameters, or states, for their initial values. The sensitivity of state i to
     number j is the symbol ``(SENSITIVITY, j * n_states + i)``; see :mod:`cotree.dag.nodes`. Raises
     ParameterError as :func:`check_wanted`.
     """
@@ -352,16 +351,17 @@ def form_derivatives(
 def _of_parameters(first: FirstGraph, changes: Mapping[Node, Node]) -> dict[Node, Node]:
     """Seed parameters, and the scene's inputs that depend on them."""
     system = first.system
-    # Inputs that the scene gives as functions of parameters carry their change along.
+    # Inputs that the scene gives as functions of parameters have tangents, too.
     along = tangents(system.input_values, changes)
     inputs = zip(system.inputs.values(), along, strict=True)
     return {**changes, **{symbol: tangent for symbol, tangent in inputs if not tangent.is_zero}}
 
 
 def _initial_value(direction: Derivative, first: FirstGraph) -> Derivative:
-    """Start a direction with one in its own state and zero elsewhere."""
+    """Return a direction that starts with one in its own state and zero elsewhere."""
     own = next(i for i, state in enumerate(first.states) if state.name == direction.name)
-    # An initial value enters through the start alone, where its own state has the derivative one.
+    # An initial value has an effect through the start alone, at which its own state has the
+    # derivative one.
     return replace(direction, initial={own: first.system.dag.one})
 
 
@@ -408,7 +408,7 @@ def form_equations(
         sensitivities=form_derivatives(first, sensitivities, support),
         columns=state_columns(first, support) if with_columns else (),
         guards=first.guards,
-        # Modes stand between the speeds and the states of the networks.
+        # Modes come between the speeds and the states of the networks.
         n_network_states=len(system.modes) + (first.network.n_differential if first.network else 0),
         n_modes=len(system.modes),
         events=first.events,
@@ -429,10 +429,10 @@ def form_equations(
 
 
 def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
-    """Return the tangents along the motion: every state moves at its rate, and time at one.
+    """Return the tangents along the motion: every state changes at its rate, and time at one.
 
-    Symbols stand for the rates of the states; see :mod:`cotree.dag.nodes`. The scene's
-    own inputs change with time as they do.
+    Symbols represent the rates of the states; see :mod:`cotree.dag.nodes`. The scene's own inputs
+    change with time as well.
     """
     system = first.system
     dag = system.dag
@@ -444,7 +444,7 @@ def _motion_seed(first: FirstGraph) -> dict[Node, Node]:
 
 
 def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support) -> Derivative:
-    """Differentiate along a change of all states and parameters, which other directions share."""
+    """Differentiate along a common change of all states and parameters."""
     dag, parameters = first.system.dag, first.system.tunable
     seed = {state.symbol: dag.symbol(STATE_CHANGE, i) for i, state in enumerate(first.states)}
     changes = {
@@ -456,19 +456,19 @@ def _common_direction(first: FirstGraph, wanted: Sequence[str], support: Support
 
 
 def _closed(equations: Equations, measured: Mapping[Node, Node]) -> Equations:
-    """Put across variables in the place of their symbols in fields."""
-    # What is measured of networks may use what is measured of the multibody system.
+    """Substitute across variables for their symbols in fields."""
+    # Measured variables of networks may use those of the multibody system.
     known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
 
     def closed(nodes: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(substitute(nodes, known))
 
-    # Loads of inertia that is tied to joints stand in the matrix.
+    # Loads of inertia that is coupled to joints are part of the matrix.
     still = {unknown: equations.dag.zero for unknown in equations.unknowns}
     return replace(
         equations.with_derivatives(known),
-        # What fields put into the right-hand side may contain accelerations, whose terms the matrix
-        # has.
+        # Terms of fields in the right-hand side may contain accelerations, which the matrix
+        # includes.
         forcing=tuple(substitute(closed(equations.forcing), still)),
         rates=closed(equations.rates),
         balances=closed(equations.balances),

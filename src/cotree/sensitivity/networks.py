@@ -1,4 +1,4 @@
-"""Sensitivity graphs of the scalar networks: all directions at once, each where it changes."""
+"""Sensitivity graphs of the scalar networks: all directions at once, without zero tangents."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class NetworkTangents:
     """Derivatives of the networks along several directions, numbered."""
 
     rates: tuple[Tangent, ...]  # of the states' rates, and of the residuals of algebraic unknowns
-    #: Of what outputs, fields and initial values name, by its value.
+    #: Derivatives of the values that outputs, fields and initial values name.
     observed: Mapping[Node, Tangent]
 
     @cached_property
@@ -39,7 +39,7 @@ class NetworkTangents:
 
     @cached_property
     def seeds(self) -> Mapping[Hashable, dict[Node, Node]]:
-        """The derivatives of observed values along each direction that they change along."""
+        """The nonzero derivatives of observed values along each direction."""
         return _turned(self.observed.items())
 
 
@@ -54,7 +54,7 @@ def _turned(rows: Iterable[tuple[_Key, Tangent]]) -> Mapping[Hashable, dict[_Key
 
 @dataclass
 class _Seeds:
-    """Gives derivatives of symbols and fields along all directions."""
+    """Derivatives of symbols and fields along all directions."""
 
     directions: Sequence[Mapping[Node, Node]]
     couplings: Mapping[Node, Tangent]
@@ -65,11 +65,11 @@ class _Seeds:
         for i, symbols in enumerate(self.directions):
             for symbol, d in symbols.items():
                 if not d.is_zero:
-                    # Sorted by symbol, so that a field looks only at directions that change it.
+                    # Sorted by symbol, so that a field visits only directions that change it.
                     self._by_symbol[symbol][i] = d
 
     def __call__(self, node: Node, standing: Mapping[Node, Node]) -> Tangent:
-        """Differentiate a node along all directions that it depends on."""
+        """Differentiate a node along all directions on which it depends."""
         if node.op == "symbol":
             return self._by_symbol.get(node, {})
         # Across variables of the mechanism come from its own sensitivity graphs.
@@ -79,7 +79,7 @@ class _Seeds:
             return {}
         # Directions in which some symbol of the field changes, with the tangents of these symbols.
         touched: dict[Hashable, dict[Node, Node]] = defaultdict(dict)
-        # A set has an order of its own each time, and the order of directions decides the text.
+        # The order of a set varies between runs, and the order of directions affects the text.
         for symbol in sorted(self.support.of(node), key=attrgetter("index")):
             for i, d in self._by_symbol.get(symbol, {}).items():
                 touched[i][symbol] = d
@@ -93,7 +93,7 @@ def network_tangents(
     couplings: Mapping[Node, Tangent],
     support: Support,
 ) -> NetworkTangents:
-    """Run the networks over the sensitivity graphs of several directions.
+    """Evaluate the networks over the sensitivity graphs of several directions.
 
     ``couplings`` are derivatives of the across variables of the multibody system that ports use.
     """
@@ -104,7 +104,7 @@ def network_tangents(
         {
             network.solved.values[variable]: d[variable]
             for variable in network.watched
-            # Constants have no derivative, and could stand for several variables.
+            # Constants have no derivative, and could represent several variables.
             if network.solved.values[variable].value is None
         },
     )
@@ -113,7 +113,7 @@ def network_tangents(
 def coupling_tangents(
     first: FirstGraph, directions: Sequence[Mapping[Node, Node]], support: Support
 ) -> dict[Node, Tangent]:
-    """Differentiate what ports of the networks measure, by the sensitivity graphs of mechanics.
+    """Differentiate the measures of the networks' ports by the sensitivity graphs of mechanics.
 
     These are values, rates and accelerations of the ports' measures.
     """
@@ -122,10 +122,10 @@ def coupling_tangents(
         for coupling in first.couplings
         for form in ("value", "rate", "acceleration")
     }
-    # Values that are symbols or constants are differentiated by the seed itself.
+    # The seed itself differentiates values that are symbols or constants.
     found: dict[Node, Tangent] = {node: {} for node in measured if node is not None and node.args}
     for i, symbols in enumerate(directions):
-        # A graph for a direction is formed only where a port measures something that changes.
+        # A graph for a direction is formed only if a measure of a port depends on it.
         touched = [node for node in found if not support.of(node).isdisjoint(symbols)]
         if touched:
             with derivatives_labelled(first.system.dag):

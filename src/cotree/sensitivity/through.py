@@ -1,4 +1,4 @@
-"""Through variables of a sensitivity graph: sums start from the first graph's, and change."""
+"""Through variables of a sensitivity graph: changes of the first graph's sums."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class Changes(Sums):
-    """Wrenches on clusters as duals: the first graph's sums, and how the seed changes them.
+    """Wrenches on clusters as duals: the first graph's sums, and their tangents along the seed.
 
-    What changes nothing is left out, so that a walk visits only what the seed reaches.
+    Zero changes are left out, so that a traversal visits only values that depend on the seed.
     """
 
     def __init__(self, motion: Motion, first: Balance) -> None:
@@ -30,23 +30,23 @@ class Changes(Sums):
         self._frames, self._first = motion.frames, first.totals
 
     def gather(self, cluster: int, wrench: Wrench) -> None:
-        """Add how a wrench changes."""
+        """Add the change of a wrench."""
         if is_varied(wrench.force, wrench.torque):
-            # The value is in the first graph's total already; only the tangent is summed anew.
+            # The value is in the first graph's total already; only the tangent is added.
             super().gather(cluster, Wrench(tangent_of(wrench.force), tangent_of(wrench.torque)))
 
     def at(self, cluster: int) -> Wrench | None:
-        """Return the sum on a cluster; None where neither it nor the cluster's motion changes."""
-        # Projection and arms are products, whose tangent needs the value of the sum too.
+        """Return the sum on a cluster; None if neither it nor the cluster's motion changes."""
+        # Projection and arms are products, whose tangent needs the value of the sum, too.
         first, change = self._first[cluster], super().at(cluster)
         if change is None:
-            # Nothing on the cluster changes, but its directions do: the total of the first graph is
-            # projected on motion spaces that turn.
+            # The sum on the cluster is constant, but its directions change: the total of the first
+            # graph is projected on rotating motion spaces.
             return None if self._frames.is_kept(cluster) else first
         return Wrench(varied(first.force, change.force), varied(first.torque, change.torque))
 
     def takes(self, cluster: int, *parts: Any) -> bool:
-        """Whether a wrench of a cluster that is formed of some parts changes."""
+        """Return whether a wrench of a cluster that is formed of some parts changes."""
         return not self._frames.is_kept(cluster) or is_varied(*parts)
 
 
@@ -55,16 +55,16 @@ def residual_tangents(
 ) -> list[Node]:
     """Form the projected f-cutset equations of a sensitivity graph, by coordinate.
 
-    Accelerations of coordinates are held fixed. ``loads`` and ``balance`` are the first graph's, at
-    the actual accelerations, ``applied`` the through variables along measures that change.
+    Accelerations of coordinates are constant. ``loads`` and ``balance`` are the first graph's, at
+    the actual accelerations, ``applied`` the changing through variables along measures.
     """
     motion = view.motion
-    # The same walk as in the first graph, over duals: terminal equations (Eq. (4)), then f-cutsets
+    # The traversal of the first graph, over duals: terminal equations (Eq. (4)), then f-cutsets
     # (Eq. (1)), then the projection on the motion spaces (Eq. (5)).
     changes, loaded = Changes(motion, balance), _loads(view, loads, applied)
     gather_chords(motion, loaded, view.across, changes)
     rows = project_cutsets(motion, loaded, changes)
-    # Only tangents are wanted: the values are the balances of the first graph, which vanish.
+    # Only tangents are needed: the values are the balances of the first graph, which are zero.
     return [tangent_of(row) for row in rows]
 
 
@@ -80,10 +80,10 @@ def _loads(view: View, first: Loads, applied: Sequence[Applied]) -> Loads:
 
 
 def _is_reached(motion: Motion, action: Action) -> bool:
-    """Return whether the seed reaches a node or a field of the element."""
+    """Return whether a node or a field of the element depends on the seed."""
     frames, edge = motion.frames, action.edge
     points = (action.first, action.second)
-    # A moved node changes the circuit between the two, even where no field does.
+    # A moved node changes the circuit between the two, even if no field does.
     if not all(frames.is_kept(point.cluster) for point in points):
         return True
     if is_varied(*(frames.seen(value) for value in edge.scalars.values())):
@@ -93,7 +93,7 @@ def _is_reached(motion: Motion, action: Action) -> bool:
 
 
 def _pulls(view: View, applied: Sequence[Applied]) -> Iterator[Pull]:
-    """Form the pulls of the through variables that change; a multiplier itself is held fixed."""
+    """Form the pulls of the through variables that change; a multiplier itself is constant."""
     for row in applied:
         with view.motion.system.dag.labelled(f"through variable of {row.edge}"):
             # The derivative of a multiplier is an unknown of the sensitivity graph, on the

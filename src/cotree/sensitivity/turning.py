@@ -1,12 +1,12 @@
-"""Axes that turn along a seed: the rule that lets the formulation run over duals.
+"""Axes that rotate along a seed, for evaluating the formulation over duals.
 
-The derivative of a vector is that of the arrow in space, resolved in the same basis as the vector.
-The rotational across variable of a sensitivity graph is the parametric rotation vector phi, with
-dR/dp = [phi]x R, so that a vector fixed in a cluster changes by phi x vector. All other rules are
-those of products and sums (:mod:`cotree.dag.dual`).
+The derivative of a vector is that in space, resolved in the basis of the vector. The rotational
+across variable of a sensitivity graph is the parametric rotation vector phi, with dR/dp = [phi]x R,
+so that a vector fixed in a cluster changes by phi x vector. All other rules are those of products
+and sums (:mod:`cotree.dag.dual`).
 
-A parameter, a coordinate, a rate, an initial value and a whole direction are the same to a
-sensitivity graph: a tangent for each symbol that changes.
+Parameters, coordinates, rates, initial values and whole directions are treated alike: a seed is a
+tangent for each symbol that changes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Turning(Frames):
-    """Axes of the clusters as they turn along a seed, in which all is seen as duals."""
+    """Axes of the clusters that rotate along a seed, with duals as values."""
 
     seed: Seed  # what is differentiated by
     #: The clusters that the seed moves; the others move as in the first graph.
@@ -43,16 +43,16 @@ class Turning(Frames):
     phi_basis: tuple[Vector, ...]
 
     def is_kept(self, cluster: int) -> bool:
-        """Whether the seed does not reach a cluster."""
+        """Return whether a cluster does not depend on the seed."""
         return cluster not in self.reached
 
     @property
     def turned(self) -> frozenset[int]:
-        """The clusters whose bases the seed turns."""
+        """The clusters whose bases the seed rotates."""
         return frozenset(i for i, phi in enumerate(self.phi_basis) if not vector.is_zero(phi))
 
     def resolved(self, cluster: int, local: Vector) -> Vector:
-        """Resolve a vector field: it turns with the cluster, and changes by itself."""
+        """Resolve a vector field: it rotates with the cluster, and changes itself."""
         return self._turned(self.rotations[cluster].matrix, local, self.phi[cluster])
 
     def carried(self, branch: Branch, local: Vector) -> Vector:
@@ -71,21 +71,21 @@ class Turning(Frames):
         return varied(value, d)
 
     def constant(self, cluster: int, a: Vector) -> Vector:
-        """See a vector whose components in the cluster's basis are constant: it turns with that."""
+        """Return a vector with constant components in the cluster's basis; it rotates with that."""
         phi = self.phi_basis[cluster]
         return a if vector.is_zero(phi) else varied(a, vector.cross(phi, a))
 
     def tensor(self, cluster: int, local: Matrix) -> Matrix:
-        """Resolve a tensor field, as seen from the turning cluster; see :meth:`within`."""
+        """Resolve a tensor field relative to the rotating cluster; see :meth:`within`."""
         axes = self.rotations[cluster].matrix
         value, d_local = formed(vector.congruence, axes, local), self.seed.matrix(local)
-        # A tensor that is constant in the cluster is no dual: `within` supplies its turn.
+        # A tensor that is constant in the cluster is not a dual: `within` adds its rotation.
         if all(vector.is_zero(row) for row in d_local):
             return value
         return varied(value, vector.congruence(axes, d_local))
 
     def seen(self, node: Node) -> Node:
-        """See a field, a coordinate or a speed."""
+        """Return a field, a coordinate or a speed as a dual."""
         return varied(node, self.seed.of(node))
 
     def formula(self, node: Node, arguments: Mapping[Node, Node]) -> Node:
@@ -93,10 +93,10 @@ class Turning(Frames):
         return formula(node, arguments, self.seed.symbols)
 
     def within(self, cluster: int, form: Callable[..., Vector], *vectors: Vector) -> Vector:
-        """Form a vector of others with tensors that turn with a cluster.
+        """Form a vector from others and from tensors that rotate with a cluster.
 
-        As seen from the cluster such tensors do not turn: the others change by what remains of
-        their derivatives, and the result turns with the cluster.
+        Relative to the cluster such tensors are constant: the others change by the rest of their
+        derivatives, and the result rotates with the cluster.
         """
         phi = self.phi[cluster]
         if vector.is_zero(phi):
@@ -104,10 +104,10 @@ class Turning(Frames):
         seen = []
         for a in vectors:
             value = value_of(a)
-            # Derivative as seen from the cluster: da - phi x a.
+            # Derivative relative to the cluster: da - phi x a.
             seen.append(varied(value, vector.sub(tangent_of(a), vector.cross(phi, value))))
-        # Seen from outside the result turns along: d = phi x r + what changes within. The turn of
-        # the tensor itself, [phi]x J - J [phi]x, is never formed.
+        # In space the result rotates, too: d = phi x r + its relative change. The rotation of the
+        # tensor itself, [phi]x J - J [phi]x, is never formed.
         result = form(*seen)
         value = value_of(result)
         return varied(value, vector.add(vector.cross(phi, value), tangent_of(result)))
@@ -115,7 +115,7 @@ class Turning(Frames):
 
 @contextmanager
 def derivatives_labelled(dag: Dag) -> Iterator[None]:
-    """Label the nodes made inside the ``with`` block as derivatives of what they belong to."""
+    """Label the nodes made inside the ``with`` block as derivatives of their owners."""
     dag.suffix = ", derivative"
     try:
         yield
@@ -124,20 +124,20 @@ def derivatives_labelled(dag: Dag) -> Iterator[None]:
 
 
 def view_along(first: FirstGraph, seed: Seed) -> View:
-    """Form the across variables of a sensitivity graph, accelerations of coordinates held fixed."""
+    """Form the across variables of a sensitivity graph at constant accelerations of coordinates."""
     motion, across = first.motion, first.view.across
-    # The walks of the first graph, over duals. Tangents of accelerations are unknowns on the
-    # left-hand side, so that the accelerations themselves are held fixed.
+    # The traversals of the first graph, over duals. Tangents of accelerations are unknowns on the
+    # left-hand side, so that the accelerations themselves are constant.
     moved = move(first.system, motion.clusters, turn_axes(motion, seed), motion)
     return View(moved, accelerate(moved, across.rates, across), first.view)
 
 
 def turn_axes(first: Motion, seed: Seed) -> Turning:
-    """Find the clusters that a seed reaches, and how it turns them."""
+    """Find the clusters that depend on a seed, and their rotation along it."""
     frames, zero = first.frames, vector.zeros(first.system.dag)
     n = len(first.omega)
-    # Parents come first, so that what a seed reaches grows outwards: all that a reached cluster
-    # carries or turns is reached too.
+    # Parents come first, so that dependence spreads outwards: all clusters that a dependent one
+    # carries or rotates depend on the seed, too.
     reached: set[int] = set()
     phi, inwards, basis = [zero] * n, [zero] * n, [zero] * n
     for geometry in first.geometry:
@@ -157,7 +157,7 @@ def turn_axes(first: Motion, seed: Seed) -> Turning:
 
 
 def _is_seeded(branch: Branch, seed: Seed) -> bool:
-    """Whether anything of the branch itself depends on the seed."""
+    """Return whether the branch itself depends on the seed."""
     symbols = [c.symbol for c in branch.coordinates] + [v.symbol for v in branch.speeds]
     if any(not seed.of(node).is_zero for node in (*symbols, *branch.slides)):
         return True
@@ -167,20 +167,21 @@ def _is_seeded(branch: Branch, seed: Seed) -> bool:
 
 
 def _turn(frames: Frames, seed: Seed, first: Geometry) -> Vector:
-    """Form what a branch itself adds to phi, in the basis of its parent."""
+    """Form the contribution of a branch itself to phi, in the basis of its parent."""
     branch = first.branch
     if not branch.turns:
         return vector.zeros(seed.dag)
     if branch.quaternion is None:
         d_axis = frames.resolved(branch.turn_parent, seed.vector(branch.axes[0]))
-        # A turn about the axis by the tangent of the angle, as a speed turns the child by omega.
+        # A rotation about the axis by the tangent of the angle, as a speed rotates the child by
+        # omega.
         own = vector.scale(seed.of(branch.position), first.turning[0])
         return vector.add(own, _tilt(first, d_axis))
     d = [seed.of(entry) for entry in branch.quaternion]
     own = vector.zeros(seed.dag)
     if any(not entry.is_zero for entry in d):
-        # An edge that points inwards turns by the inverse rotation: resolved in its own axes, and
-        # with the opposite sign.
+        # An edge that points inwards rotates by the inverse: resolved in its own axes, and with the
+        # opposite sign.
         own = quaternion_turn(branch.quaternion, d, is_own=branch.sign < 0)
         own = vector.signed(branch.sign, own)
     if branch.mount is not None:
@@ -195,7 +196,7 @@ def _mounting(mount: Matrix, seed: Seed) -> Vector:
 
 
 def _tilt(first: Geometry, d_axis: Vector) -> Vector:
-    """Form what a change of the axis itself adds to phi.
+    """Form the contribution of a change of the axis to phi.
 
     From the derivative of the rotation vector theta e by its left Jacobian:
     sin(theta) e_p + (1 - cos(theta)) e x e_p.
@@ -204,21 +205,21 @@ def _tilt(first: Geometry, d_axis: Vector) -> Vector:
         return d_axis
     position = first.branch.position
     angle = position if first.branch.sign > 0 else -position
-    # The angle counts from the parent outwards, hence the sign of the edge.
+    # The angle is positive from the parent outwards, hence the sign of the edge.
     sine, cosine = (position.dag.function(name, angle) for name in ("sin", "cos"))
-    # The axis keeps its length one, so that its change is across it.
+    # The axis keeps its length one, so that its change is perpendicular to it.
     across = vector.cross(first.axes[0], d_axis)
     return vector.add(vector.scale(sine, d_axis), vector.scale(1.0 - cosine, across))
 
 
 @dataclass
 class Support:
-    """The symbols that values depend on, found once for each value."""
+    """The symbols on which values depend, found once for each value."""
 
     _known: dict[Node, frozenset[Node]] = field(default_factory=dict)
 
     def of(self, node: Node) -> frozenset[Node]:
-        """Return the symbols that a value depends on."""
+        """Return the symbols on which a value depends."""
         if node not in self._known:
             self._known[node] = frozenset(symbols_in([node]))
         return self._known[node]
@@ -236,7 +237,7 @@ class Seed:
         """Differentiate a coordinate, or an expression of fields."""
         if node.op == "symbol":
             return self.symbols.get(node, self.dag.zero)
-        # Most fields depend on no symbol of the seed: two sets tell, without a walk over the field.
+        # Most fields depend on no symbol of the seed: comparing two sets avoids a traversal.
         if node.value is not None or self.support.of(node).isdisjoint(self.symbols):
             return self.dag.zero
         return tangents([node], self.symbols)[0]
