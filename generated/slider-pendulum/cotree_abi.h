@@ -111,7 +111,7 @@ typedef struct cotree_model {
     cotree_state_kernel outputs_of_state;
     /* dy: sensitivities of the outputs */
     cotree_sensitivity_kernel output_sensitivity;
-    /* c: what is to be zero: constraints, their rates, norms of quaternions less one */
+    /* c: residuals: constraints, their rates, norms of quaternions minus one */
     cotree_state_kernel constraints;
     /* dc: sensitivities of the constraints */
     cotree_sensitivity_kernel constraint_sensitivity;
@@ -127,11 +127,11 @@ typedef struct cotree_model {
     cotree_state_kernel projection;
     /* ds: the step that makes sensitivities satisfy the differentiated constraints */
     cotree_sensitivity_kernel sensitivity_projection;
-    /* g: what events look at for zeros, then corners; the numbers of pieces of tables; quantities */
+    /* g: event functions, then switching functions; the numbers of branches of tables; quantities */
     cotree_state_kernel events;
-    /* r: what each event sets its targets to, in turn */
+    /* r: the values to which each event sets its targets, in turn */
     cotree_state_kernel jumps;
-    /* dg: sensitivities of events, zeros of corners, then of jumps, parameter by parameter */
+    /* dg: sensitivities of events, zeros of kinks, then of jumps, parameter by parameter */
     cotree_sensitivity_kernel event_sensitivity;
     /* dg: time derivatives of events, of corners, of jumps, of residuals of algebraic unknowns,
      * where s holds those of the states */
