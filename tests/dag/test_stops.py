@@ -80,7 +80,7 @@ def test_tables_of_time_stop_at_their_points():
 
 
 def test_a_period_far_too_short_is_refused():
-    with pytest.raises(ValueError, match=r"period of 1e-12 s passes"):
+    with pytest.raises(ValueError, match=r"period of 1e-12 s occurs"):
         _times("mod(t, 1e-12)")
 
 

@@ -46,7 +46,7 @@ def test_summary_has_a_line_an_edge():
         ("ground A", ["m ground A", "m A ground"], "edge 'm' occurs twice"),
         ("A B", ["m A B"], "no node 'ground'"),
         ("ground Alpha", ["m ground Alfa"], "edge 'm' ends at unknown node 'Alfa'; did you mean"),
-        ("ground A", ["m A A"], "edge 'm' joins node 'A' to itself"),
+        ("ground A", ["m A A"], "edge 'm' connects node 'A' to itself"),
     ],
 )
 def test_wrong_graph_is_refused(nodes: str, edges: list[str], message: str):

@@ -65,8 +65,8 @@ def test_named_tree_is_put_in_edge_order(pendulum: LinearGraph):
     [
         (["j1", "r33", "h2", "r4"], "no edge 'r33'; did you mean 'r3'"),
         (["j1", "j1", "h2", "r4"], "names edge 'j1' twice"),
-        (["j1", "k", "r3", "h2"], "contains a circuit of the edges j1, k; leave one"),
-        (["m6", "r4", "h2", "r3", "j1"], "circuit of the edges m6, r4, h2, r3, j1; leave one"),
+        (["j1", "k", "r3", "h2"], "contains a circuit of the edges j1, k; remove one"),
+        (["m6", "r4", "h2", "r3", "j1"], "circuit of the edges m6, r4, h2, r3, j1; remove one"),
         (
             ["j1", "r3", "r4"],
             r"'B', 'C' .* floating: edges m6, h2, r4 touch them, but no path of the tree's edges",

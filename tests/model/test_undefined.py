@@ -116,8 +116,8 @@ def pair(kind, **edge):
 @pytest.mark.parametrize(
     ("scene", "expected"),
     [
-        (disc(), "tilt of edge 'floor', whose axis must not lie along the normal; tilt it, or"),
-        (disc(length=0.1, friction=0.3), "tilt of edge 'floor', whose axis must not lie along"),
+        (disc(), "tilt of edge 'floor', whose axis must not be parallel to the normal"),
+        (disc(length=0.1, friction=0.3), "tilt of edge 'floor', whose axis must not be parallel"),
         (
             pair("contact", ball=0.1, radius=0.1),
             "distance of the centres of edge 'touch', which must lie apart: 1 / 0 is inf at 'jA.x'",

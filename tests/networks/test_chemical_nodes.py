@@ -137,7 +137,7 @@ def test_a_product_that_nothing_holds_or_takes_is_refused_by_name(fields, lost):
         (None, "must be a list of names of nodes"),
         ({"A": 2}, "must be a list of names of nodes"),
         ([["A"]], "must be a list of names of nodes"),
-        (["A", "ground"], "name 'ground', where concentrations are measured from"),
+        (["A", "ground"], "name 'ground', the reference of concentrations"),
     ],
 )
 def test_lists_of_species_that_are_none(field, value, message):
@@ -148,7 +148,7 @@ def test_lists_of_species_that_are_none(field, value, message):
 @pytest.mark.parametrize("nodes", [("ground", "A"), ("A", "B")])
 def test_a_species_counts_from_the_ground(nodes):
     scene = Scene("s")
-    with pytest.raises(SceneError, match=rf"'S' runs to '{nodes[1]}'.*then 'ground'"):
+    with pytest.raises(SceneError, match=rf"'S' is connected to '{nodes[1]}'.*then 'ground'"):
         scene.edge("S", "species", *nodes, volume=1.0)
 
 
@@ -158,7 +158,7 @@ def test_a_law_whose_own_variable_cancels_is_a_source():
     def given(across, k):
         return k + 0 * across
 
-    with pytest.raises(SceneError, match=r"does not follow from its arguments: add gives="):
+    with pytest.raises(SceneError, match=r"does not show which variable it gives: add gives="):
         cotree.register_component("bare", given, domain="electrical")
     cotree.register_component("bare", given, domain="electrical", gives="through")
     scene = Scene("s")

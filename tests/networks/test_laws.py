@@ -157,7 +157,7 @@ def test_michaelis_and_menten():
         ({"reactants": "A"}, "must be a list of names of nodes"),
         ({"reactants": ["A", 3]}, "must be a list of names of nodes"),
         ({"reactants": ["A"], "product": ["B"]}, "has no field 'product'"),
-        ({"reactants": ["ground"]}, "name 'ground', where concentrations are measured from"),
+        ({"reactants": ["ground"]}, "name 'ground', the reference of concentrations"),
         ({"reactants": ["A b"]}, "A b"),
     ],
 )

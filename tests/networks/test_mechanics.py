@@ -304,7 +304,7 @@ def test_a_backlash_lets_through_nothing_within_its_gap():
 
 
 def test_inertia_is_against_the_ground():
-    with pytest.raises(SceneError, match=r"'m' moves against 'A'.* name 'ground' first"):
+    with pytest.raises(SceneError, match=r"'m' is connected to 'A'.* name 'ground' first"):
         Scene("s").edge("m", "translational_mass", "A", "ground", mass=1.0)
 
 

@@ -220,7 +220,7 @@ def test_a_joint_of_the_other_kind_is_answered_with_the_type_that_fits(type, fie
     assert told.endswith(f"act on a joint that {does}")
     accepted(workshop(), type, joint="hinge" if joint == "rail" else "rail", **fields)
     # ... and, where there is one, the type that fits the joint.
-    named = re.search(r"take a (\w+) in place of the (\w+)", told)
+    named = re.search(r"use a (\w+) instead of the (\w+)", told)
     assert (named[1] if named else "") == counterpart_of(type)
     if named:
         other = {field.name for field in COMPONENTS[named[1]].fields}
@@ -246,7 +246,7 @@ def test_every_coordinate_that_is_named_in_a_message_is_accepted(joint, coordina
 @pytest.mark.parametrize("type", ON_JOINTS)
 def test_components_between_nodes_name_those_that_take_a_joint(type):
     told = refused(workshop(), "x", type, joint="rail")
-    cures = re.search(r"take a (.*) in its place", told)[1].split(" or ")
+    cures = re.search(r"use a (.*) instead", told)[1].split(" or ")
     assert tuple(cures) == ON_JOINTS[type]
     for cure in cures:
         fields = {
@@ -320,12 +320,12 @@ def _simpson(values, times):
     [
         ({"joint": "rail", "velocity": "sign(t - 1)"}, "would take an impulse"),
         ({"joint": "rail", "velocity": "rail.s"}, "may depend on parameters and t only"),
-        ({"joint": "rial", "velocity": 1.0}, "is no joint; did you mean 'rail'"),
+        ({"joint": "rial", "velocity": 1.0}, "joint 'rial'; did you mean 'rail'"),
         (
             {"joint": "hinge", "velocity": 1.0},
-            "take a speed_source in place of the velocity_source",
+            "use a speed_source instead of the velocity_source",
         ),
-        ({"line": ["RAIL", "HINGE"], "velocity": 1.0}, "take a distance between its nodes"),
+        ({"line": ["RAIL", "HINGE"], "velocity": 1.0}, "use a distance between its nodes"),
         ({"velocity": 1.0}, 'needs two nodes, or joint = "..."'),
     ],
 )
@@ -345,7 +345,7 @@ def test_cures_for_given_velocities_work():
 
 def test_two_joints_are_tied_by_a_gear():
     told = refused(workshop(), "x", "rack_and_pinion", joint="rail", radius=0.5)
-    assert "its other port acts on the multibody system; two joints are tied by a gear" in told
+    assert "its other port acts on the multibody system; to couple two joints use a gear" in told
     scene = workshop()
     tie = {"coordinate1": "rail.s", "coordinate2": "hinge.theta", "ratio": 0.5}
     scene.gear("new", "RAIL", "HINGE", **tie)
@@ -357,7 +357,7 @@ def test_two_joints_are_tied_by_a_gear():
 
 def test_nodes_and_a_joint_are_not_given_together():
     told = refused(workshop(), "x", "rotational_damper", "A", "B", joint="hinge", damping=1.0)
-    assert "leave one of them out" in told
+    assert "remove one of them" in told
     accepted(workshop(), "rotational_damper", joint="hinge", damping=1.0)
     scene = workshop()
     scene.rotational_inertia("J", "ground", "A", inertia=1.0)
@@ -371,13 +371,13 @@ def test_nodes_of_a_transducer_and_a_joint_are_not_given_together():
     told = refused(workshop(), "x", "voice_coil", "a", "b", **motor)
     assert 'give electrical = ["...", "ground"] in place of the nodes' in told
     told = refused(workshop(), "x", "voice_coil", coil=["a", "b"], electrical=["c", "d"], **motor)
-    assert "has nodes for its port coil and acts on the multibody system by joint, too" in told
+    assert "has nodes for its port coil, but also acts on the multibody system by joint" in told
     accepted(workshop(), "voice_coil", electrical=["a", "ground"], **motor)
 
 
 def test_a_line_takes_translation_only():
     told = refused(workshop(), "x", "rotational_damper", line=["RAIL", "HINGE"], damping=1.0)
-    assert 'name a joint that turns as joint = "..."' in told
+    assert 'name a revolute joint as joint = "..."' in told
     scene = Scene("line")
     scene.prismatic("rail", "ground", "A", axis=[1, 0, 0], initial={"s": 1.0, "s_dot": 2.0})
     scene.rigid_body("b", "ground", "A", mass=2.0)

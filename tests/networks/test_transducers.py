@@ -234,12 +234,12 @@ def test_losses_heat_what_the_scene_says():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"joint": "k"}, "acts on 'k', which is no joint"),
-        ({"joint": "m"}, "acts on 'm', which is no joint"),
-        ({"joint": "s"}, "type 'prismatic' has no angle to act on: take a voice_coil"),
+        ({"joint": "k"}, "acts on the unknown joint 'k'"),
+        ({"joint": "m"}, "acts on the unknown joint 'm'"),
+        ({"joint": "s"}, "type 'prismatic' has no angle to act on: use a voice_coil"),
         ({"joint": "u"}, 'has 2 angles: name one, joint = "u.theta1" or joint = "u.theta2"'),
         ({"joint": "u.theta3"}, "is no angle of joint 'u'"),
-        ({"line": ["A", "B"]}, "turns, so that it cannot act along a line"),
+        ({"line": ["A", "B"]}, "rotates, so that it cannot act along a line"),
         ({}, "shaft of edge 'M' needs two nodes"),
     ],
 )
@@ -264,5 +264,5 @@ def test_what_a_motor_cannot_act_on_is_refused(wrong, message):
 
 def test_a_component_without_losses_heats_nothing():
     scene = Scene("wrong")
-    with pytest.raises(SceneError, match="type 'capacitor' turns nothing into heat"):
+    with pytest.raises(SceneError, match="type 'capacitor' dissipates no heat"):
         scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, heat="N")

@@ -113,9 +113,9 @@ def test_an_alias_is_no_second_argument():
     [
         (lambda s: s.compile(["m"]), "m = rho.A.L; it follows from 'rho', 'r', 'L'.*sensitivities"),
         (lambda s: s.compile().simulate((0, 1), parameters={"m": 1.0}), "it follows from 'rho'"),
-        (lambda s: s.compile(tunable=["m"]), "name 'rho', 'r', 'L' in its place"),
-        (lambda s: s.parameter("q", "q + 1"), "'q' is made of itself: q -> q"),
-        (lambda s: s.parameter("q", "L", tunable=False), "say it of those"),
+        (lambda s: s.compile(tunable=["m"]), "name 'rho', 'r', 'L' instead"),
+        (lambda s: s.parameter("q", "q + 1"), "'q' depends on itself: q -> q"),
+        (lambda s: s.parameter("q", "L", tunable=False), "set it for those"),
         (lambda s: (s.parameter("q", "z"), s.parameter("z", "q")), "z -> q -> z"),
     ],
 )
@@ -127,9 +127,9 @@ def test_refusals(act, told):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("rhoo*2", "'rhoo', which is no parameter; did you mean 'rho'"),
-        ("t", "uses 't', which is no parameter"),
-        ("b.v", "uses 'b.v', which is no parameter"),
+        ("rhoo*2", "the unknown parameter 'rhoo'; did you mean 'rho'"),
+        ("t", "uses the unknown parameter 't'"),
+        ("b.v", "uses the unknown parameter 'b.v'"),
         ("sqrt(L - 3)", "has no value"),
         ("1/(L - L)", "has no value"),
     ],

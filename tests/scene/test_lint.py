@@ -227,7 +227,7 @@ def test_a_scene_that_cannot_be_formed():
     (finding,) = (row for row in with_parameter("q", "zz")().lint() if row.severity == "error")
     assert (finding.rule, finding.kind, finding.name) == ("refused", "parameter", "q")
     assert finding.allow == ""
-    assert "'zz', which is no parameter" in finding.message
+    assert "unknown parameter 'zz'" in finding.message
 
 
 def test_initial_values_that_contradict_each_other():
@@ -258,7 +258,7 @@ def test_entries_of_files(tmp_path):
     for allow, told in {
         '["unused-params"]': "did you mean 'unused-parameter'",
         '"shorted"': "must be a list",
-        '["refused"]': "no purpose",
+        '["refused"]': "cannot be allowed",
         "[1]": "must be a list",
     }.items():
         with pytest.raises(SceneError, match=told):
@@ -270,7 +270,7 @@ def test_the_command(tmp_path):
     with_parameter("spare")().save(file)
     shown = CliRunner().invoke(app, ["lint", str(file)])
     assert shown.exit_code == 1
-    assert "line 5: warning [unused-parameter:spare] parameter 'spare' is used" in shown.output
+    assert "line 5: warning [unused-parameter:spare] parameter 'spare' is unused" in shown.output
     assert 'allow = ["unused-parameter:spare"]' in shown.output
     (row,) = json.loads(CliRunner().invoke(app, ["lint", str(file), "--json"]).output)
     assert (row["rule"], row["name"], row["line"]) == ("unused-parameter", "spare", 5)

@@ -201,7 +201,7 @@ def test_points_are_read_from_files(tmp_path, points: str, call: str, value: flo
     ("points", "told"),
     [
         ("x,y\n0,1\n2,nan\n", "value 2 of table 'torque' is nan: give a finite number"),
-        ("x,y\n0,1\n2,high\n", "points.csv, line 3: 'high' is no number"),
+        ("x,y\n0,1\n2,high\n", "points.csv, line 3: 'high' is not a number"),
         ("0,1\n2\n", "points.csv, line 2 has 1 columns"),
         ("0,1\n0,2\n", "x of table 'torque' must ascend: number 2 is 0.0, after 0.0"),
         ("", "points.csv is empty"),
@@ -220,9 +220,9 @@ def test_bad_files_are_refused_by_line(tmp_path, points: str, told: str) -> None
 @pytest.mark.parametrize(
     ("file", "told"),
     [
-        ("../points.csv", "leaves the folder of the scene"),
+        ("../points.csv", "is outside the folder of the scene"),
         ("/etc/passwd", "is not relative to this file"),
-        ("none.csv", "is no file beside this one"),
+        ("none.csv", "is not a file in this folder"),
     ],
 )
 def test_files_elsewhere_are_refused(tmp_path, file: str, told: str) -> None:
@@ -249,7 +249,7 @@ def test_texts_without_a_folder_name_no_files() -> None:
         ({"x": 3, "y": [0, 1]}, "x of table 'f' must be a list"),
         ({"x": [0, 1]}, "needs 'x' and its values, or 'file'"),
         ({"x": [0, 1], "y": [0, 1], "interpolation": "cubic"}, "interpolation of table 'f'"),
-        ({"x": [0, 1], "y": [0, 1], "beyond": "stop"}, "state an event"),
+        ({"x": [0, 1], "y": [0, 1], "beyond": "stop"}, "a terminal event"),
         ({"x": [0, 1], "y": [0, "a"], "interpolation": "monotone"}, "values that are expressions"),
         ({"x": [0, 1], "y": [0, 1], "values": [[0, 1], [2]]}, "row 2 of values"),
         ({"x": [0, 1], "y": [0, 1], "values": [[0, 1]]}, "1 rows of values"),

@@ -100,7 +100,7 @@ def test_values_of_a_loaded_scene_can_be_set():
     [
         ("l", 1.0, "", "'l' is neither a parameter nor an input; did you mean 'L'"),
         ("L", float("inf"), "", "give a finite number"),
-        ("L", "2*L", "", "is made of itself"),
+        ("L", "2*L", "", "depends on itself"),
         ("L", 1.0, "kg", "'L' is in 'm', which 'kg' cannot be converted to"),
     ],
 )

@@ -89,7 +89,7 @@ def _refused(path: str) -> str:
         ('a = "n"', 'm = "n"', "'m' is a node of leg, but none of its ports: a, b"),
         ('a = "n"', 'a = "n m"', "node name 'n m' is not allowed"),
         ('a = "n"', 'a = "n"\nground = "n"', "'ground' is the reference of all scenes"),
-        ('a = "n"', 'a = "n"\nk = { value = 2, unit = "V" }', "'x.k' is in 'N/m', which its value"),
+        ('a = "n"', 'a = "n"\nk = { value = 2, unit = "V" }', "'x.k' is in 'N/m', to which"),
         ('a = "n"', 'a = "n"\nR = "Q"', "'x.R' is given by part 'x' of outer.toml, line 1"),
         ('a = "n"', 'a = "n"\nR = "__import__(1)"', "calls '__import__', which is not a known"),
         ('a = "n"', 'a = "n{i/2}"\ncount = 3', "line 1: part 'x1': node 'a': '{i/2}' is 0.5"),
@@ -97,16 +97,16 @@ def _refused(path: str) -> str:
         ('a = "n"', 'a = "n"\nR = 1\nparameters = { R = 1 }', "'R' is given twice"),
         ("scene", "scenee", "did you mean it by 'scenee'"),
         ('"leg.toml"', "7", "scene is 7: give a file or a name"),
-        ("leg.toml", "lek.toml", "'lek.toml' is no file beside this one; did you mean 'leg.toml'"),
+        ("leg.toml", "lek.toml", "'lek.toml' is not a file in this folder; did you mean 'leg.toml'"),
         ("leg.toml", "leg", "files end in .toml; known: battery-pack"),
         ("leg.toml", "rlc-filer", "did you mean 'rlc-filter'"),
         ("leg.toml", "/etc/leg.toml", "is not relative to this file"),
-        ("leg.toml", "../leg.toml", "leaves the folder of the scene"),
-        ("leg.toml", "a/../../leg.toml", "leaves the folder of the scene"),
+        ("leg.toml", "../leg.toml", "is outside the folder of the scene"),
+        ("leg.toml", "a/../../leg.toml", "is outside the folder of the scene"),
         ("leg.toml", "..\\\\leg.toml", "is not relative to this file"),
-        ("leg.toml", "outer.toml", "is made of itself: outer.toml -> outer.toml"),
+        ("leg.toml", "outer.toml", "contains itself: outer.toml -> outer.toml"),
         ("[parts.x]", "[parts.v]", "line 5: the name of edge 'v' is taken"),
-        ("[parts.x]", "[parts.t]", "part name 't' already means something"),
+        ("[parts.x]", "[parts.t]", "part name 't' already has a meaning"),
         ("[parts.x]", "[parts]\ny = 1\n[parts.x]", "part 'y' must be a table"),
     ],
 )
@@ -143,7 +143,7 @@ def test_links_do_not_lead_out_of_the_folder(tmp_path) -> None:
     path = _written(folder, _PART.replace("leg.toml", "link.toml") + _SOURCE)
     (tmp_path / "leg.toml").write_text(_LEG)
     (folder / "link.toml").symlink_to(tmp_path / "leg.toml")
-    assert "leaves the folder" in _refused(path)
+    assert "is outside the folder" in _refused(path)
 
 
 def test_many_parts_of_many_parts_are_refused(tmp_path) -> None:

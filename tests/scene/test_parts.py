@@ -330,18 +330,18 @@ def _two_parts() -> cotree.Scene:
         (lambda s: s.add("x", _cell(), left="a", right="b"), "every part needs its own"),
         (lambda s: s.add("y", _cell(), left="a"), "port 'right' of cell is left open"),
         (lambda s: s.add("y", _cell(), lefft="a"), "did you mean 'left'"),
-        (lambda s: s.add("b", _cell(), left="a", right="c"), "is that of a node"),
-        (lambda s: s.add("y", _cell(), left="x", right="c"), "'x' is a part, and no node"),
-        (lambda s: s.add("y", _cell(), left="x.right", right="c"), "name 'b' in its place"),
+        (lambda s: s.add("b", _cell(), left="a", right="c"), "also that of a node"),
+        (lambda s: s.add("y", _cell(), left="x", right="c"), "'x' is a part, not a node"),
+        (lambda s: s.add("y", _cell(), left="x.right", right="c"), "use its name, 'b'"),
         (lambda s: s.add("y", _cell(), left=3, right="c"), "give the name of a node"),
         (lambda s: s.add("y.z", _cell(), left="a", right="b"), "part name 'y.z' is not allowed"),
-        (lambda s: s.add("pi", _cell(), left="a", right="b"), "already means something"),
-        (lambda s: s.add("energy", _cell(), left="a", right="b"), "already means something"),
+        (lambda s: s.add("pi", _cell(), left="a", right="b"), "already has a meaning"),
+        (lambda s: s.add("energy", _cell(), left="a", right="b"), "already has a meaning"),
         (lambda s: s.add("y", _cell(), left="a", right="b", R=[1]), "give a number"),
         (lambda s: s.add("y", _cell(), left="a", right="b", R=True), "give a number"),
         (lambda s: s.add("y", _cell(), left="a", right="b", count=0), "whole number from 1"),
         (lambda s: s.add("y", _cell(), left="a", right="b", count=10**12), "larger than 250000"),
-        (lambda s: s.add("y", _cell(), left="a{k}", right="b", count=2), "'k', which is no index"),
+        (lambda s: s.add("y", _cell(), left="a{k}", right="b", count=2), "'k', which is not an index"),
         (lambda s: s.add("y", _cell(), left="a{i - 2}", right="b", count=2), "is -1"),
         (lambda s: s.add("y", _cell(), left="a", right="b", index="n"), "1 names for 0 counts"),
         (lambda s: s.add("y", _cell(), left="a", right="b", set={"y.Q": 1}), "did you mean 'y.R'"),
@@ -349,10 +349,10 @@ def _two_parts() -> cotree.Scene:
         (lambda s: s.add("y", "no-such-part"), "neither a file nor a shipped part"),
         (lambda s: s.edge("x", "resistor", "a", "b", resistance=1), "name of edge 'x' is taken"),
         (lambda s: s.edge("y", "resistor", "x.q", "b", resistance=1), "part 'x' has no node 'q'"),
-        (lambda s: s.edge("y", "resistor", "z.q", "b", resistance=1), "a part 'z', but there is"),
-        (lambda s: s.set("x.R", "2*x.R"), "is made of itself"),
+        (lambda s: s.edge("y", "resistor", "z.q", "b", resistance=1), "the unknown part 'z'"),
+        (lambda s: s.set("x.R", "2*x.R"), "depends on itself"),
         (lambda s: s.set("x.Q", 1.0), "neither a parameter nor an input"),
-        (lambda s: s.port("ground"), "no port"),
+        (lambda s: s.port("ground"), "cannot be a port"),
     ],
 )
 def test_wrong_parts_are_refused_and_change_nothing(act, told) -> None:
@@ -367,7 +367,7 @@ def test_wrong_parts_are_refused_and_change_nothing(act, told) -> None:
 def test_what_counts_a_whole_scene_is_refused_in_parts() -> None:
     part = _cell()
     part.output("E", "energy.kinetic")
-    with pytest.raises(SceneError, match="counts all of the outer scene"):
+    with pytest.raises(SceneError, match="a total of the outer scene"):
         cotree.Scene("outer").add("x", part, left="a", right="b")
 
 

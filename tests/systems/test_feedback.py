@@ -156,10 +156,10 @@ def test_loops_through_networks_are_solved():
 @pytest.mark.parametrize(
     ("law", "parameters", "message"),
     [
-        ("power", None, "'push' -> 'power' -> 'push': an algebraic loop"),
+        ("power", None, "'push' -> 'power' -> 'push', which is an algebraic loop"),
         ("push + 1", None, "an algebraic loop"),
         ("-k*rail.s", None, "unknown name 'k'.*needs its value in parameters"),
-        ("-k*rail.q", {"k": 1.0}, "uses 'rail.q', which is no coordinate"),
+        ("-k*rail.q", {"k": 1.0}, "uses 'rail.q', which is not a coordinate"),
         (
             "A.ax",
             None,

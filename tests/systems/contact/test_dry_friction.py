@@ -314,7 +314,7 @@ def test_friction_between_given_speeds_is_refused_by_name():
     scene = scene_with("rubbing", v=1.0)
     scene.edge("V", "velocity_source", "ground", "A", velocity="v")
     scene.edge("R", "translational_dry_friction", "A", "ground", force=1.0)
-    with pytest.raises(FormulationError, match=r"'R' .* between given speeds"):
+    with pytest.raises(FormulationError, match=r"'R' .* between prescribed speeds"):
         scene.compile()
 
 

@@ -260,7 +260,7 @@ def test_friction_in_space_and_on_a_ball_is_refused_by_name():
     scene.edge("b", "rigid_body", "ground", "P", mass=1.0, initial={"z": 0.1})
     scene.edge("c", "rigid_contact", "ground", "P", normal=[0, 0, 1], radius=0.1, friction=0.3)
     with pytest.raises(
-        FormulationError, match="edge 'c' has friction, which rigid contact knows where"
+        FormulationError, match="edge 'c' has friction, which rigid contact supports in planar"
     ):
         scene.compile()
     with pytest.raises(SceneError, match="edge 'd' has friction on a ball"):

@@ -195,7 +195,7 @@ def test_a_complete_coupling_is_refused_before_a_run_too():
     scene.edge("K", "coupled_inductors", "a", "b", **fields)
     scene.edge("R", "resistor", "b", "ground", resistance=1.0)
     model = scene.compile()
-    with pytest.raises(ParameterError, match=r"'K' couples its windings completely"):
+    with pytest.raises(ParameterError, match=r"'K' has a complete coupling"):
         model.simulate((0, 1), parameters={"k": -1.0})
 
 
@@ -229,7 +229,7 @@ def test_three_windings_are_a_matrix_exponential():
         ends = [end(**{name: values[name] + sign * h}) for sign in (1, -1)]
         np.testing.assert_allclose(result.s[:, j, -1], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
     # |k12|, |k13|, |k23| < 1 is not enough.
-    with pytest.raises(ParameterError, match="'T' couples its windings by more than the flux"):
+    with pytest.raises(ParameterError, match="'T' couples its windings by more than their flux"):
         model.simulate((0, 1), parameters={"k23": 0.99})
 
 
@@ -450,9 +450,9 @@ def test_a_users_law_with_an_error_function():
         (lambda a: a, {}, "add gives="),
         (lambda across, through: across + through, {}, "give one variable"),
         (lambda across_rate, c: c * across_rate**2, {}, "not linear in across_rate"),
-        (lambda across: undefined, {}, "gives no expression"),  # noqa: F821
-        (lambda across: (across, 1), {}, "component 'own' gives no expression, but .*across, 1"),
-        (lambda across: across > 1, {}, "component 'own' gives no expression, but across > 1"),
+        (lambda across: undefined, {}, "returns no expression"),  # noqa: F821
+        (lambda across: (across, 1), {}, "component 'own' returns no expression, but .*across, 1"),
+        (lambda across: across > 1, {}, "component 'own' returns no expression, but across > 1"),
         (lambda across: sympy.zoo * across, {}, "component 'own' has no value"),
         (lambda across: sympy.gamma(across), {}, "component 'own' uses the function 'gamma'"),
         (
@@ -466,11 +466,11 @@ def test_a_users_law_with_an_error_function():
             "component 'own' branches on something other than <, <=, > or >=",
         ),
         (lambda across: across, {"domain": "magnetic"}, "unknown domain"),
-        ({"one": lambda across: across}, {"terminals": ("a", "b")}, "between which two nodes"),
+        ({"one": lambda across: across}, {"terminals": ("a", "b")}, "must state the two nodes of"),
         (
             {"one": lambda across: across},
             {"terminals": ("a", "b"), "between": {"one": ("a", "c")}},
-            "none of its terminals",
+            "not one of its terminals",
         ),
         (lambda across: across, {"terminal": ("a",)}, "unexpected keyword"),
     ],

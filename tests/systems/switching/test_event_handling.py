@@ -391,8 +391,8 @@ WRONG = {
     "bool": ({"when": "j.s", "direction": True}, "direction of event 'x'"),
     "when": ({"when": "j.q"}, "edge 'j' has no variable 'q'"),
     "no expression": ({"when": "j.s +"}, "when of event 'x'"),
-    "target": ({"when": "j.s", "set": {"j.v": 1}}, "event 'x' sets 'j.v', which is no state and"),
-    "parameter": ({"when": "j.s", "set": {"e": 1}}, "event 'x' sets 'e', which is no state and"),
+    "target": ({"when": "j.s", "set": {"j.v": 1}}, "event 'x' sets 'j.v', which is neither a state nor"),
+    "parameter": ({"when": "j.s", "set": {"e": 1}}, "event 'x' sets 'e', which is neither a state nor"),
     "set": ({"when": "j.s", "set": [1]}, "set of event 'x' must be a table"),
     "value": ({"when": "j.s", "set": {"on": "q"}}, "'on' in set of event 'x': uses the unknown"),
     "stop": ({"when": "j.s", "stop": 1}, "stop of event 'x' must be true or false"),
@@ -404,7 +404,7 @@ WRONG = {
         "when of event 'x' depends on 'j.s_dot', but an impact needs an expression of positions",
     ),
     "force": ({"when": "j.fz", "impact": {"restitution": 1}}, "accelerations or reactions"),
-    "time": ({"when": "t - 1", "impact": {"restitution": 1}}, "does not change with any joint"),
+    "time": ({"when": "t - 1", "impact": {"restitution": 1}}, "does not depend on any joint"),
     "both": (
         {"when": "j.s", "impact": {"restitution": 1}, "set": {"j.s_dot": 0}},
         "event 'x' sets 'j.s_dot', a speed, but its impact changes all speeds",
@@ -453,7 +453,7 @@ def test_what_modes_may_not_be_used_in():
     for add in (scene.parameter, scene.input, scene.output, scene.mode):
         with pytest.raises(SceneError, match=r"the name of .* 'on' is taken"):
             add("on", 1.0)
-    with pytest.raises(SceneError, match="already means something"):
+    with pytest.raises(SceneError, match="already has a meaning"):
         scene.mode("t", 1.0)
 
 
