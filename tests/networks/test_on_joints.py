@@ -369,7 +369,7 @@ def test_nodes_and_a_joint_are_not_given_together():
 def test_nodes_of_a_transducer_and_a_joint_are_not_given_together():
     motor = {"resistance": 1.0, "constant": 1.0, "joint": "rail"}
     told = refused(workshop(), "x", "voice_coil", "a", "b", **motor)
-    assert 'give electrical = ["...", "ground"] in place of the nodes' in told
+    assert 'give electrical = ["...", "ground"] instead of the nodes' in told
     told = refused(workshop(), "x", "voice_coil", coil=["a", "b"], electrical=["c", "d"], **motor)
     assert "has nodes for its port coil, but also acts on the multibody system by joint" in told
     accepted(workshop(), "voice_coil", electrical=["a", "ground"], **motor)

@@ -313,7 +313,7 @@ def _joint_message(
         return f"{own} acts on {on}, which has {len(known)} {what}s: name one, {named}"
     if known:
         place = f"{joint.name}.{wanted}"
-        return f"{own} acts on '{place}', which is not a {what} of {on}: name {named}"
+        return f"{own} acts on '{place}', which is no {what} of {on}: name {named}"
     other, cure = counterpart_of(sitter.type), f"act on a joint that {does}"
     if other and has_others:
         cure = f"use a {other} instead of the {sitter.type}, or {cure}"

@@ -453,7 +453,7 @@ def test_what_modes_may_not_be_used_in():
     for add in (scene.parameter, scene.input, scene.output, scene.mode):
         with pytest.raises(SceneError, match=r"the name of .* 'on' is taken"):
             add("on", 1.0)
-    with pytest.raises(SceneError, match="already has a meaning"):
+    with pytest.raises(SceneError, match="already means something"):
         scene.mode("t", 1.0)
 
 
