@@ -97,7 +97,11 @@ def _refused(path: str) -> str:
         ('a = "n"', 'a = "n"\nR = 1\nparameters = { R = 1 }', "'R' is given twice"),
         ("scene", "scenee", "did you mean it by 'scenee'"),
         ('"leg.toml"', "7", "scene is 7: give a file or a name"),
-        ("leg.toml", "lek.toml", "'lek.toml' is not a file in this folder; did you mean 'leg.toml'"),
+        (
+            "leg.toml",
+            "lek.toml",
+            "'lek.toml' is not a file in this folder; did you mean 'leg.toml'",
+        ),
         ("leg.toml", "leg", "files end in .toml; known: battery-pack"),
         ("leg.toml", "rlc-filer", "did you mean 'rlc-filter'"),
         ("leg.toml", "/etc/leg.toml", "is not relative to this file"),

@@ -341,7 +341,10 @@ def _two_parts() -> cotree.Scene:
         (lambda s: s.add("y", _cell(), left="a", right="b", R=True), "give a number"),
         (lambda s: s.add("y", _cell(), left="a", right="b", count=0), "whole number from 1"),
         (lambda s: s.add("y", _cell(), left="a", right="b", count=10**12), "larger than 250000"),
-        (lambda s: s.add("y", _cell(), left="a{k}", right="b", count=2), "'k', which is not an index"),
+        (
+            lambda s: s.add("y", _cell(), left="a{k}", right="b", count=2),
+            "'k', which is not an index",
+        ),
         (lambda s: s.add("y", _cell(), left="a{i - 2}", right="b", count=2), "is -1"),
         (lambda s: s.add("y", _cell(), left="a", right="b", index="n"), "1 names for 0 counts"),
         (lambda s: s.add("y", _cell(), left="a", right="b", set={"y.Q": 1}), "did you mean 'y.R'"),

@@ -94,7 +94,9 @@ def test_an_inertia_that_no_body_has():
     scene = pendulum()
     tensor = [[1, 5, 0], [5, 1, 0], [0, 0, 1]]
     scene.edge("b2", "rigid_body", "ground", "B", mass=1.0, inertia=tensor)
-    with pytest.warns(RuntimeWarning, match="inertia of edge 'b2' is physically impossible: .* negative"):
+    with pytest.warns(
+        RuntimeWarning, match="inertia of edge 'b2' is physically impossible: .* negative"
+    ):
         model = scene.compile()
     # The plane reads one moment of it: (2 m L^2 + J) theta'' = -2 m g L
     assert model.rhs(0.0, model.initial_state)[1] == pytest.approx(-2.0 * 9.81 / 3.0, rel=1e-15)

@@ -155,5 +155,7 @@ def test_only_electrical_networks_begin_at_rest():
     scene.edge("R", "thermal_resistor", "a", "ground", resistance=1.0)
     scene.edge("C", "heat_capacitor", "a", "ground", capacity=1.0)
     scene.simulation(start="operating point")
-    with pytest.raises(cotree.SceneError, match="has no operating point: it is not part of an electrical network"):
+    with pytest.raises(
+        cotree.SceneError, match="has no operating point: it is not part of an electrical network"
+    ):
         scene.compile()

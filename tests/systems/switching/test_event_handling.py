@@ -391,8 +391,14 @@ WRONG = {
     "bool": ({"when": "j.s", "direction": True}, "direction of event 'x'"),
     "when": ({"when": "j.q"}, "edge 'j' has no variable 'q'"),
     "no expression": ({"when": "j.s +"}, "when of event 'x'"),
-    "target": ({"when": "j.s", "set": {"j.v": 1}}, "event 'x' sets 'j.v', which is neither a state nor"),
-    "parameter": ({"when": "j.s", "set": {"e": 1}}, "event 'x' sets 'e', which is neither a state nor"),
+    "target": (
+        {"when": "j.s", "set": {"j.v": 1}},
+        "event 'x' sets 'j.v', which is neither a state nor",
+    ),
+    "parameter": (
+        {"when": "j.s", "set": {"e": 1}},
+        "event 'x' sets 'e', which is neither a state nor",
+    ),
     "set": ({"when": "j.s", "set": [1]}, "set of event 'x' must be a table"),
     "value": ({"when": "j.s", "set": {"on": "q"}}, "'on' in set of event 'x': uses the unknown"),
     "stop": ({"when": "j.s", "stop": 1}, "stop of event 'x' must be true or false"),
