@@ -1,4 +1,4 @@
-"""Algebraic unknowns at the start are in C what they are in Python."""
+"""Starts satisfy the equations, and their sensitivities are those of neighbouring starts."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import pytest
 
 import cotree
 from cotree import Scene
-from cotree.model import start as python_start
 from cotree.model.model import Moment
-from cotree.model.start_in_c import StartInC
+from cotree.model.start import find_start
 
 pytestmark = pytest.mark.compiler
 
@@ -104,37 +103,88 @@ SCENES = {
 }
 
 
+def _differences(model, seed, initial):
+    """Differentiate the start by a parameter or an initial value; return rounding, too."""
+    p = model.default_parameters
+    place = model.parameters.index(seed) if seed in model.parameters else None
+    base = find_start(Moment(model.kernels, 0.0, p), initial).y
+    value = base[model.states.index(seed)] if place is None else p[place]
+    step = 1e-3 * (abs(value) or 1e-3)
+    total = np.zeros(len(base))
+    for way, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1)):
+        moved, own = p.copy(), dict(initial)
+        if place is None:
+            own[seed] = value + way * step
+        else:
+            moved[place] += way * step
+        total += weight * find_start(Moment(model.kernels, 0.0, moved), own).y
+    # Starts are found to a share of 1e-12 of each state.
+    return total / (12 * step), 1e-12 * np.abs(base) / step
+
+
+def _check(model, initial):
+    """Compare a start with the equations, and its sensitivities with differences."""
+    at = Moment(model.kernels, 0.0, model.default_parameters)
+    found, n = find_start(at, initial), model.kernels.layout.n_algebraic
+    # Rows of a size of one, to rounding; those of contents are smaller.
+    left = model.kernels.rhs(0.0, found.y, at.p)[len(found.y) - n :]
+    assert np.all(np.abs(left) < 1e-12)
+    assert np.all(np.abs(model.kernels.constraint_values(0.0, found.y, at.p)) < 1e-12)
+    for j, seed in enumerate(model.kernels.sensitivities):
+        known, rounding = _differences(model, seed, initial)
+        # The step is 1e-3 of the size, and the error its fourth power times the fifth derivative.
+        atol = rounding + 1e-7 * np.max(np.abs(known))
+        assert np.allclose(found.s[:, j], known, rtol=1e-7, atol=atol)
+
+
 @pytest.mark.parametrize("name", SCENES)
-def test_both_find_the_same(name, monkeypatch):
+def test_a_start_satisfies_the_equations_and_so_do_its_sensitivities(name):
     make, wanted = SCENES[name]
-    model = make().compile(wanted)
-    at = Moment(model.kernels, 0.0, 1.01 * model.default_parameters)
-    found = model.kernels.start_in_c.find(at, {})
-    assert found is not None
-    monkeypatch.setattr(StartInC, "find", lambda *_: None)
-    known = python_start.find_start(at, {})
-    # Both stop where steps are rounding; that of a least move may be 1e-11 of the states' size.
-    assert np.allclose(found.y, known.y, rtol=1e-11, atol=1e-11)
-    # Sensitivities of a least move are differences, to ten digits.
-    assert np.allclose(found.s, known.s, rtol=1e-8, atol=1e-8)
-    assert found.is_chosen == known.is_chosen
+    _check(make().compile(wanted), {})
 
 
-@pytest.mark.parametrize("initial", [{}, {"C1.v": 1.0, "d(C1.v)/d(c)": 7.0}], ids=["rest", "slope"])
-def test_values_that_python_gives(initial, monkeypatch):
-    """An operating point, and initial values of sensitivities."""
+def _at_rest():
     scene = contents()
     scene.edge("E", "voltage_source", "s", "ground", voltage=3.0)
     scene.edge("R2", "resistor", "s", "a", resistance="R")
     scene.edge("R3", "resistor", "b", "ground", resistance="R")
     scene.simulation(start="operating point")
-    model = scene.compile(["c", "R"])
+    return scene.compile(["c", "R"])
+
+
+def test_contents_at_an_operating_point():
+    model = _at_rest()
+    _check(model, {})
     at = Moment(model.kernels, 0.0, model.default_parameters)
-    with monkeypatch.context() as patched:
-        patched.setattr(python_start, "settle_jumps", None)  # C finds the start alone
-        found = python_start.find_start(at, initial)
-    monkeypatch.setattr(StartInC, "find", lambda *_: None)
-    known = python_start.find_start(at, initial)
-    # Both solve the same equations to rounding.
-    assert np.allclose(found.y, known.y, rtol=1e-12, atol=1e-18)
-    assert np.allclose(found.s, known.s, rtol=1e-12, atol=1e-18)
+    # Three equal resistors in series divide 3 V.
+    found = dict(zip(model.states, find_start(at, {}).y, strict=True))
+    assert found["C1.v"] == pytest.approx(2.0, rel=1e-12)
+    assert found["C2.q"] == pytest.approx(1e-6 * (np.tanh(1.0) + 0.2), rel=1e-12)
+
+
+def test_a_given_sensitivity_of_a_voltage_is_that_of_the_charge_times_the_capacitance():
+    model, slope = _at_rest(), 7.0
+    at = Moment(model.kernels, 0.0, model.default_parameters)
+    start = find_start(at, {"C1.v": 1.0, "d(C1.v)/d(c)": slope})
+    q, v = model.states.index("C1.q"), model.states.index("C1.v")
+    law, slope_of_law = np.tanh(1.0) + 0.2, 1.2 - np.tanh(1.0) ** 2
+    assert start.y[q] == pytest.approx(1e-6 * law, rel=1e-12)
+    assert start.s[v, 0] == slope
+    assert start.s[q, 0] == pytest.approx(law + 1e-6 * slope_of_law * slope, rel=1e-12)
+
+
+def test_many_unknowns_are_solved_for_with_sparse_factorisations():
+    scene = Scene("bank")
+    scene.parameter("E", 1.0)
+    scene.edge("V", "voltage_source", "a", "ground", voltage="E")
+    for i in range(201):
+        scene.edge(f"D{i}", "diode", "a", f"b{i}", saturation_current=1e-12)
+        scene.edge(f"S{i}", "resistor", f"b{i}", f"c{i}", resistance=1e3)
+        scene.edge(f"C{i}", "capacitor", f"c{i}", "ground", capacitance=1e-6)
+    model = scene.compile(["E"])
+    assert model.kernels.start_in_c.is_sparse
+    _check(model, {})
+    # A guess from which exponentials overflow is left to the search.
+    at = Moment(model.kernels, 0.0, model.default_parameters)
+    poor = find_start(at, {name: 60.0 for name in model.states if name.startswith("D")})
+    assert np.allclose(poor.y, find_start(at, {}).y, rtol=1e-10)

@@ -118,7 +118,7 @@ def _pattern(plan: Plan, row: Method, problem: Problem, *, is_watched: bool) -> 
         job,
         read_signals(plan.settings.inputs, plan.model.inputs),
         starts=starts,
-        is_searched=starts is None or not starts.has_unknowns or _is_searched(plan, problem),
+        is_searched=starts is None or starts.is_sparse or _is_searched(plan, problem),
         is_timed=any(node.data[0] in (TIME, INPUT) for node in read),
         is_watched=is_watched,
     )

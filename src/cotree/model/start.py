@@ -6,34 +6,25 @@ each leaves alone what those before it found:
 1. Values as they are given: the scene's or those of its operating point, then those of the run.
 2. The constraints of mechanisms (``templates/runtime/start``).
 3. Algebraic unknowns, and what storages hold from what follows from it; then the modes of jumps
-   inside expressions, and the unknowns again (:mod:`cotree.model.unknowns`).
+   inside expressions, and the unknowns again.
 4. A check of what was given twice: redundant values of network variables change nothing where
    they agree with what they follow from, and all that do not are refused together.
 
-C takes them (:mod:`cotree.model.start_in_c`). Where it finds no algebraic unknowns, the third step
-is tried here, and refused with the reason.
+C takes the first three (:mod:`cotree.model.start_in_c`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import ParameterError, SingularSystemError, listed, nearest
+from cotree.errors import ParameterError, SingularSystemError, SolveError, listed, nearest
 from cotree.model.consistent import Start
+from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, Moment
-from cotree.model.unknowns import (
-    Pair,
-    check_followers,
-    held_followers,
-    settle_friction,
-    settle_jumps,
-    solve_start,
-    without_sticking,
-)
+from cotree.model.unknowns import check_followers
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
@@ -166,57 +157,22 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
     if not model.layout.has_start_equations:
         return Start(*_given_values(at, initial, slopes))
     _check_initial(model, initial)
-    starts, given, found = model.start_in_c, None, None
+    starts, given = model.start_in_c, None
+    if starts is None:
+        raise SolveError(NO_COMPILER)
     if slopes or model.begins_at_rest:
         y, s = _given_values(at, initial, slopes)
         given = np.concatenate([y, s.T.ravel()])
-    if starts is not None:
-        found = starts.find(at, initial, given)
-    is_found = found is not None
-    if found is None:
-        found = _constrained(at, initial, slopes, given)
+    found = starts.find(at, initial, given)
     if found.is_chosen and model.sensitivities and slopes:
         raise ParameterError(
             f"'{next(iter(slopes))}' is given, but initial values do not satisfy the "
             "constraints, and what moves them changes their sensitivities: give consistent "
             "values of all states"
         )
-    if is_found:
-        check_followers(model, initial, found.y)
-        return found
-    y, s, held = found.y, found.s, held_followers(model, initial)
-    if model.layout.n_algebraic:
-        y = settle_friction(at, y, initial)
-    y, s = _solve(at, y, s, held)
-    y, s = settle_jumps(at, y, s, held)
-    # Checks come last, since they compare with values that the steps before have found.
-    check_followers(model, initial, y)
-    check_redundant(at, Start(y, s), set(initial))
-    return replace(found, y=y, s=s)
-
-
-def _constrained(
-    at: Moment,
-    initial: Mapping[str, float],
-    slopes: Mapping[str, float],
-    given: Array | None,
-) -> Start:
-    """Satisfy the constraints alone."""
-    starts = at.model.start_in_c
-    if starts is None or not at.model.layout.has_conditions:
-        return Start(*_given_values(at, initial, slopes))
-    return starts.constrained(at, initial, given)
-
-
-def _solve(at: Moment, y: Array, s: Array, held: Sequence[Pair]) -> tuple[Array, Array]:
-    """Solve for the unknowns of a start; what cannot stick begins to slide, see the engine."""
-    try:
-        return solve_start(at, y, s, held)
-    except SingularSystemError:
-        sliding = without_sticking(at, y)
-        if sliding is None:
-            raise
-    return solve_start(at, sliding, s, held)
+    check_followers(model, initial, found.y)
+    check_redundant(at, found, set(initial))
+    return found
 
 
 def scene_start(model: CompiledModel) -> Start:

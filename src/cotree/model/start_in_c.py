@@ -1,8 +1,9 @@
-"""Starts that C finds, by ``templates/runtime/start/cotree_start.c``.
+"""Starts of a model, found by ``templates/runtime/start/cotree_start.c``.
 
-In: a model at the start, and initial values of a run. Out: a ``Start``; or None where C finds no
-algebraic unknowns. Where given values contradict constraints, C moves the last of them, or refuses
-the start, and :mod:`cotree.model.consistent` says so.
+In: a model at the start, and initial values of a run. Out: a ``Start``. Python searches for
+algebraic unknowns that C does not find, and factorises the systems of many of them. Where given
+values contradict constraints, C moves the last of them, or refuses the start, and
+:mod:`cotree.model.consistent` says so.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from cotree.codegen.start_tables import start_declarations, start_files, start_tables
-from cotree.errors import SolveError
+from cotree.errors import Error, SingularSystemError, SolveError
+from cotree.model.algebraic import UnsolvedError
 from cotree.model.called_model import CalledModel, new_quantities
 from cotree.model.consistent import Report, Start
-from cotree.model.kernels import build_engine, shared_code
+from cotree.model.kernels import SINGULAR, build_engine, shared_code
+from cotree.model.unknowns import of_model, turned_back
 from cotree.sharing import locked_cache
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import numpy.typing as npt
 
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel, Moment
     from cotree.program import Layout
 
-#: Of more algebraic unknowns than these, sparse factorisations, which C has none of, cost less.
+#: Of more algebraic unknowns than these, sparse factorisations cost less.
 _MOST_UNKNOWNS = 200
 
 
@@ -40,6 +43,16 @@ def load_start() -> LoadedLibrary | None:
 
 #: Results of C: given values contradict the constraints, or cannot follow a parameter.
 _CONTRADICTIONS = (100, 102)
+
+#: The algebraic equations have no solution near the guess, or leave unknowns free.
+_UNSOLVED, _UNDETERMINED = 104, 108
+
+#: The modes of jumps contradict the states that they lead to.
+_TURNED_BACK = 105
+
+#: All states are found, but redundant values contradict each other, one is not finite, or the start
+#: lies on a jump that a parameter moves.
+_COMPLETE = (0, 103, 106, 109)
 
 
 class StartInC:
@@ -58,15 +71,15 @@ class StartInC:
         The model's ``cotree_start_tables``.
     address, function : int
         Addresses of these and of ``cotree_start_once``.
-    has_unknowns : bool
-        Whether C looks for algebraic unknowns, too.
+    is_sparse : bool
+        Whether the systems of algebraic unknowns are factorised in Python.
     """
 
     def __init__(self, model: CompiledModel, library: LoadedLibrary) -> None:
         self._ffi, self._lib = library.ffi, library.lib
         self._kept: list[Any] = [library]
         self.tables = filled_tables(library.ffi, model.layout, self._kept)
-        self.has_unknowns = model.layout.n_algebraic <= _MOST_UNKNOWNS
+        self.is_sparse = model.layout.n_algebraic > _MOST_UNKNOWNS
         for content, _ in model.layout.followers:
             # At an operating point contents follow from voltages.
             self.tables.given[content] &= not model.begins_at_rest
@@ -77,10 +90,8 @@ class StartInC:
         kind = "int (*)(cotree_start_call *)"
         return library.ffi.cast(kind, library.ffi.addressof(library.lib, "cotree_start_once"))
 
-    def find(
-        self, at: Moment, initial: Mapping[str, float], given: Array | None = None
-    ) -> Start | None:
-        """Find the start of a run; None where there is none, or Python has to look for it.
+    def find(self, at: Moment, initial: Mapping[str, float], given: Array | None = None) -> Start:
+        """Find the start of a run, whose redundant values may contradict each other.
 
         Parameters
         ----------
@@ -95,25 +106,12 @@ class StartInC:
         ------
         ParameterError
             If given values contradict the constraints.
-        """
-        return StartCall(self, at, initial, given).find() if self.has_unknowns else None
-
-    def constrained(
-        self, at: Moment, initial: Mapping[str, float], given: Array | None = None
-    ) -> Start:
-        """Satisfy the constraints alone; see :meth:`find`.
-
-        Raises
-        ------
-        ParameterError
-            If given values contradict the constraints.
+        SolveError
+            If the algebraic equations have no solution, or modes of jumps none that agree.
         SingularSystemError
             If a linear system is singular at the start.
         """
-        call = StartCall(self, at, initial, given)
-        call.c.is_partial = 1
-        found = call.find()
-        return call.fail() if found is None else found
+        return StartCall(self, at, initial, given).find()
 
     def gradients(self, at: Moment, y: Array) -> tuple[Array, float]:
         """Return the gradients of the constraints by the speeds, the longest of each edge as one.
@@ -134,8 +132,68 @@ class StartInC:
         rows, weakest = np.zeros((len(layout.constraint_edges), layout.n_speeds)), np.zeros(1)
         call.z[: len(y)] = y
         if self._lib.cotree_start_gradients(call.c, call.doubles(rows), call.doubles(weakest)):
-            call.fail()
+            call.fail(SINGULAR)
         return rows, float(weakest[0])
+
+
+class UnknownsOfStart:
+    """Functions of Python that C calls for the algebraic unknowns of a start.
+
+    Attributes
+    ----------
+    algebraic : Algebraic
+        The equations.
+    errors : list of BaseException
+        What the functions have raised.
+    helper : cdata
+        The ``cotree_helper``, which searches where C's iteration fails.
+    """
+
+    def __init__(self, ffi: Any, at: Moment) -> None:
+        self._ffi, self._n = ffi, len(at.model.states)
+        self.algebraic, self.errors = of_model(at), list[BaseException]()
+        self._kept: list[Any] = []
+        self.helper = ffi.new("cotree_helper *")
+        self.helper.find_unknowns = self._callback("cotree_find_unknowns", self._find)
+
+    def factorise(self, call: Any) -> None:
+        """Make a ``cotree_start_call`` factorise the equations in Python."""
+        rows = call.elimination = self._ffi.new("cotree_elimination *")
+        self._kept.append(rows)
+        rows.linearise = self._callback("int (*)(double, const double *, void *)", self._linearise)
+        rows.solve = self._callback("int (*)(const double *, double *, void *)", self._solve)
+
+    def _find(self, t: float, x: Any, context: Any) -> int:
+        try:
+            self.algebraic.solve(t, self._array(x, self._n))
+        except Error as error:
+            self.errors.append(error)
+            return 1
+        return 0
+
+    def _linearise(self, t: float, x: Any, context: Any) -> int:
+        try:
+            _, self._linear = self.algebraic.linearised(t, self._array(x, self._n))
+        except (SingularSystemError, UnsolvedError):
+            return SINGULAR
+        return 0
+
+    def _solve(self, g: Any, step: Any, context: Any) -> int:
+        m = self._n - self.algebraic.cut
+        self._array(step, m)[:] = -self._linear.solve(self._array(g, m))
+        return 0
+
+    def _array(self, pointer: Any, size: int) -> Array:
+        return np.frombuffer(self._ffi.buffer(pointer, 8 * size))
+
+    def _callback(self, kind: str, function: Callable[..., int]) -> Any:
+        """Return C a function of Python; its exceptions are kept."""
+
+        def remember(kind: Any, error: BaseException, traceback: Any) -> None:
+            self.errors.append(error)
+
+        self._kept.append(self._ffi.callback(kind, function, error=-1, onerror=remember))
+        return self._kept[-1]
 
 
 class StartCall:
@@ -161,6 +219,7 @@ class StartCall:
         n, m = len(model.states), len(model.sensitivities)
         self.z = np.empty(n * (1 + m))
         self._called: CalledModel | None = None
+        self._search: UnknownsOfStart | None = None
         self._kept: list[Any] = []
         self.c = c = ffi.new("cotree_start_call *")
         c.tables, c.z = starts.tables, self.doubles(self.z)
@@ -178,34 +237,69 @@ class StartCall:
         if given is not None:
             c.initial = self.doubles(given)
         self._set_inputs()
+        if starts.is_sparse:
+            self.search().factorise(c)
 
-    def find(self) -> Start | None:
-        """Return the start; None where there is none."""
+    def find(self) -> Start:
+        """Return the start; see :meth:`StartInC.find`."""
         at, c = self._at, self.c
         n, m = len(at.model.states), len(at.model.sensitivities)
         status, report = self._run(), None
-        if status in _CONTRADICTIONS:
-            report = Report(at, self.places, self)
-            status = self._run()
+        if status in (*_CONTRADICTIONS, _UNSOLVED):
+            if at.model.layout.n_algebraic:
+                c.helper = self.search().helper
             if status in _CONTRADICTIONS:
-                report.refuse(self.z[:n], is_of_derivatives=status == _CONTRADICTIONS[1])
-        if status != 0:
-            return None
+                report = Report(at, self.places, self)
+            status = self._run()
         y, s = self.z[:n].copy(), self.z[n:].reshape(m, n).T.copy()
+        if report is not None and status in _CONTRADICTIONS:
+            report.refuse(y, is_of_derivatives=status == _CONTRADICTIONS[1])
+        if status == _TURNED_BACK:
+            raise turned_back(at)
+        if status == _UNDETERMINED or (status in _COMPLETE and self._starts.is_sparse):
+            self.search().algebraic.check_index(at.t, y)
+        if status not in _COMPLETE:
+            self.fail(status)
         if report is None:
             return Start(y, s, bool(c.is_chosen))
         note = report.note(is_warning=not self._initial)
         report.warn()
         return Start(y, s, bool(c.is_chosen), note, report.is_mended)
 
-    def fail(self) -> NoReturn:
-        """Raise the reason for which a kernel failed."""
+    def fail(self, status: int) -> NoReturn:
+        """Raise the reason of a status."""
+        if self._search is not None and self._search.errors:
+            raise self._search.errors[-1]
+        if status in (_UNSOLVED, _UNDETERMINED):
+            raise self._unsolved()
         if self._called is None:
             self._call_python()
             self._run()
         assert self._called is not None
         unknown = SolveError(f"there is no start at t = {self._at.t:.10g}: memory may be short")
         raise next(iter(self._called.errors), unknown)
+
+    def _unsolved(self) -> SolveError:
+        """Return the error of equations for which no search has failed."""
+        model, initial = self._at.model, self._initial
+        states = [model.states[i] for i, _ in model.layout.followers]
+        names = ", ".join(f"'{name}'" for name in states if name not in initial)
+        t = f"{self._at.t:.10g}"
+        if not names:
+            return SolveError(
+                f"the algebraic equations cannot be solved at t = {t}: give initial values nearer "
+                "to a solution"
+            )
+        return SolveError(
+            f"{names} cannot be found at t = {t} from initial values of what follows from it: it "
+            "depends on unknowns of nonlinear equations besides; give its own initial value"
+        )
+
+    def search(self) -> UnknownsOfStart:
+        """Return the functions of Python for algebraic unknowns."""
+        if self._search is None:
+            self._search = UnknownsOfStart(self._ffi, self._at)
+        return self._search
 
     def _run(self) -> int:
         status = int(self._starts._lib.cotree_start_once(self.c))

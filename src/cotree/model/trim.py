@@ -413,7 +413,7 @@ def find_trim(
         if not (root.is_found or _is_met(search, root.z)):
             _refuse(search, root.z)
         moment, y = search.point(root.z)
-        settled = settle_jumps(moment, y, np.zeros((len(y), len(model.sensitivities))))[0]
+        settled = settle_jumps(moment, y)
         settled = settle_friction(moment, settled, conditions.fixed)
         if np.array_equal(settled, y):
             check_friction(moment, y)

@@ -1,8 +1,8 @@
-"""Algebraic unknowns, contents of storages and modes: those of a start, and of a point.
+"""Algebraic unknowns, contents of storages and modes at a point.
 
-A scene gives a voltage where the state is a charge: the start finds the charge from the voltage.
-Absolute tolerances, too, are given for voltages; those of charges follow from them. Modes of jumps
-inside expressions are found with the unknowns, and their sensitivities.
+A scene gives a voltage where the state is a charge. Absolute tolerances, too, are given for
+voltages; those of charges follow from them. Modes of jumps inside expressions are found with the
+unknowns.
 
 A run chooses the modes of dry friction of all edges together, in C. A point that is linearised
 about, or searched for, has its modes given; they are compared with speeds and forces.
@@ -17,63 +17,18 @@ import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError
 from cotree.model.algebraic import Algebraic
-from cotree.model.linear import is_sparse, linearise
+from cotree.model.linear import is_sparse
 from cotree.scene.events import ModePart
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Mapping
 
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel, Moment
 
 
-#: A state and the algebraic unknown that follows from it, by their places.
-Pair = tuple[int, int]
-
 #: Both may be given where they agree to this share.
 _AGREE = 1e-6
-
-
-def held_followers(model: CompiledModel, initial: Mapping[str, float]) -> list[Pair]:
-    """List the states that a start finds from the variables that follow from them.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    initial : mapping of str to float
-        Initial values of a run in place of the scene's. Where both are given, the state counts.
-    """
-    layout, names = model.layout, model.states
-    if not layout.followers:
-        return []
-    # At an operating point all contents follow from voltages; else those that are not given.
-    is_found = [model.begins_at_rest or not is_given for is_given in layout.given]
-    return [
-        (total, follower)
-        for total, follower in layout.followers
-        if names[total] not in initial and (names[follower] in initial or is_found[total])
-    ]
-
-
-def held_along(model: CompiledModel, held: Sequence[Pair], name: str) -> list[Pair]:
-    """List the same for the sensitivity to an initial value: the named variable is given.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    held : sequence of (int, int)
-        The pairs of the start itself; see :func:`held_followers`.
-    name : str
-        The parameter or state of the sensitivity.
-    """
-    names = model.states
-    return [
-        pair
-        for pair in model.layout.followers
-        if names[pair[1]] == name or (pair in held and names[pair[0]] != name)
-    ]
 
 
 def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array) -> None:
@@ -125,119 +80,23 @@ def content_sizes(at: Moment, y: Array) -> Array | None:
     return sizes
 
 
-#: The most rounds in which jumps that decide each other may settle, and contents with unknowns that
-#: they depend on. Contents have settled when they change by less than this share of the terms of
-#: their equations.
-_MOST_ROUNDS, _SAME = 50, 1e-12
+#: The most changes of each mode of a jump before they contradict each other.
+_MOST_CHANGES = 50
 
 
-def solve_start(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tuple[Array, Array]:
-    """Solve for the algebraic unknowns of a start and for their sensitivities.
-
-    Parameters
-    ----------
-    at : Moment
-        The model at the start.
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        States, with guesses of the algebraic unknowns, and sensitivities.
-    held : sequence of (int, int)
-        States to be found with the algebraic unknowns, and which of these is given in its place:
-        what storages hold, and the voltages that it follows from. No others depend on it.
-
-    Returns
-    -------
-    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
-    """
-    if not at.model.layout.n_algebraic:
-        return y, s
-    algebraic = of_model(at)
-    y, s = y.copy(), s.copy()
-    if held:
-        _solve_held(at, algebraic, y, held)
-    else:
-        algebraic.solve(at.t, y)
-    # Newton's method may also end at a solution that leaves unknowns free.
-    algebraic.check_index(at.t, y)
-    if at.model.sensitivities:
-        s = _sensitivities(at, algebraic, y, s, held)
-    return y, s
-
-
-def _sensitivities(
-    at: Moment, algebraic: Algebraic, y: Array, s: Array, held: Sequence[Pair]
-) -> Array:
-    """Solve for the sensitivities of what :func:`solve_start` finds."""
-    model, cut, s = at.model, algebraic.cut, s.copy()
-    columns: dict[tuple[Pair, ...], list[int]] = {}
-    for j, name in enumerate(model.sensitivities):
-        # Parameters with the same unknowns share one factorisation.
-        columns.setdefault(tuple(held_along(model, held, name)), []).append(j)
-    places = {pairs: _unknowns(range(cut, len(y)), pairs) for pairs in columns}
-    for pairs, own in columns.items():
-        for j in own:
-            s[places[pairs], j] = 0.0
-    # With the sought sensitivities set to zero, the algebraic rows hold g_x S_x + g_p.
-    residual = at.call("sensitivity_rhs", y, s).reshape(s.shape[::-1])[:, cut:].T
-    matrix, linear = algebraic.linearised(at.t, y)
-    for pairs, own in columns.items():
-        solve = linear.solve
-        if pairs:  # what is found comes last
-            order = [i for i in range(len(y)) if i not in set(places[pairs])] + places[pairs]
-            solve = linearise(matrix[cut:, order], y[order]).solve
-        block = s[places[pairs]]
-        block[:, own] = -solve(residual[:, own])
-        s[places[pairs]] = block
-    return s
-
-
-def _unknowns(algebraic: range, pairs: Iterable[Pair]) -> list[int]:
-    """List the unknowns of the equations, with contents in place of given unknowns."""
-    # The equation of a content then gives the content, and its voltage is known.
-    instead = {follower: total for total, follower in pairs}
-    return [instead.get(i, i) for i in algebraic]
-
-
-def _solve_held(at: Moment, algebraic: Algebraic, y: Array, held: Sequence[Pair]) -> None:
-    """Solve, in place, for algebraic unknowns and for the states that given unknowns determine.
-
-    Each of these states stands in one equation only, c(v) - q = 0, v being given. Its value follows
-    from that equation, and then all equations are solved as at any other time. This is repeated
-    where c depends on other unknowns, too.
-    """
-    t, jacobian = at.t, at.model.bound_jacobian(at.p)
-    totals, followers = (np.array(places) for places in zip(*held, strict=True))
-    rows, given = followers - algebraic.cut, y[followers].copy()
-    # The equation of a content is c(v) - q = 0: adding its residual to q satisfies it.
-    y[totals] += algebraic.residual(t, y)[rows]
-    for _ in range(_MOST_ROUNDS):
-        algebraic.solve(t, y)
-        y[followers] = given
-        left = algebraic.residual(t, y)[rows]
-        y[totals] += left
-        # What is left is compared with the sizes of the terms that the equations sum.
-        terms = np.abs(jacobian(t, y, at.u)[followers]) @ np.abs(y)
-        if np.all(np.abs(left) <= _SAME * terms):
-            return
-    names = ", ".join(f"'{at.model.states[i]}'" for i in totals.tolist())
-    raise SolveError(
-        f"{names} cannot be found at t = {t:.10g} from initial values of what follows from it: it "
-        "depends on unknowns of nonlinear equations besides; give its own initial value"
-    )
-
-
-def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> tuple[Array, Array]:
+def settle_jumps(at: Moment, y: Array) -> Array:
     """Set the modes that stand for jumps inside expressions to what these are at a point.
 
     Parameters
     ----------
-    at, held
-        As for :func:`solve_start`.
-    y, s : ndarray, shapes (n_states,) and (n_states, n_parameters)
-        States that satisfy all equations with the modes that they hold, and sensitivities.
+    at : Moment
+        The model at the point.
+    y : ndarray, shape (n_states,)
+        States that satisfy all equations with the modes that they hold.
 
     Returns
     -------
-    ndarray, shape (n_states,), and ndarray, shape (n_states, n_parameters)
+    ndarray, shape (n_states,)
 
     Raises
     ------
@@ -246,9 +105,9 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
     """
     rows = at.model.layout.events
     if not any(row.is_jump for row in rows):
-        return y, s
+        return y
     y = y.copy()
-    for _ in range(_MOST_ROUNDS * len(rows)):
+    for _ in range(_MOST_CHANGES * len(rows)):
         # `jumps` gives what each event sets. An event whose value is beyond zero in its direction
         # has the point on its side.
         values, wanted = at.event_values(y), at.call("jumps", y)
@@ -260,18 +119,24 @@ def settle_jumps(at: Moment, y: Array, s: Array, held: Sequence[Pair] = ()) -> t
                 changed = bool(y[target] != wanted[row.results.start])
                 y[target] = wanted[row.results.start]
         if not changed:
-            return y, s
-        y, s = solve_start(at, y, s, held)
-    modes = dict.fromkeys(at.model.states[row.targets[0]] for row in rows if row.is_jump)
-    names = ", ".join(f"'{name}'" for name in modes)
-    raise SolveError(
+            return y
+        y = solve_states(at, y)
+    raise turned_back(at)
+
+
+def turned_back(at: Moment) -> SolveError:
+    """Return the error of modes of jumps that contradict the states that they lead to."""
+    model = at.model
+    rows = [row for row in model.layout.events if row.is_jump]
+    names = ", ".join(f"'{name}'" for name in {model.states[row.targets[0]]: 0 for row in rows})
+    return SolveError(
         f"no values of {names} agree with the states that they lead to at t = {at.t:g}: the jump "
         "turns back what it looks at"
     )
 
 
 def solve_states(at: Moment, y: Array) -> Array:
-    """Solve for the algebraic unknowns of a point; see :func:`solve_start`."""
+    """Solve for the algebraic unknowns of a point; the others of its states stay."""
     if at.model.layout.n_algebraic:
         y = y.copy()
         of_model(at).solve(at.t, y)
@@ -358,17 +223,6 @@ def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
         return solve_states(at, y)
     except Error:  # the search says what is wrong
         return y
-
-
-def without_sticking(at: Moment, y: Array) -> Array | None:
-    """Return a point at which all that sticks slides forwards; None where nothing sticks."""
-    modes = [row.targets[0] for row in at.model.layout.events if row.part == ModePart.SLIP]
-    stuck = [mode for mode in modes if y[mode] == _STUCK]
-    if not stuck:
-        return None
-    sliding = y.copy()
-    sliding[stuck] = 1.0
-    return sliding
 
 
 def check_friction(at: Moment, y: Array) -> None:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from cotree.dag.time_events import Corners
 from cotree.errors import ModelError, SolveError
 from cotree.model.model import CompiledModel, Moment
-from cotree.model.unknowns import solve_start
+from cotree.model.unknowns import solve_states
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
 
@@ -387,7 +387,7 @@ class ModelEvents:
             other = y.copy()
             other[row.targets[0]] = 2.0
             try:
-                other, _ = solve_start(at, other, s)
+                other = solve_states(at, other)
             except (ModelError, SolveError):
                 continue
             with_friction, without = (at.event_values(point, s)[force] for point in (y, other))
@@ -409,7 +409,7 @@ class ModelEvents:
             if row.targets == (mode,):
                 other = y.copy()
                 other[mode] = new[row.results.start]
-                other, _ = solve_start(at, other, s)
+                other = solve_states(at, other)
                 rates.append(at.call("rhs", other))
         spread = np.ptp(rates, axis=0)
         return bool(np.any(spread > _SAME_RATE * np.max(np.abs(rates), axis=0)))

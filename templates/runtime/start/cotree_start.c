@@ -36,8 +36,10 @@ void cotree_start_init(cotree_start *start, cotree_run *run, const cotree_start_
         start->given_slopes = cotree_arena_reals(arena, run->n_full);
     }
 #if COTREE_HAS_ALGEBRAIC
-    start->matrix = cotree_arena_reals(arena, model->n_algebraic * model->n_algebraic);
     start->pivots = cotree_arena_ints(arena, 2 * model->n_algebraic);
+#if COTREE_HAS_HELPER
+    start->is_trusted = 0;
+#endif
 #endif
     if (tables->assembly != NULL) {
         cotree_assembly_init(&start->assembly, run, tables->assembly, arena);
@@ -286,9 +288,6 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     status = write_states(start, z);
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
-#if COTREE_HAS_MENDING
-    if (start->is_partial) return status;
-#endif
     if (status == 0) status = cotree_run_inputs(run, t);
 #if COTREE_HAS_ALGEBRAIC
     if (status == 0 && MODEL->n_algebraic > 0) status = cotree_start_solve_unknowns(start, t, z);
@@ -308,12 +307,16 @@ static void set_up(const cotree_start_call *call, cotree_run *run, cotree_start 
     cotree_real *const u = cotree_arena_reals(arena, call->model->n_inputs + 1);
     cotree_run_init(run, call->model, call->p, call->k, u, call->has_sensitivities, arena);
     cotree_start_init(start, run, call->tables, arena);
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
+    run->helper = call->helper;
+    if (call->elimination != NULL) run->elimination = *call->elimination;
+    start->is_trusted = call->elimination != NULL;
+#endif
 #if COTREE_HAS_INPUTS
     run->n_replaced = call->n_replaced;
     run->replaced = call->replaced;
 #endif
 #if COTREE_HAS_MENDING
-    start->is_partial = call->is_partial;
     if (call->report != NULL && call->tables->assembly != NULL)
         cotree_assembly_report_to(&start->assembly, call->report, arena);
 #endif

@@ -49,7 +49,11 @@ typedef struct cotree_start_call {
     int is_dependent; /* whether constraints are dependent at the start, or nearly so */
 #if COTREE_HAS_MENDING
     cotree_start_report *report; /* NULL: given values do not move */
-    int is_partial;              /* 1: only constraints are satisfied */
+#endif
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
+    const cotree_helper *helper; /* NULL: none */
+    /* NULL: dense factorisations. Else the caller checks that unknowns are determined. */
+    const cotree_elimination *elimination;
 #endif
 } cotree_start_call;
 
@@ -68,13 +72,13 @@ typedef struct cotree_start {
     const cotree_real *values; /* n_set */
     int culprit, column;       /* of a failure; -1: unknown */
     int is_chosen;             /* whether the least of several moves was taken */
-#if COTREE_HAS_MENDING
-    int is_partial; /* 1: only constraints are satisfied */
+#if COTREE_HAS_HELPER && COTREE_HAS_ALGEBRAIC
+    int is_trusted; /* 1: unknowns are taken to be determined */
 #endif
     cotree_assembly assembly;
     /* The rest belongs to the start. */
     int *is_set, *is_found, *pivots;
-    cotree_real *rates, *given_slopes, *matrix;
+    cotree_real *rates, *given_slopes;
     cotree_real *given, *w, *moved, *moved_p, *moved_k, *event_values, *event_slopes, *new_values,
         *sides;
 } cotree_start;

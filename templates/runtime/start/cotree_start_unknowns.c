@@ -9,6 +9,9 @@
  * than this share of themselves. */
 #define SETTLED COTREE_SELECT(1e-12, 1e-05f)
 
+/* Smaller changes of unknowns that are not half of those before are rounding. */
+#define STALLED COTREE_SELECT(1e-4, 2.3e-02f)
+
 /* The least rounding of pivots, in units in the last place of the largest entry. */
 #define PIVOT_ROUNDING 10
 
@@ -20,16 +23,19 @@
 int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real *z)
 {
     cotree_run *const run = start->run;
+    cotree_real before = COTREE_INFINITY;
     int i, n, is_changed = 1;
     for (n = 0; n < MOST_ROUNDS && is_changed; ++n) {
+        cotree_real change = COTREE_F(0.0);
         cotree_run_narrow(run, t, z, start->w);
         if (cotree_run_find_states(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
-        is_changed = 0;
         for (i = N_RATES; i < N_STATES; ++i) {
             const cotree_real size = COTREE_FABS(run->full[i]) + run->atol;
-            if (!(COTREE_FABS(run->full[i] - z[i]) <= SETTLED * size)) is_changed = 1;
+            change += COTREE_FABS(run->full[i] - z[i]) / size; /* a nan remains */
             z[i] = run->full[i];
         }
+        is_changed = !(change <= SETTLED || (change < STALLED && change > COTREE_F(0.5) * before));
+        before = change;
     }
     return is_changed ? COTREE_START_UNSOLVED : 0;
 }
@@ -42,7 +48,7 @@ static int solve(cotree_start *start, cotree_real t, cotree_real *z)
     int i, status = cotree_start_complete_states(start, t, z);
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     cotree_run_narrow(run, t, z, start->w);
-    if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+    if (cotree_run_find(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
     for (i = N_STATES; i < run->n_full; ++i) z[i] = run->full[i];
     return 0;
 }
@@ -146,7 +152,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
     for (n = 0; n < MOST_ROUNDS && is_left && status == 0; ++n) {
         is_left = 0;
         cotree_run_narrow(run, t, z, start->w);
-        if (cotree_run_complete(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
+        if (cotree_run_find(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
         for (j = 0; j < N_SENSITIVITIES; ++j) {
             cotree_real *const s = z + (1 + j) * N_STATES;
             for (i = N_RATES; i < N_STATES; ++i) s[i] = run->full[(1 + j) * N_STATES + i];
@@ -192,7 +198,7 @@ static int is_regular(cotree_start *start, cotree_real t, const cotree_real *x)
     const cotree_run *const run = start->run;
     const int *const starts = MODEL->column_starts, *const rows = MODEL->row_indices;
     const int n = MODEL->n_algebraic, n_rounding = n > PIVOT_ROUNDING ? n : PIVOT_ROUNDING;
-    cotree_real *const a = start->matrix;
+    cotree_real *const a = run->matrix.first;
     int i, j, k;
     if (MODEL->jacobian(t, x, run->u, run->p, run->k, run->nonzeros) != 0) return 0;
     for (i = 0; i < n * n; ++i) a[i] = COTREE_F(0.0);
@@ -221,6 +227,9 @@ static int is_determined(cotree_start *start, cotree_real t, const cotree_real *
 {
     cotree_real *const x = start->w;
     int i, k;
+#if COTREE_HAS_HELPER
+    if (start->is_trusted) return 1;
+#endif
     for (k = 0; k < 3; ++k) {
         const cotree_real away = k == 0 ? COTREE_F(0.0) : k == 1 ? COTREE_F(1.0) : -COTREE_F(1.0);
         for (i = 0; i < N_STATES; ++i) x[i] = z[i];
