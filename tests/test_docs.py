@@ -17,7 +17,7 @@ import pytest
 import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS, OWN, Role
-from cotree.formulation.outputs import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
+from cotree.scene.checks import EDGE_VARIABLES, ENERGIES, NODE_VARIABLES
 from cotree.scene.description import RULES
 from cotree.scene.edge import usage_of
 from cotree.scene.expressions import FUNCTIONS

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.ensemble.members import grid
-from cotree.ensemble.sampling import sample
 from cotree.errors import Error, ParameterError, SceneError, TopologyError, brief
 from cotree.files import read_text
 
@@ -218,8 +216,12 @@ def read_members_of(
 ) -> Any:
     """Read the members of a sweep from options that do not contradict each other."""
     if grids:
+        from cotree.ensemble.members import grid
+
         return grid({name: _axis(name, text) for name, text in read_pairs("--grid", grids).items()})
     if samples:
+        from cotree.ensemble.sampling import sample
+
         drawn = {
             name: _distribution(name, text)
             for name, text in read_pairs("--sample", samples).items()

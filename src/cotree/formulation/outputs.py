@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cotree.components import Component, Role
+from cotree.components import Role
 from cotree.dag import vector
 from cotree.dag.dual import tangent_of
-from cotree.domains import DOMAINS
 from cotree.errors import ExpressionError, nearest
 from cotree.formulation.across import Motion, View, inwards
 from cotree.formulation.chords import chord_measure, whole_angle
@@ -22,10 +20,17 @@ from cotree.formulation.laws import Applied, stored_energy
 from cotree.formulation.measures import Angle
 from cotree.formulation.through import Balance, Loads, shifted
 from cotree.naming import owner_among, split_name
-from cotree.scene.checks import Dimensions, dimension_of_unit, stated_units
+from cotree.scene.checks import (
+    EDGE_VARIABLES,
+    ENERGIES,
+    NODE_VARIABLES,
+    Dimensions,
+    VariableUnits,
+    dimension_of_unit,
+    stated_units,
+)
 from cotree.scene.events import event_expressions
 from cotree.scene.expressions import Expression, dotted
-from cotree.scene.fields import initial_units
 from cotree.scene.parameters import in_order
 from cotree.units import Dimension, unit_text
 
@@ -42,34 +47,8 @@ if TYPE_CHECKING:
 
 _XYZ = "xyz"
 
-#: Variables of a node, with their units; components in ground axes.
-NODE_VARIABLES: dict[str, str] = {
-    **dict.fromkeys(_XYZ, "m"),
-    **{f"v{i}": "m/s" for i in _XYZ},
-    **{f"a{i}": "m/s^2" for i in _XYZ},
-    **{f"w{i}": "rad/s" for i in _XYZ},
-    **{f"alpha{i}": "rad/s^2" for i in _XYZ},
-    **{f"r{i}{j}": "" for i in "123" for j in "123"},
-    **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
-}
-
-#: Variables of a joint, a constraint or a force element: on its second node, in ground axes.
-EDGE_VARIABLES: dict[str, str] = {
-    **{f"f{i}": "N" for i in _XYZ},
-    **{f"t{i}": "N m" for i in _XYZ},
-    "power": "W",
-}
-
 #: Name of the through variable that drives a joint along a prescribed motion.
 DRIVE = "drive"
-
-ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
-
-
-def observed_unit(name: str) -> str:
-    """Return the unit of an observable name; "" if it has none."""
-    variable = split_name(name)[1]
-    return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
 
 
 def observe_motion(motion: Motion, name: str, is_acting: bool = False) -> Node | None:
@@ -498,39 +477,6 @@ def units_of_expressions(
         if isinstance(value, Expression):
             units[name] = derived[name] = units.get(name) or unit_in(value.tree)
     return {name: output(name) for name in scene.outputs}, derived
-
-
-class VariableUnits:
-    """Units of the variables of a scene's edges and nodes."""
-
-    def __init__(self, scene: SceneDescription) -> None:
-        self._scene = scene
-        self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
-
-    def __call__(self, name: str) -> str:
-        """Return the unit of ``edge.variable`` or ``node.variable``; "" if it has none."""
-        edge = self._scene.edges.get(owner_among(name, self._scene.edges))
-        own = self._units(edge.component) if edge is not None else {}
-        rest = name[len(edge.name) + 1 :] if edge is not None else ""
-        return own.get(rest, "") or observed_unit(name) or self._across.get(name, "")
-
-    def _units(self, component: Component) -> dict[str, str]:
-        found = self._of_component.get(id(component))
-        if found is None:
-            found = initial_units(component) | {m.name: m.unit for m in component.measures}
-            self._of_component[id(component)] = found
-        return found
-
-    @cached_property
-    def _across(self) -> dict[str, str]:
-        """Units of the across variables of all nodes of scalar networks, by ``node.symbol``."""
-        found: dict[str, str] = {}
-        for edge in self._scene.edges.values():
-            for port, ends in zip(edge.component.ports, edge.ports, strict=True):
-                row = DOMAINS[port.domain]
-                for node in (ends.tail, ends.head):
-                    found.setdefault(f"{node}.{row.across_symbol}", row.across_unit)
-        return found
 
 
 def _is_celsius(tree: ast.expr) -> bool:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from cotree.errors import Error
 from cotree.files import read_text
-from cotree.formulation.early import check_numbers, within_range
 from cotree.lint.rules import (
     Finding,
     dangling_nodes,
@@ -18,9 +17,7 @@ from cotree.lint.rules import (
     value_findings,
 )
 from cotree.model.start import check_start
-from cotree.pipeline import formulate
 from cotree.scene.description import check_allowed, is_allowed
-from cotree.scene.jumps import lower_discontinuities
 from cotree.scene.part_adding import origin_note, origin_of, statement_lines
 from cotree.scene.toml_file import LARGEST_FILE
 from cotree.spec import BuildSpec
@@ -103,6 +100,11 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
                 if model.backend != "none":
                     check_start(model)
                 return
+            # Imported for large scenes only: every run lints, and forms nothing here.
+            from cotree.formulation.early import check_numbers, within_range
+            from cotree.pipeline import formulate
+            from cotree.scene.jumps import lower_discontinuities
+
             with within_range(scene):
                 acting = lower_discontinuities(scene, has_sensitivities=False)
                 formulate(acting, (), None, 0.0, check_numbers)

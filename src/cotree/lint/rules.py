@@ -15,9 +15,9 @@ from cotree.components import Role
 from cotree.components.terminal import Kind
 from cotree.dag.nodes import Dag
 from cotree.errors import Error
-from cotree.formulation.outputs import VariableUnits
 from cotree.scene.checks import (
     Dimensions,
+    VariableUnits,
     alone,
     dimension_of_unit,
     inertia_faults,

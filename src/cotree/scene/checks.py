@@ -1,4 +1,4 @@
-"""Checks of a scene: dimensions of its expressions, and inertias that no body can have.
+"""Checks of a scene: units of its variables, dimensions of its expressions, impossible inertias.
 
 Unknown dimensions stay unknown: a number in a product may have any unit, so that such a product is
 not judged unless numbers are declared to be dimensionless.
@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.components import Shape
+from cotree.components import Component, Shape
 from cotree.dag.nodes import Dag
+from cotree.domains import DOMAINS
+from cotree.naming import owner_among, split_name
 from cotree.scene.expressions import Expression, FieldValue, dotted, entries, table_of
 from cotree.scene.fields import initial_units
 from cotree.scene.graphs import motion_spaces
@@ -39,6 +42,67 @@ _OF_NUMBERS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "erf"}
 _KEEPING = {"abs", "floor", "min", "max", "mod"}
 #: Dimensionless numbers of formulas in physics, as in m*v**2/2.
 _PLAIN = {0.25, 0.5, 1.5, *map(float, range(1, 13))}
+
+_XYZ = "xyz"
+
+#: Variables of a node, with their units; components in ground axes.
+NODE_VARIABLES: dict[str, str] = {
+    **dict.fromkeys(_XYZ, "m"),
+    **{f"v{i}": "m/s" for i in _XYZ},
+    **{f"a{i}": "m/s^2" for i in _XYZ},
+    **{f"w{i}": "rad/s" for i in _XYZ},
+    **{f"alpha{i}": "rad/s^2" for i in _XYZ},
+    **{f"r{i}{j}": "" for i in "123" for j in "123"},
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rad"),
+}
+
+#: Variables of a joint, a constraint or a force element: on its second node, in ground axes.
+EDGE_VARIABLES: dict[str, str] = {
+    **{f"f{i}": "N" for i in _XYZ},
+    **{f"t{i}": "N m" for i in _XYZ},
+    "power": "W",
+}
+
+ENERGIES: dict[str, str] = {"energy.kinetic": "J", "energy.potential": "J"}
+
+
+def observed_unit(name: str) -> str:
+    """Return the unit of an observable name; "" if it has none."""
+    variable = split_name(name)[1]
+    return ENERGIES.get(name) or NODE_VARIABLES.get(variable) or EDGE_VARIABLES.get(variable, "")
+
+
+class VariableUnits:
+    """Units of the variables of a scene's edges and nodes."""
+
+    def __init__(self, scene: SceneDescription) -> None:
+        self._scene = scene
+        self._of_component: dict[int, dict[str, str]] = {}  # by identity: most edges share theirs
+
+    def __call__(self, name: str) -> str:
+        """Return the unit of ``edge.variable`` or ``node.variable``; "" if it has none."""
+        edge = self._scene.edges.get(owner_among(name, self._scene.edges))
+        own = self._units(edge.component) if edge is not None else {}
+        rest = name[len(edge.name) + 1 :] if edge is not None else ""
+        return own.get(rest, "") or observed_unit(name) or self._across.get(name, "")
+
+    def _units(self, component: Component) -> dict[str, str]:
+        found = self._of_component.get(id(component))
+        if found is None:
+            found = initial_units(component) | {m.name: m.unit for m in component.measures}
+            self._of_component[id(component)] = found
+        return found
+
+    @cached_property
+    def _across(self) -> dict[str, str]:
+        """Units of the across variables of all nodes of scalar networks, by ``node.symbol``."""
+        found: dict[str, str] = {}
+        for edge in self._scene.edges.values():
+            for port, ends in zip(edge.component.ports, edge.ports, strict=True):
+                row = DOMAINS[port.domain]
+                for node in (ends.tail, ends.head):
+                    found.setdefault(f"{node}.{row.across_symbol}", row.across_unit)
+        return found
 
 
 class Dimensions:
