@@ -436,4 +436,4 @@ resistance = 1.0
     assert main(["run", str(path), "--t-end", "1"]) == 0
     told = capsys.readouterr().err
     assert "dangling-node:gnd" in told
-    assert "is 'ground' meant?" in told
+    assert "did you mean 'ground'?" in told
