@@ -23,7 +23,7 @@ from cotree.formulation.early import check_numbers, within_range
 from cotree.formulation.networks.network import draw_networks
 from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
-from cotree.program.surfaces import hold_pieces
+from cotree.program.surfaces import freeze_branches
 from cotree.quiet import without_collection
 from cotree.scene.checks import check_scene_units, tiny_masses
 from cotree.scene.graphs import (
@@ -263,7 +263,7 @@ def _form_text(
     )
     marks.append(time.perf_counter())
     # Steps of a run keep to the pieces of what has corners. Equations for people have none.
-    program, reports = generate(hold_pieces(equations) if locates_corners else equations)
+    program, reports = generate(freeze_branches(equations) if locates_corners else equations)
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]
     slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)

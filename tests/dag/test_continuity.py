@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cotree.dag.continuity import are_seen, margins, may_jump
+from cotree.dag.continuity import have_time_events, margins, may_jump
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
 from cotree.scene.expressions import parse
@@ -34,7 +34,7 @@ def _made(text):
 )
 def test_at_stops(text, jumps):
     dag, symbols, value = _made(text)
-    assert are_seen(dag, value, [symbols["t"]])
+    assert have_time_events(dag, value, [symbols["t"]])
     found = evaluate(margins(dag, value, symbols["t"]), {})
     assert found
     assert (min(found) < 0.0) == jumps

@@ -7,7 +7,12 @@ import math
 import pytest
 
 from cotree.dag.nodes import Dag
-from cotree.dag.switching_times import acts_in_part, find_longest_steps, find_stops, longest_step
+from cotree.dag.switching_times import (
+    acts_in_part,
+    find_longest_steps,
+    find_time_events,
+    longest_step,
+)
 from cotree.dag.time_events import find_corners
 from cotree.scene.expressions import parse
 
@@ -21,7 +26,7 @@ def _times(text, low=0.0, high=10.0, **parameters):
     dag = Dag()
     symbols = {name: dag.symbol("p", i) for i, name in enumerate(parameters)}
     known = {"t": dag.symbol("t", 0), "x": dag.symbol("x", 0), **symbols}
-    stops = find_stops(dag, [parse(text, "a test").lower(dag, known.__getitem__)])
+    stops = find_time_events(dag, [parse(text, "a test").lower(dag, known.__getitem__)])
     values = {symbols[name]: value for name, value in parameters.items()}
     return stop_times(stops, values, low, high)
 
@@ -62,7 +67,7 @@ def test_what_starts_has_no_times_before():
     passed = (t - 2.0) / 3.0
     count = dag.function("floor", dag.select(passed, passed, dag.zero))
     phase = t - 2.0 - 3.0 * count
-    stops = find_stops(dag, [dag.function("abs", phase - 1.0)])
+    stops = find_time_events(dag, [dag.function("abs", phase - 1.0)])
     assert stop_times(stops, {}, -10.0, 10.0) == [2.0, 3.0, 5.0, 6.0, 8.0, 9.0]
 
 
@@ -76,7 +81,7 @@ def test_tables_of_time_stop_at_their_points():
     dag = Dag()
     t = dag.symbol("t", 0)
     value, _ = table(dag, Table((0.0, 1.0, 4.0), (0.0, 2.0, 1.0)), 2.0 * t - 1.0)
-    assert stop_times(find_stops(dag, [value]), {}, 0.0, 10.0) == [0.5, 1.0, 2.5]
+    assert stop_times(find_time_events(dag, [value]), {}, 0.0, 10.0) == [0.5, 1.0, 2.5]
 
 
 def test_a_period_far_too_short_is_refused():

@@ -71,7 +71,7 @@ def depletion_fields(prefix: str, potential: float, grading: float) -> tuple[Fie
 
 
 FORWARD_SHARE = optional(
-    "forward_share", "1", "of the potential built in, where the capacitance goes on straight", 0.5
+    "forward_share", "1", "of the potential built in, above which the capacitance is linear", 0.5
 )
 
 

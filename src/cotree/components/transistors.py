@@ -406,7 +406,7 @@ def _with_bulk(plain: Component, law: Callable[..., Any], sign: int) -> Adapt:
     """Add the fourth node of a field-effect transistor if a scene names it.
 
     The threshold is raised by g (sqrt(P - v) - sqrt(P)), where v is what the bulk is above the
-    lower of source and drain; forwards the root goes on straight, as in SPICE.
+    lower of source and drain; forwards the root is continued linearly, as in SPICE.
     """
 
     def shifted() -> Any:

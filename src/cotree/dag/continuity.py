@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import PARAMETER, dependent, reachable, substitute, symbols_in
 from cotree.dag.operations import floor
-from cotree.dag.switching_times import find_stops, stops_within
+from cotree.dag.switching_times import find_time_events, time_events_within
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -61,7 +61,7 @@ _SHORTEST, _LONGEST, _N_TIMES, _N_MOTIONS = 1e-12, 1e6, 270, 3
 def margins(dag: Dag, value: Node, time: Node) -> list[Node]:
     """Return nodes of parameters that are negative if a value jumps at one of its time events."""
     found: dict[Node, None] = {}
-    for stop in find_stops(dag, [value]):
+    for stop in find_time_events(dag, [value]):
         times = [stop.first]
         if stop.period is not None:
             # The first time may be special, such as the start of a source.
@@ -83,13 +83,13 @@ def _margin(values: Sequence[_Value], size: Callable[[_Value], _Value]) -> _Valu
     return allowed - size(c - b)
 
 
-def are_seen(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
+def have_time_events(dag: Dag, value: Node, moving: Sequence[Node]) -> bool:
     """Return whether all conditions at which a value may jump have time events."""
-    known = stops_within(dag, [value])
+    known = time_events_within(dag, [value])
     return all(known.get(node) for node in _conditions(value, moving))
 
 
-def jumps_at_stops(dag: Dag, value: Node, time: Node) -> bool:
+def jumps_at_time_events(dag: Dag, value: Node, time: Node) -> bool:
     """Return whether a value jumps at one of its time events, or has no value there.
 
     Its symbols are continuous in time; random values are tried.

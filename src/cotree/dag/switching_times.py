@@ -43,7 +43,7 @@ _MOST_PIECES = 16
 
 
 @dataclass(frozen=True)
-class Stop:
+class TimeEvent:
     """Times ``first + k * period`` with whole k."""
 
     first: Node  # of parameters
@@ -77,18 +77,18 @@ class _Line:
     starts: bool = False
 
 
-def find_stops(dag: Dag, roots: Iterable[Node]) -> tuple[Stop, ...]:
+def find_time_events(dag: Dag, roots: Iterable[Node]) -> tuple[TimeEvent, ...]:
     """List the times at which conditions of values change, as determined by time and parameters."""
-    return tuple(dict.fromkeys(chain.from_iterable(stops_within(dag, roots).values())))
+    return tuple(dict.fromkeys(chain.from_iterable(time_events_within(dag, roots).values())))
 
 
-def stops_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[Stop, ...]]:
+def time_events_within(dag: Dag, roots: Iterable[Node]) -> dict[Node, tuple[TimeEvent, ...]]:
     """List the time events of each node that compares or looks up a value."""
     order = reachable(roots)
     if not any(node.op in _LOOKING for node in order):
         return {}
     pieces = _all_pieces(dag, order)
-    found: dict[Node, tuple[Stop, ...]] = {}
+    found: dict[Node, tuple[TimeEvent, ...]] = {}
     for node in order:
         if node.op in _LOOKING:
             # A node without pieces is not a function of time that is known before a run.
@@ -227,20 +227,20 @@ def _scaled(line: _Line, factor: Node) -> _Line:
     return _Line(*scaled, line.count, line.starts)
 
 
-def _stops(node: Node, line: _Line) -> list[Stop]:
+def _stops(node: Node, line: _Line) -> list[TimeEvent]:
     """Return the times at which a node's argument is zero, integer, or a point of its table."""
     if line.rate.is_zero:
         return []  # a count alone: its floor has been processed
     if node.op == "floor" and line.count is None:
         # The argument is an integer at its root and each time that it has grown by one since.
-        return [Stop(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
+        return [TimeEvent(-line.offset / line.rate, 1.0 / line.rate, line.starts)]
     places = node.data.x if node.op == "table" else (0.0,)
     firsts = [(place - line.offset) / line.rate for place in places]
     if line.count is None:
-        return [Stop(first) for first in firsts]
+        return [TimeEvent(first) for first in firsts]
     # The count raises the line by a step at the end of each period: zeros return with that period.
     period = -line.step / line.rate
-    return [Stop(first, period, line.count.starts) for first in firsts]
+    return [TimeEvent(first, period, line.count.starts) for first in firsts]
 
 
 def longest_step(limits: Iterable[Node], values: Mapping[Node, float]) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cotree.dag.derivative import tangents
-from cotree.dag.switching_times import SAME, Stop, value_of
+from cotree.dag.switching_times import SAME, TimeEvent, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,8 +65,10 @@ class Corners:
         return places, slopes, spreads
 
 
-def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> tuple[Stop, ...]:
-    """Differentiate time events along some directions; see :attr:`Stop.along`."""
+def time_events_along(
+    stops: Sequence[TimeEvent], seeds: Sequence[Mapping[Node, Node]]
+) -> tuple[TimeEvent, ...]:
+    """Differentiate time events along some directions; see :attr:`TimeEvent.along`."""
     # Without a period its place has the first time, whose tangent is not used.
     periods = [stop.first if stop.period is None else stop.period for stop in stops]
     found = [tangents([*(stop.first for stop in stops), *periods], seed) for seed in seeds]
@@ -78,7 +80,7 @@ def stops_along(stops: Sequence[Stop], seeds: Sequence[Mapping[Node, Node]]) -> 
 
 
 def find_corners(
-    stops: Sequence[Stop],
+    stops: Sequence[TimeEvent],
     values: Mapping[Node, float],
     low: float,
     high: float,
@@ -134,7 +136,9 @@ class _Times(NamedTuple):
     scale: float
 
 
-def _times_of(stop: Stop, values: Mapping[Node, float], low: float, high: float, m: int) -> _Times:
+def _times_of(
+    stop: TimeEvent, values: Mapping[Node, float], low: float, high: float, m: int
+) -> _Times:
     """List the times of one event within a span."""
     first, period = value_of(stop.first, values), value_of(stop.period, values)
     if not math.isfinite(first):

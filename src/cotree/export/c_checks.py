@@ -18,7 +18,7 @@ import numpy as np
 from cotree.build import BuildOptions
 from cotree.codegen.context import model_context
 from cotree.codegen.tableaus import FIXED
-from cotree.dag.continuity import jumps_at_stops
+from cotree.dag.continuity import jumps_at_time_events
 from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
 from cotree.model.consistent import Start
@@ -215,7 +215,7 @@ def _check_corners(program: Program, integrator: str) -> None:
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
     time = dag.symbol("t", 0)
     for state, rate in zip(layout.states, rates, strict=True):
-        if jumps_at_stops(dag, rate, time):
+        if jumps_at_time_events(dag, rate, time):
             raise CodegenError(
                 f"{integrator} passes over corners of sources in its steps, but the rate of "
                 f"'{state.name}' jumps there at times that depend on '{moving[0]}', and "

@@ -11,7 +11,7 @@ from cotree.components import Component, Field, MotionStep, Shape
 from cotree.components.component import Role
 from cotree.components.mechanical import PACED
 from cotree.dag import vector
-from cotree.dag.continuity import are_seen, margins, may_jump
+from cotree.dag.continuity import have_time_events, margins, may_jump
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import MEASURED, PARAMETER, TIME, Dag, Node, kinds_in, symbols_in
 from cotree.dag.vector import Matrix, Vector, about, quaternion_of_angles, quaternion_of_matrix
@@ -381,7 +381,7 @@ def guards_of(
 def is_timed(value: Node, time: Node) -> bool:
     """Return whether parameters and time alone determine where a value may jump."""
     of_time = kinds_in([value]) <= {PARAMETER, TIME}
-    return of_time and are_seen(time.dag, value, [time])
+    return of_time and have_time_events(time.dag, value, [time])
 
 
 _BREACH = (

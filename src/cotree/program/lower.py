@@ -7,8 +7,8 @@ from itertools import accumulate, chain
 from typing import TYPE_CHECKING, TypeVar
 
 from cotree.dag.nodes import dependent, reachable, symbols_in
-from cotree.dag.switching_times import Stop, acts_in_part, find_longest_steps, find_stops
-from cotree.dag.time_events import stops_along
+from cotree.dag.switching_times import TimeEvent, acts_in_part, find_longest_steps, find_time_events
+from cotree.dag.time_events import time_events_along
 from cotree.equations import Quantity, spread
 from cotree.errors import ParameterError
 from cotree.program.columns import map_rates
@@ -101,7 +101,7 @@ def lower(equations: Equations) -> Program:
         layout,
         {name: Kernel(spec, tuple(results[name]), {}) for name, spec in KERNELS.items()},
         tuple(guard.named(names) for guard in equations.guards),
-        _timed(equations, _of_time(equations, [*rates, *watched], find_stops)),
+        _timed(equations, _of_time(equations, [*rates, *watched], find_time_events)),
         # A long step might also skip event functions that are driven by a sine.
         _of_time(equations, [*rates, *watched], find_longest_steps)
         if acts_in_part(rates) or watched
@@ -129,11 +129,11 @@ def _of_time(
 
 
 def _timed(
-    equations: Equations, stops: Mapping[str, tuple[Stop, ...]]
-) -> dict[str, tuple[Stop, ...]]:
+    equations: Equations, stops: Mapping[str, tuple[TimeEvent, ...]]
+) -> dict[str, tuple[TimeEvent, ...]]:
     """Differentiate time events along each sensitivity."""
     seeds = [row.seed for row in equations.sensitivities]
-    return {name: stops_along(own, seeds) for name, own in stops.items()}
+    return {name: time_events_along(own, seeds) for name, own in stops.items()}
 
 
 def _check_sensitivities(equations: Equations) -> None:

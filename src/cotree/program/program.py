@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
-from cotree.dag.switching_times import Stop, longest_step
+from cotree.dag.switching_times import TimeEvent, longest_step
 from cotree.dag.time_events import Corners, find_corners
 from cotree.errors import SolveError
 from cotree.linear.plan import plan_elimination
@@ -206,7 +206,7 @@ class Program:
     guards: tuple[Guard, ...]  # checked by ``prepare``
     #: Times at which each input, by its name, jumps or has a kink in the scene; and times of all
     #: others in the rates, by the empty name; along each sensitivity.
-    stops: Mapping[str, tuple[Stop, ...]] = field(default_factory=dict)
+    stops: Mapping[str, tuple[TimeEvent, ...]] = field(default_factory=dict)
     #: Upper bounds of the steps while each input is the scene's own, by the same names.
     longest_steps: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
 

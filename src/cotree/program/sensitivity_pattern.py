@@ -23,8 +23,8 @@ from cotree.dag.nodes import (
     reachable,
     substitute,
 )
-from cotree.dag.switching_times import find_stops, stops_within
-from cotree.dag.time_events import stops_along
+from cotree.dag.switching_times import find_time_events, time_events_within
+from cotree.dag.time_events import time_events_along
 from cotree.equations import substituted
 
 if TYPE_CHECKING:
@@ -98,8 +98,8 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
     dag, rows, roots = equations.dag, equations.sensitivities, [*rates, *watched]
     given = dict(zip(equations.input_symbols, equations.input_values, strict=True))
     looking = {
-        **stops_within(dag, roots),
-        **{symbol: find_stops(dag, [value]) for symbol, value in given.items()},
+        **time_events_within(dag, roots),
+        **{symbol: find_time_events(dag, [value]) for symbol, value in given.items()},
     }
     order = reachable(roots) if any(looking.values()) else []
     found = []
@@ -109,7 +109,9 @@ def timed_by(equations: Equations, rates: Sequence[Node], watched: Sequence[Node
         moved = [
             node
             for node, own in looking.items()
-            if any(not d.is_zero for stop in stops_along(own, [row.seed]) for d in stop.along[0])
+            if any(
+                not d.is_zero for stop in time_events_along(own, [row.seed]) for d in stop.along[0]
+            )
         ]
         depending = dependent(order, moved) if moved else set()
         states = {i for i, rate in enumerate(rates) if rate in depending}

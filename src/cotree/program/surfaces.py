@@ -42,7 +42,7 @@ from cotree.dag.nodes import (
     substitute,
     symbols_in,
 )
-from cotree.dag.switching_times import stops_within
+from cotree.dag.switching_times import time_events_within
 from cotree.equations import CornerRow
 from cotree.program.steep import SteepRoots, ends, find_roots
 
@@ -71,7 +71,7 @@ _MOST_READERS, _MOST_ABOVE = 8, 64
 _MOST_TERMS = 64
 
 
-def hold_pieces(equations: Equations) -> Equations:
+def freeze_branches(equations: Equations) -> Equations:
     """Return the equations with branches that steps freeze."""
     found = _find(equations)
     if not found.conditions and not found.tables and not found.steep.signed:
@@ -91,7 +91,7 @@ def hold_pieces(equations: Equations) -> Equations:
     )
 
 
-def without_corners(program: Program) -> Program:
+def strip_switching_surfaces(program: Program) -> Program:
     """Remove the switching functions: arguments alone decide on branches."""
     layout, kernels = program.layout, dict(program.kernels)
     n, m = len(layout.events), len(layout.corners)
@@ -139,7 +139,7 @@ def _find(equations: Equations) -> _Found:
     heavy, wild = _heavy(order, equations), _wild(order)
     conditions: dict[_Key, _Sides | None] = {}
     looked_at: dict[_Key, Node] = {}
-    keys, corners = _Keys(), _Corners(order, roots, symbols)
+    keys, corners = _Keys(), _Kinks(order, roots, symbols)
     reading = [node for node in order if not moving.isdisjoint(node.args)]
     for node in reading:
         if node.op not in _BRANCHING or node.args[0] not in moving:
@@ -155,7 +155,7 @@ def _find(equations: Equations) -> _Found:
         sides = None if sides is None else sides.turned(scale)
         conditions[key] = _in_common(conditions.get(key, _OPEN), sides)
     tables = {node for node in reading if _is_table(node) and node not in heavy | wild}
-    known = stops_within(equations.dag, order)
+    known = time_events_within(equations.dag, order)
     timed = {node.args[0] for node, stops in known.items() if stops and _is_timed(node.args[0])}
     located = {k: v for k, v in conditions.items() if v is not None and looked_at[k] not in timed}
     signed: dict[Node, Node] = {}
@@ -196,7 +196,7 @@ def _in_common(a: _Sides | None, b: _Sides | None) -> _Sides | None:
     return None if a is None or b is None else _Sides(a.held & b.held, a.steep | b.steep)
 
 
-class _Corners:
+class _Kinks:
     """Changes at the zero of a condition, followed up to users that are continuous.
 
     ``roots`` must not jump; ``order`` has all values, arguments first; ``moving`` symbols change

@@ -81,7 +81,7 @@ class Event:
     is_jump : bool
         Whether it stands for a jump inside an expression.
     part : ModePart
-        What of an edge with dry friction, or of a rigid stop, it looks at.
+        Role of its function for an edge with dry friction, or for a rigid stop.
     """
 
     name: str

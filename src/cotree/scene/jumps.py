@@ -234,7 +234,7 @@ class _Rewriting:
         where : str
             What that belongs to.
         rows : tuple of (int, ast.expr, ast.expr)
-            Of each event: its direction, what it looks at, and what the mode becomes. The mode
+            Of each event: its direction, its function, and the new mode. The mode
             itself is the name "".
         """
         # Equal texts jump at the same times: one mode and its events serve all of them.

@@ -136,7 +136,7 @@ class TableMethods:
             continuous slope, and without overshoot (Fritsch and Butland).
         beyond : str
             What it is beyond its first and last points: ``hold`` keeps the value there; ``extend``
-            goes on with the slope there, of two arguments with the outermost bilinear piece.
+            continues with the slope there, for two arguments with the outermost bilinear piece.
         doc : str
             Its meaning, for people.
 

@@ -5,7 +5,7 @@
 
 #include "cotree_real.h"
 
-/* Stands for the number of the first row if a matrix was factorised without exchanges. */
+/* The number of the first row of a matrix that was factorised without exchanges. */
 #define COTREE_NOT_EXCHANGED (-1)
 
 /* Factorise a in place by elimination with complete pivoting. rows[k] and columns[k] are those

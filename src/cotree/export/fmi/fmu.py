@@ -23,7 +23,7 @@ from cotree.export.fmi.platforms import build_libraries, wanted_platforms
 from cotree.export.fmi.sources import Facts, form_kernels, source_files
 from cotree.files import write_rows, written_whole
 from cotree.naming import c_identifier
-from cotree.program.surfaces import without_corners
+from cotree.program.surfaces import strip_switching_surfaces
 from cotree.quiet import level_of_user
 from cotree.report import names
 
@@ -219,7 +219,7 @@ def write_fmu(
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
     # Whoever imports it locates events, and knows of no pieces.
-    program = without_corners(program)
+    program = strip_switching_surfaces(program)
     _check_calls(program)
     outside = _outside(program, choice.inputs)
     kernels = form_kernels(program, outside)

@@ -1,0 +1,50 @@
+"""Docstrings, comments and messages are plain technical English."""
+
+from __future__ import annotations
+
+import io
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# First words of a sentence about a function that does not say what it computes.
+FIRST = re.compile(r"(Gives?|Tells?|Says?|Lets?|Stands? (?:at|for)|Goes|Looks? (?:at|up))\b")
+# Persons, things that see, want and know, and phrases without a technical meaning.
+ANYWHERE = re.compile(
+    r"\b(nobody|anew|rests? aside|lets? (?:\w+ )?(?:go|happen)|wants? to|looks? (?:at|out)|"
+    r"knows? (?:nothing|of it)|goes on|told apart|of (?:its|their) like|"
+    r"is made of itself|leave it away|stands? still|what is there)\b",
+    re.IGNORECASE,
+)
+ROOMS = ["components", "dag", "domains", "equations", "formulation", "graph", "lint", "program"]
+FOLDERS = [ROOT / "src/cotree" / room for room in [*ROOMS, "scene", "sensitivity"]]
+FOLDERS += [ROOT / "templates/c" / room for room in ("integrators", "lanes", "newton")]
+FOLDERS += [
+    ROOT / "templates/runtime" / room for room in ("job", "jumps", "kernels", "run", "stiff")
+]
+
+
+def texts_of(path: Path) -> list[tuple[int, str]]:
+    """Return the comments and the strings of several words in a file, with their lines."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        found = re.finditer(r"/\*.*?\*/|\{#.*?#\}", text, re.DOTALL)
+        return [(text.count("\n", 0, m.start()) + 1, m.group()[2:-2]) for m in found]
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    wanted = (t for t in tokens if t.type in (tokenize.COMMENT, tokenize.STRING))
+    return [(t.start[0], t.string.lstrip("#: ")) for t in wanted if " " in t.string]
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
+def test_sentences_are_about_the_system(folder: Path):
+    odd = []
+    for path in sorted(p for p in folder.rglob("*") if p.suffix in {".py", ".c", ".h", ".jinja"}):
+        for line, text in texts_of(path):
+            start = text.lstrip("rRfF\"' ")
+            if found := FIRST.match(start) or ANYWHERE.search(text):
+                odd.append(f"{path.relative_to(ROOT)}:{line}: {found.group()}")
+    assert odd == []
