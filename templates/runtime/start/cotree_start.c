@@ -84,6 +84,7 @@ static int write_states(const cotree_start *start, cotree_real *z)
     return status;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Write their sensitivities. A value that is set depends on itself only. */
 static int write_sensitivities(const cotree_start *start, cotree_real *s)
 {
@@ -103,6 +104,7 @@ static int write_sensitivities(const cotree_start *start, cotree_real *s)
     }
     return status;
 }
+#endif
 
 /* The constraints. */
 
@@ -141,6 +143,7 @@ static int assemble(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 ? cotree_assembly_move(a, t, z) : status;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Compute the states on the constraints where the parameter, or the state, of a sensitivity is
  * larger than its value by a step. */
 static int assemble_aside(cotree_start *start, cotree_real t, int column, cotree_real value,
@@ -199,6 +202,7 @@ static int take_differences(cotree_start *start, cotree_real t, cotree_real *z)
     }
     return status;
 }
+#endif
 
 static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *z)
 {
@@ -206,15 +210,18 @@ static int satisfy_constraints(cotree_start *start, cotree_real t, cotree_real *
     int i, status;
     for (i = 0; i < N_STATES; ++i) start->given[i] = z[i];
     status = assemble(start, t, z);
-    if (status == 0 && N_SENSITIVITIES > 0) {
+#if COTREE_HAS_SENSITIVITIES
+    if (status == 0 && N_SENSITIVITIES > 0)
         status = cotree_assembly_move_sensitivities(a, t, z, start->tables->seeds, z + N_STATES);
-    }
+#endif
     if (status == 0) status = cotree_assembly_normalise(a, start->given);
     if (status == 0) start->is_chosen = cotree_assembly_is_chosen(a, t, start->given, z);
     start->culprit = a->culprit;
     start->column = a->column;
+#if COTREE_HAS_SENSITIVITIES
     if (status == 0 && start->is_chosen && N_SENSITIVITIES > 0)
         status = take_differences(start, t, z);
+#endif
     return status;
 }
 
@@ -286,7 +293,9 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
     start->is_chosen = 0;
     mark_kept(start);
     status = write_states(start, z);
+#if COTREE_HAS_SENSITIVITIES
     if (status == 0 && N_SENSITIVITIES > 0) status = write_sensitivities(start, z + N_STATES);
+#endif
     if (status == 0 && start->tables->assembly != NULL) status = satisfy_constraints(start, t, z);
     if (status == 0) status = cotree_run_inputs(run, t);
 #if COTREE_HAS_ALGEBRAIC
@@ -294,6 +303,8 @@ int cotree_start_find(cotree_start *start, cotree_real t, cotree_real *z)
 #endif
 #if COTREE_HAS_EVENTS
     if (status == 0) status = cotree_start_choose_jump_modes(start, t, z);
+#endif
+#if COTREE_HAS_EVENTS && COTREE_HAS_SENSITIVITIES
     if (status == 0) status = cotree_start_check_jumps(start, t, z);
 #endif
     if (status == 0) status = check_redundant(start, t, z);
@@ -361,8 +372,10 @@ int cotree_start_once(cotree_start_call *call)
     set_up(call, &run, &start, &none);
     if (is_plain(&start)) {
         status = write_states(&start, call->z);
+#if COTREE_HAS_SENSITIVITIES
         if (status == 0 && call->has_sensitivities)
             status = write_sensitivities(&start, call->z + call->model->n_states);
+#endif
         return status == 0 ? check_finite(&start, call->z) : status;
     }
     memory = allocate(call, &run, &start);

@@ -29,8 +29,10 @@ COTREE_PRIVATE int cotree_start_release_friction(const cotree_start *start, cotr
 #endif
 COTREE_PRIVATE int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t,
                                                   cotree_real *z);
+#if COTREE_HAS_SENSITIVITIES
 COTREE_PRIVATE int cotree_start_check_jumps(cotree_start *start, cotree_real t,
                                             const cotree_real *z);
+#endif
 #endif
 
 #endif

@@ -129,6 +129,7 @@ int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t, cotree_re
     return most > 0 ? COTREE_START_TURNED_BACK : 0;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Compute the rates at z with another value of a mode. */
 static int rates_on_side(cotree_start *start, cotree_real t, const cotree_real *z, int mode,
                          cotree_real value, cotree_real *rates)
@@ -193,4 +194,5 @@ int cotree_start_check_jumps(cotree_start *start, cotree_real t, const cotree_re
     }
     return status;
 }
+#endif
 #endif

@@ -44,13 +44,16 @@ int cotree_start_complete_states(cotree_start *start, cotree_real t, cotree_real
  * former is the guess. */
 static int solve(cotree_start *start, cotree_real t, cotree_real *z)
 {
+    const int status = cotree_start_complete_states(start, t, z);
+#if COTREE_HAS_SENSITIVITIES
     cotree_run *const run = start->run;
-    int i, status = cotree_start_complete_states(start, t, z);
+    int i;
     if (status != 0 || N_SENSITIVITIES == 0) return status;
     cotree_run_narrow(run, t, z, start->w);
     if (cotree_run_find(run, t, start->w) != 0) return COTREE_START_UNSOLVED;
     for (i = N_STATES; i < run->n_full; ++i) z[i] = run->full[i];
-    return 0;
+#endif
+    return status;
 }
 
 /* Contents of storages. */
@@ -76,6 +79,7 @@ static int mark_found(cotree_start *start)
     return n;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Return whether a content is found for sensitivity j; one to an initial value keeps that value. */
 static int is_found_along(const cotree_start *start, int i, int j)
 {
@@ -83,6 +87,7 @@ static int is_found_along(const cotree_start *start, int i, int j)
     if (seed == -1 - unknown_of(start, i)) return 1;
     return start->is_found[i] && seed != -1 - content_of(start, i);
 }
+#endif
 
 /* Sum the absolute terms of an equation at x, whose row of the Jacobian this is. */
 static cotree_real sum_of_terms(const cotree_start *start, int row, const cotree_real *x)
@@ -135,6 +140,7 @@ static int solve_contents(cotree_start *start, cotree_real t, cotree_real *z)
     return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
 }
 
+#if COTREE_HAS_SENSITIVITIES
 /* Solve for the sensitivities of the same. */
 static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotree_real *z)
 {
@@ -180,6 +186,7 @@ static int solve_content_sensitivities(cotree_start *start, cotree_real t, cotre
     }
     return status == 0 && is_left ? COTREE_START_UNSOLVED : status;
 }
+#endif
 
 /* Solve for algebraic unknowns, contents and their sensitivities. */
 int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
@@ -188,8 +195,10 @@ int cotree_start_solve_all(cotree_start *start, cotree_real t, cotree_real *z)
     if (start->tables->n_contents == 0) return solve(start, t, z);
     if (mark_found(start) == 0 && N_SENSITIVITIES == 0) return solve(start, t, z);
     status = solve_contents(start, t, z);
-    if (status != 0 || N_SENSITIVITIES == 0) return status;
-    return solve_content_sensitivities(start, t, z);
+#if COTREE_HAS_SENSITIVITIES
+    if (status == 0 && N_SENSITIVITIES > 0) status = solve_content_sensitivities(start, t, z);
+#endif
+    return status;
 }
 
 /* Return whether the matrix g_z at x, with rows and columns scaled, has full rank. */
