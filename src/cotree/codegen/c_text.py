@@ -124,8 +124,11 @@ def _item(line: str, lines: Iterator[str]) -> Item:
             text += (line := next(lines))
         directive, *rest = [token for token in tokens(text) if is_word(token)]
         return Item(text, tuple(rest[:1]) if directive in ("define", "undef") else ())
+    # A macro that writes a function ends with its arguments.
+    head = line.partition("(")[0]
+    ends = (";", "}", ")") if head.isidentifier() and head.isupper() else (";", "}")
     depth = line.count("{") - line.count("}")
-    while depth > 0 or not line.partition("/*")[0].rstrip().endswith((";", "}")):
+    while depth > 0 or not line.partition("/*")[0].rstrip().endswith(ends):
         text += (line := next(lines))
         depth += line.count("{") - line.count("}")
     return Item(text, _declared(text))

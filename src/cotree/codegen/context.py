@@ -344,6 +344,7 @@ class ModelContext(KernelFile):
             algebraic=self.n_algebraic > 0,
             constraints=self.n_constraints > 0,
             events=bool(self.hybrid.events),
+            modes=any(1 < row.is_jump < _KINK for row in self.hybrid.events),
             moving_corners=False,
             implicit=False,
             helper=False,

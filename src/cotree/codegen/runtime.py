@@ -35,6 +35,7 @@ class Features:
     algebraic: bool = True  # whether some states satisfy algebraic equations
     constraints: bool = True  # whether states are projected on constraints
     events: bool = True  # whether there are events, or kinks of rates whose times depend on states
+    modes: bool = True  # whether events have modes: dry friction, loads, rigid stops
     #: Whether there are kinks of rates whose times depend on parameters of sensitivity.
     moving_corners: bool = True
     implicit: bool = True  # whether a method takes a Jacobian
@@ -105,8 +106,12 @@ def with_runtime(
 
 
 def project_files(files: Mapping[str, str], target: Target, features: Features) -> dict[str, str]:
-    """Add the modules that texts include, without what nothing uses; see ``with_runtime``."""
-    return without_unused(with_runtime(files, target, features=features), _paths().keys())
+    """Add the modules that texts include, without what nothing uses; see ``with_runtime``.
+
+    Sources that are given stay whole.
+    """
+    shared = _paths().keys() - {name for name in files if name.endswith(".c")}
+    return without_unused(with_runtime(files, target, features=features), shared)
 
 
 def header_text(name: str, target: Target = DOUBLE, features: Features = ALL) -> str:

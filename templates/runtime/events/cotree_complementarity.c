@@ -21,6 +21,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_MODES
 /* Slacks of a force to its forward and backward limit; a stop has the first one only. */
 #define SLACK(k, is_backward) (e->slack[2 * (k) + (is_backward)])
 
@@ -502,3 +503,4 @@ int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     if (status == 0 && e->n_contact_friction > 0) status = cotree_stick_unloaded_contacts(e, t);
     return status == 0 && e->n_contact_friction > 0 ? check_unique(e, t, w) : status;
 }
+#endif

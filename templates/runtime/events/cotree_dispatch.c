@@ -94,6 +94,21 @@ static int check_grazing(cotree_events *e, int i, cotree_real t, cotree_real *w)
     return is_dependent ? cotree_fail_grazing(e, i, t) : 0;
 }
 
+/* Write the record of an event. */
+void cotree_write_record(cotree_events *e, int i, cotree_real t)
+{
+    const int n = e->run->model->n_states, m = e->run->n_blocks - 1;
+    cotree_real *row;
+    if (e->records == NULL) return;
+    row = e->records + (size_t)e->n_records * COTREE_EVENTS_RECORD((size_t)n, (size_t)m);
+    row[0] = t;
+    row[1] = (cotree_real)i;
+    cotree_copy(m, e->jumps.time_sensitivity, row + 2);
+    cotree_copy(n, e->jumps.before, row + 2 + m);
+    cotree_copy(n, e->jumps.after, row + 2 + m + n);
+    ++e->n_records;
+}
+
 /* Apply one event at w. */
 static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, int is_time_fixed)
 {
@@ -114,7 +129,9 @@ static int apply_event(cotree_events *e, int i, cotree_real t, cotree_real *w, i
     if (status == COTREE_JUMPS_UNDERDETERMINED)
         return cotree_fail(e, i, t, COTREE_EVENTS_UNDERDETERMINED);
     if (status != 0) return cotree_fail(e, i, t, COTREE_EVENTS_FAILED);
+#if COTREE_HAS_MODES
     if (cotree_resolve_modes(e, t, w, i) != 0) return e->failure;
+#endif
     for (k = 0; k < e->run->n_full; ++k) {
         if (!(COTREE_FABS(e->jumps.after[k]) <= COTREE_MAX)) {
             return cotree_fail(e, i, t, COTREE_EVENTS_SET_NOT_FINITE);
@@ -248,7 +265,9 @@ static int apply_found(cotree_events *e, cotree_real t, cotree_real *w)
             status = cotree_compute_rates(e, t, w);
             if (!(e->jumps.rates[i] * e->crossing_sign[i] > COTREE_F(0.0)))
                 continue; /* an earlier event reversed it */
+#if COTREE_HAS_MODES
             if (cotree_was_selected(e, i)) continue;
+#endif
         }
         if (status == 0) status = apply_event(e, i, t, w, 0);
         if (status == 0) status = compute_sides(e, t, w);
@@ -374,14 +393,18 @@ int cotree_apply_events(cotree_events *e, cotree_real t, cotree_real *w, int n_f
     for (i = 0; i < e->run->n_blocks - 1; ++i) {
         e->jumps.time_sensitivity[i] = slopes == NULL ? COTREE_F(0.0) : slopes[i];
     }
+#if COTREE_HAS_MODES
     if (status == 0 && n_found == 0) status = cotree_resolve_modes(e, t, w, -1);
+#endif
     if (status == 0 && n_found > 0) status = apply_found(e, t, w);
     if (status == 0) status = process_cascade(e, t, w);
     for (i = 0; i < e->n_events && status == 0; ++i) {
         e->n_fired += e->has_fired[i];
         if (e->has_fired[i] && !cotree_is_kink(e, i)) status = check_rest(e, i, t, w);
     }
+#if COTREE_HAS_MODES
     cotree_update_mode_sides(e, w);
+#endif
     if (status == 0) status = cotree_select_branches(e, t, w);
     if (status == 0) cotree_settle_sensitivities(e, t, w);
     if (status == 0 && e->n_fired > 0) {

@@ -21,7 +21,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     const cotree_model *const model = run->model;
     const int n = run->n, n_events = model->hybrid->n_events;
     cotree_real *of_local;
-    int i, n_frictions, n_stops, n_modes, n_pressed;
+    int i;
     e->w = cotree_arena_reals(arena, n);
     e->point = cotree_arena_reals(arena, n);
     e->other = cotree_arena_reals(arena, n);
@@ -64,52 +64,15 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     e->shift = cotree_arena_reals(arena, 2 * n_events);
     e->n_event_times = cotree_arena_ints(arena, n_events);
     cotree_jumps_init(&e->jumps, run, arena);
-    n_frictions = cotree_list_modes(model->hybrid, COTREE_FRICTION_SLIP, NULL);
-    n_stops = cotree_list_modes(model->hybrid, COTREE_STOP_REBOUND, NULL);
-    n_pressed = cotree_count_contact_friction(model->hybrid);
-    n_modes = n_frictions + cotree_list_modes(model->hybrid, COTREE_FRICTION_LOAD, NULL) + n_stops;
-    if (n_modes > 0) {
-        e->places = cotree_arena_ints(arena, N_PLACES * n_modes);
-        e->is_active = cotree_arena_ints(arena, n_modes);
-        e->stays_at_zero = cotree_arena_ints(arena, n_events);
-        e->is_stepped_over = cotree_arena_ints(arena, n_events);
-        e->zero_level = cotree_arena_reals(arena, n_events);
-        e->is_resticking = cotree_arena_ints(arena, n_frictions);
-        e->slide_start = cotree_arena_reals(arena, n_frictions);
-        e->modes = cotree_arena_reals(arena, n_modes);
-        e->acceleration_scale = cotree_arena_reals(arena, n_modes);
-        e->slack = cotree_arena_reals(arena, 2 * n_modes);
-        e->tried_codes = cotree_arena_reals(arena, N_TRIED_CODES);
-        e->trial = cotree_arena_reals(arena, n);
-        e->saved_before = cotree_arena_reals(arena, run->n_full);
-        e->gaps = cotree_arena_reals(arena, n_stops);
-        e->later_acceleration = cotree_arena_reals(arena, n_stops);
-        e->largest_acceleration = cotree_arena_reals(arena, n_stops);
-        e->closed_side = cotree_arena_reals(arena, n_stops);
-        e->opening_speed = cotree_arena_reals(arena, n_stops);
-        e->largest_opening_speed = cotree_arena_reals(arena, n_stops);
-        e->required_speed = cotree_arena_reals(arena, n_stops);
-        e->gap_at_release = cotree_arena_reals(arena, n_events);
-        e->is_impact_event = cotree_arena_ints(arena, n_events);
-        e->was_holding = cotree_arena_ints(arena, n_stops);
-        e->impact_role = cotree_arena_ints(arena, n_stops);
-        e->ends_at_rest = cotree_arena_ints(arena, n_stops);
-        e->restitution_event = cotree_arena_ints(arena, n_stops);
-        e->impact_events = cotree_arena_ints(arena, n_stops + n_pressed);
-        e->impulse_states = cotree_arena_ints(arena, n_stops + n_pressed);
-        e->force_events = cotree_arena_ints(arena, n_modes - n_frictions + 2 * n_pressed);
-        e->contact_friction = cotree_arena_ints(arena, n_pressed);
-        e->normal_stop = cotree_arena_ints(arena, n_frictions);
-        e->slip_speed = cotree_arena_reals(arena, n_pressed);
-        e->slip_sign = cotree_arena_reals(arena, n_frictions);
-        e->saved_modes = cotree_arena_reals(arena, n_modes);
-        e->kernel_modes = cotree_arena_reals(arena, n_stops > 0 ? n_modes : 0);
-    }
+    e->rows = model->hybrid->events;
+    e->n_events = n_events;
+    e->n_frictions = e->n_modes = e->n_stops = e->n_contact_friction = 0;
+#if COTREE_HAS_MODES
+    cotree_init_modes(e, run, arena);
+#endif
     if (arena->base == NULL) return;
     cotree_history_init(&e->refined, n, of_local);
     e->run = run;
-    e->rows = model->hybrid->events;
-    e->n_events = n_events;
     e->n_kinks = model->hybrid->n_kinks;
     e->n_branches = model->hybrid->n_branches;
     e->has_steep = 0;
@@ -133,24 +96,7 @@ void cotree_events_init(cotree_events *e, cotree_run *run, int n_given, cotree_r
     e->event = 0;
     e->failure_time = e->detail = COTREE_F(0.0);
     e->n_evaluations = 0;
-    e->n_frictions = n_frictions;
-    e->n_modes = n_modes;
-    e->n_stops = n_stops;
-    e->n_contact_friction = n_pressed;
     e->unresolved_gap = -1;
-    e->is_impact = 0;
-    if (n_modes > 0) {
-        cotree_list_frictions(e, model->hybrid);
-        cotree_list_stops(e, model->hybrid);
-    }
-    for (i = 0; i < n_stops; ++i) e->closed_side[i] = COTREE_F(0.0);
-    for (i = 0; i < n_events && n_modes > 0; ++i) {
-        e->is_impact_event[i] = 0;
-        e->gap_at_release[i] = e->zero_level[i] = COTREE_F(0.0);
-        e->stays_at_zero[i] = e->is_stepped_over[i] = 0;
-    }
-    e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
-    for (i = 0; i < n_frictions; ++i) e->slide_start[i] = -COTREE_INFINITY;
     for (i = 0; i < n_events; ++i) {
         e->g[i] = e->side[i] = e->value_scale[i] = e->recent_scale[i] = COTREE_F(0.0);
         e->state_error[i] = COTREE_F(0.0);
@@ -174,9 +120,13 @@ static int evaluate_start(cotree_events *e, cotree_real t, const cotree_real *w)
 int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
+#if COTREE_HAS_MODES
     /* Singular with all friction sticking: the modes are selected below. */
     if (status != 0 && cotree_release_sticking(e, w)) status = evaluate_start(e, t, w);
     if (status != 0) return cotree_fail_start(e, t, w);
+#else
+    if (status != 0) return status;
+#endif
     cotree_copy(e->n_events, e->jumps.rates, e->rate_before);
     for (i = 0; i < e->n_events && status == 0; ++i) {
         const int is_zero = COTREE_FABS(e->g[i]) <= cotree_rounding_band(e, i);
@@ -193,7 +143,9 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
                          (cotree_real)e->rows[i].direction == e->crossing_sign[i];
         n_found += e->is_found[i];
     }
+#if COTREE_HAS_MODES
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
+#endif
     return status == 0 ? cotree_apply_events(e, t, w, n_found, NULL) : status;
 }
 
@@ -220,6 +172,7 @@ int cotree_events_continue(cotree_events *e, cotree_real t, cotree_real *w)
 
 int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
 {
+#if COTREE_HAS_MODES
     int k, status = cotree_compute_values(e, t, w);
     for (k = 0; k < e->n_frictions && status == 0; ++k) {
         const int i = PLACE(k, SLIP);
@@ -236,6 +189,9 @@ int cotree_events_apply_passed(cotree_events *e, cotree_real t, cotree_real *w)
         e->is_stepped_over[k] = 0;
     }
     return status;
+#else
+    return cotree_events_resume(e, t, w, NULL);
+#endif
 }
 
 int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w)
@@ -243,8 +199,11 @@ int cotree_events_select_modes(cotree_events *e, cotree_real t, cotree_real *w)
     int status = cotree_compute_values(e, t, w);
     cotree_copy(e->n_events, e->jumps.values, e->g);
     if (status == 0) status = cotree_update_scales(e, t, w, e->g);
+#if COTREE_HAS_MODES
     if (status == 0) status = cotree_check_gaps(e, t, e->g);
-    return status == 0 ? cotree_resolve_modes(e, t, w, -1) : status;
+    if (status == 0) status = cotree_resolve_modes(e, t, w, -1);
+#endif
+    return status;
 }
 
 void cotree_events_save(const cotree_events *e, cotree_real *to)

@@ -138,6 +138,8 @@ COTREE_PRIVATE void cotree_copy(int n, const cotree_real *from, cotree_real *to)
 COTREE_PRIVATE cotree_real cotree_tolerance(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_rounding_band(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_is_of_friction(const cotree_events *e, int i);
+COTREE_PRIVATE int cotree_is_gap(const cotree_events *e, int i);
+COTREE_PRIVATE int cotree_stays_at_zero(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_is_kink(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_zero_band(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_fail(cotree_events *e, int event, cotree_real t, int status);
@@ -175,9 +177,8 @@ COTREE_PRIVATE int cotree_has_left_branch(const cotree_events *e, const cotree_r
 COTREE_PRIVATE int cotree_cheap_crossing_test(cotree_events *e);
 
 /* cotree_friction.c */
-COTREE_PRIVATE void cotree_write_record(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE int cotree_list_modes(const cotree_hybrid *h, int kind, int *places);
-COTREE_PRIVATE void cotree_list_frictions(cotree_events *e, const cotree_hybrid *h);
+COTREE_PRIVATE void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena);
 COTREE_PRIVATE int cotree_evaluate_motion(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE cotree_real cotree_moving_side(const cotree_events *e, int i, cotree_real t,
                                               cotree_real size);
@@ -186,7 +187,6 @@ COTREE_PRIVATE cotree_real cotree_friction_violation(cotree_events *e, int k, co
                                                      cotree_real *new_mode);
 COTREE_PRIVATE cotree_real cotree_load_violation(const cotree_events *e, int k, cotree_real t);
 COTREE_PRIVATE int cotree_compute_later_accelerations(cotree_events *e, cotree_real t);
-COTREE_PRIVATE int cotree_stays_at_zero(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_resolve_modes(cotree_events *e, cotree_real t, cotree_real *w, int fired);
 COTREE_PRIVATE int cotree_was_selected(const cotree_events *e, int i);
 COTREE_PRIVATE void cotree_update_mode_sides(cotree_events *e, const cotree_real *w);
@@ -203,7 +203,6 @@ COTREE_PRIVATE int cotree_closed_gap(const cotree_events *e, int k);
 COTREE_PRIVATE cotree_real cotree_opening_speed(const cotree_events *e, int k);
 COTREE_PRIVATE cotree_real cotree_closing_uncertainty(const cotree_events *e);
 COTREE_PRIVATE cotree_real cotree_zero_opening_speed(const cotree_events *e, int k);
-COTREE_PRIVATE int cotree_is_gap(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired);
 COTREE_PRIVATE int cotree_check_gaps(cotree_events *e, cotree_real t, const cotree_real *g);
 COTREE_PRIVATE int cotree_has_sticking_contact(const cotree_events *e, int k);
@@ -236,6 +235,7 @@ COTREE_PRIVATE int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotre
                                           int fired);
 
 /* cotree_dispatch.c */
+COTREE_PRIVATE void cotree_write_record(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE int cotree_is_in_direction(const cotree_events *e, int i, cotree_real side);
 COTREE_PRIVATE int cotree_fail_grazing(cotree_events *e, int i, cotree_real t);
 COTREE_PRIVATE void cotree_set_crossing_sign(cotree_events *e, int i, cotree_real way);

@@ -11,24 +11,10 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_MODES
 /* Growth of the zero level of a force at its limit, each time it crosses zero without
  * consequence. */
 #define ZERO_LEVEL_GROWTH COTREE_F(10.0)
-
-/* Write the record of an event. */
-void cotree_write_record(cotree_events *e, int i, cotree_real t)
-{
-    const int n = e->run->model->n_states, m = e->run->n_blocks - 1;
-    cotree_real *row;
-    if (e->records == NULL) return;
-    row = e->records + (size_t)e->n_records * COTREE_EVENTS_RECORD((size_t)n, (size_t)m);
-    row[0] = t;
-    row[1] = (cotree_real)i;
-    cotree_copy(m, e->jumps.time_sensitivity, row + 2);
-    cotree_copy(n, e->jumps.before, row + 2 + m);
-    cotree_copy(n, e->jumps.after, row + 2 + m + n);
-    ++e->n_records;
-}
 
 /* List the modes whose first event is of one kind. Return their number; nothing is written if
  * places is NULL. */
@@ -50,7 +36,7 @@ int cotree_list_modes(const cotree_hybrid *h, int kind, int *places)
 }
 
 /* List the modes of friction, then those of loads. */
-void cotree_list_frictions(cotree_events *e, const cotree_hybrid *h)
+static void list_frictions(cotree_events *e, const cotree_hybrid *h)
 {
     int i, k;
     cotree_list_modes(h, COTREE_FRICTION_SLIP, e->places);
@@ -62,6 +48,69 @@ void cotree_list_frictions(cotree_events *e, const cotree_hybrid *h)
             if (PLACE(k, MODE_STATE) == h->events[i].targets[0]) PLACE(k, SLIP + part) = i;
         }
     }
+}
+
+/* Count the modes, and allocate and initialise their arrays. */
+void cotree_init_modes(cotree_events *e, const cotree_run *run, cotree_arena *arena)
+{
+    const cotree_hybrid *const h = run->model->hybrid;
+    const int n_frictions = cotree_list_modes(h, COTREE_FRICTION_SLIP, NULL);
+    const int n_stops = cotree_list_modes(h, COTREE_STOP_REBOUND, NULL);
+    const int n_pressed = cotree_count_contact_friction(h);
+    const int n_modes = n_frictions + cotree_list_modes(h, COTREE_FRICTION_LOAD, NULL) + n_stops;
+    int i;
+    e->n_frictions = n_frictions;
+    e->n_modes = n_modes;
+    e->n_stops = n_stops;
+    e->n_contact_friction = n_pressed;
+    if (n_modes == 0) return;
+    e->places = cotree_arena_ints(arena, N_PLACES * n_modes);
+    e->is_active = cotree_arena_ints(arena, n_modes);
+    e->stays_at_zero = cotree_arena_ints(arena, e->n_events);
+    e->is_stepped_over = cotree_arena_ints(arena, e->n_events);
+    e->zero_level = cotree_arena_reals(arena, e->n_events);
+    e->is_resticking = cotree_arena_ints(arena, n_frictions);
+    e->slide_start = cotree_arena_reals(arena, n_frictions);
+    e->modes = cotree_arena_reals(arena, n_modes);
+    e->acceleration_scale = cotree_arena_reals(arena, n_modes);
+    e->slack = cotree_arena_reals(arena, 2 * n_modes);
+    e->tried_codes = cotree_arena_reals(arena, N_TRIED_CODES);
+    e->trial = cotree_arena_reals(arena, run->n);
+    e->saved_before = cotree_arena_reals(arena, run->n_full);
+    e->gaps = cotree_arena_reals(arena, n_stops);
+    e->later_acceleration = cotree_arena_reals(arena, n_stops);
+    e->largest_acceleration = cotree_arena_reals(arena, n_stops);
+    e->closed_side = cotree_arena_reals(arena, n_stops);
+    e->opening_speed = cotree_arena_reals(arena, n_stops);
+    e->largest_opening_speed = cotree_arena_reals(arena, n_stops);
+    e->required_speed = cotree_arena_reals(arena, n_stops);
+    e->gap_at_release = cotree_arena_reals(arena, e->n_events);
+    e->is_impact_event = cotree_arena_ints(arena, e->n_events);
+    e->was_holding = cotree_arena_ints(arena, n_stops);
+    e->impact_role = cotree_arena_ints(arena, n_stops);
+    e->ends_at_rest = cotree_arena_ints(arena, n_stops);
+    e->restitution_event = cotree_arena_ints(arena, n_stops);
+    e->impact_events = cotree_arena_ints(arena, n_stops + n_pressed);
+    e->impulse_states = cotree_arena_ints(arena, n_stops + n_pressed);
+    e->force_events = cotree_arena_ints(arena, n_modes - n_frictions + 2 * n_pressed);
+    e->contact_friction = cotree_arena_ints(arena, n_pressed);
+    e->normal_stop = cotree_arena_ints(arena, n_frictions);
+    e->slip_speed = cotree_arena_reals(arena, n_pressed);
+    e->slip_sign = cotree_arena_reals(arena, n_frictions);
+    e->saved_modes = cotree_arena_reals(arena, n_modes);
+    e->kernel_modes = cotree_arena_reals(arena, n_stops > 0 ? n_modes : 0);
+    if (arena->base == NULL) return;
+    list_frictions(e, h);
+    cotree_list_stops(e, h);
+    for (i = 0; i < e->n_events; ++i) {
+        e->is_impact_event[i] = 0;
+        e->gap_at_release[i] = e->zero_level[i] = COTREE_F(0.0);
+        e->stays_at_zero[i] = e->is_stepped_over[i] = 0;
+    }
+    for (i = 0; i < n_stops; ++i) e->closed_side[i] = COTREE_F(0.0);
+    for (i = 0; i < n_frictions; ++i) e->slide_start[i] = -COTREE_INFINITY;
+    e->is_impact = 0;
+    e->force_noise = e->largest_rate = e->impact_speed = COTREE_F(0.0);
 }
 
 /* Evaluate the event functions and their rates with the trial modes. */
@@ -218,13 +267,6 @@ int cotree_compute_later_accelerations(cotree_events *e, cotree_real t)
     return cotree_compute_rates(e, t, e->trial);
 }
 
-/* Return whether an event function stays at zero, as the slip rate of a constraint that has just
- * begun to slide: its sign is then rounding. */
-int cotree_stays_at_zero(const cotree_events *e, int i)
-{
-    return e->n_modes > 0 && e->stays_at_zero[i];
-}
-
 /* Set whether a force stays at its limit, as it does between two limits of zero, or a load at
  * zero. Its zero level grows each time that it crosses without consequence. */
 static void update_zero_level(cotree_events *e, int i, int may_rest, int is_back, cotree_real t,
@@ -316,3 +358,4 @@ void cotree_update_mode_sides(cotree_events *e, const cotree_real *w)
             e->side[gap] = COTREE_F(1.0);
     }
 }
+#endif

@@ -13,6 +13,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_MODES
 /* Modes passed to the kernels in an impact: stops with an impulse have twice the side of their
  * limit, sticking friction there has a mode of its own. */
 #define KERNEL_STRUCK COTREE_F(2.0)
@@ -346,3 +347,4 @@ int cotree_resolve_impacts(cotree_events *e, cotree_real t, cotree_real *w, int 
     }
     return 0;
 }
+#endif

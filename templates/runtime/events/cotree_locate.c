@@ -51,6 +51,19 @@ int cotree_is_of_friction(const cotree_events *e, int i)
     return e->rows[i].kind >= COTREE_FRICTION_SLIP && e->rows[i].kind <= COTREE_FRICTION_LOAD;
 }
 
+/* Return whether an event function is the gap of a stop. */
+int cotree_is_gap(const cotree_events *e, int i)
+{
+    return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
+}
+
+/* Return whether an event function stays at zero, as the slip rate of a constraint that has just
+ * begun to slide: its sign is then rounding. */
+int cotree_stays_at_zero(const cotree_events *e, int i)
+{
+    return e->n_modes > 0 && e->stays_at_zero[i];
+}
+
 int cotree_is_kink(const cotree_events *e, int i) { return e->rows[i].kind >= COTREE_KINK; }
 
 /* Return the value from which an event function counts as nonzero. At a kink, or at a continuous

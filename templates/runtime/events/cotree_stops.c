@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#if COTREE_HAS_MODES
 /* The rounding of one force is that of the largest force, as a share of LIMIT_RTOL. */
 #define MIN_FORCE_SHARE (ZERO_ROUNDINGS * COTREE_SCAN_ROUNDING / LIMIT_RTOL)
 
@@ -127,12 +128,6 @@ cotree_real cotree_zero_opening_speed(const cotree_events *e, int k)
     return e->was_holding[k - cotree_first_stop(e)]
                ? COTREE_FMAX(largest, cotree_closing_uncertainty(e))
                : largest;
-}
-
-/* Return whether an event function is the gap of a stop. */
-int cotree_is_gap(const cotree_events *e, int i)
-{
-    return e->rows[i].kind == COTREE_STOP_UPPER || e->rows[i].kind == COTREE_STOP_LOWER;
 }
 
 int cotree_is_closed(const cotree_events *e, int i, cotree_real t, int fired)
@@ -343,3 +338,4 @@ int cotree_stick_unloaded_contacts(cotree_events *e, cotree_real t)
     }
     return 0;
 }
+#endif

@@ -5,9 +5,6 @@
  * FMI_EITHER(of_2, of_3), one of two by version; FMI_STATUS, FMI_BOOLEAN and FMI_BYTE, types of the
  * version. Instances and saved states are pointers to void, and value references unsigned, in both
  * versions. */
-#ifndef COTREE_FMI_H
-#define COTREE_FMI_H
-
 #include "cotree_fmu.h"
 
 #include <math.h>
@@ -114,5 +111,3 @@ COTREE_FMI_EXPORT FMI_STATUS FMI_FUNCTION(CompletedIntegratorStep)(void *handle,
     *terminates = 0;
     return (FMI_STATUS)status;
 }
-
-#endif

@@ -1,8 +1,5 @@
 /* cotree_fmi2.h: the types of the Functional Mock-up Interface 2.0.
  * Part of the runtime of cotree, after the standard; the same for every model. */
-#ifndef COTREE_FMI2_H
-#define COTREE_FMI2_H
-
 #include <stddef.h>
 
 typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;
@@ -47,5 +44,3 @@ typedef struct {
 #define FMI_STATUS fmi2Status
 #define FMI_BOOLEAN fmi2Boolean
 #define FMI_BYTE char
-
-#endif

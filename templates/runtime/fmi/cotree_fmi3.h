@@ -1,8 +1,5 @@
 /* cotree_fmi3.h: the types of the Functional Mock-up Interface 3.0.
  * Part of the runtime of cotree, after the standard; the same for every model. */
-#ifndef COTREE_FMI3_H
-#define COTREE_FMI3_H
-
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -53,5 +50,3 @@ typedef void (*fmi3PreemptionCallback)(void);
 #define FMI_STATUS fmi3Status
 #define FMI_BOOLEAN fmi3Boolean
 #define FMI_BYTE uint8_t
-
-#endif

@@ -29,6 +29,9 @@
 #ifndef COTREE_HAS_EVENTS
 #define COTREE_HAS_EVENTS 1 /* events, and kinks of rates whose times depend on states */
 #endif
+#ifndef COTREE_HAS_MODES
+#define COTREE_HAS_MODES 1 /* events of dry friction, loads and rigid stops */
+#endif
 #ifndef COTREE_HAS_MOVING_CORNERS
 #define COTREE_HAS_MOVING_CORNERS 1 /* time events that parameters of sensitivity move */
 #endif

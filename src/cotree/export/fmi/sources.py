@@ -23,7 +23,7 @@ from cotree.codegen.model_files import render_model
 from cotree.codegen.newton import newton_context, render_newton
 from cotree.codegen.printing import Constants, constants, int_table
 from cotree.codegen.render import render
-from cotree.codegen.runtime import source_texts, with_runtime
+from cotree.codegen.runtime import project_files, source_texts
 from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.derivative import tangents_along
@@ -284,7 +284,7 @@ def source_files(
         files |= render_newton(newton_context(program), features)
     files["fmu_tables.c"] = render("fmi/fmu_tables.c.jinja", model=tables)
     files |= source_texts(f"cotree_fmi{version}.h", features=features)
-    return with_runtime(files, features=features)
+    return project_files(files, DOUBLE, features)
 
 
 def _is_implicit(facts: Facts) -> bool:
