@@ -165,7 +165,6 @@ typedef struct fmu_progress {
     int is_early, terminates;
 } fmu_progress;
 
-#if COTREE_HAS_EXCHANGE
 /* Model Exchange. The blocks of numbers are states, rates, indicators and nominals. */
 int fmu_set_time(void *instance, const char *function, int modes, double t);
 int fmu_set_states(void *instance, const char *function, const double *x, size_t n);
@@ -176,8 +175,6 @@ int fmu_enter_event_mode(void *instance, const char *function);
 int fmu_update(void *instance, const char *function, fmu_event_info *news);
 int fmu_leave_event_mode(void *instance, const char *function);
 
-#endif
-#if COTREE_HAS_STEPS
 /* Co-Simulation. A step reaches a time, and may end early, at an event, or the simulation. */
 int fmu_step(void *instance, const char *function, double t, double step, fmu_progress *progress);
 
@@ -185,7 +182,5 @@ int fmu_step(void *instance, const char *function, double t, double step, fmu_pr
  * Discard if is_known is 0: there is no other status, since steps are never pending. */
 int fmu_get_progress(void *instance, const char *function, int is_known, double *reached,
                      int *has_ended);
-
-#endif
 
 #endif

@@ -173,9 +173,7 @@ COTREE_PRIVATE int fmu_prepare(fmu *m);
 COTREE_PRIVATE void fmu_set_up_run(fmu *m);
 COTREE_PRIVATE int fmu_refresh(fmu *m, int what);
 COTREE_PRIVATE void fmu_invalidate(fmu *m);
-#if COTREE_HAS_INPUTS
 COTREE_PRIVATE int fmu_write_inputs(double t, double *u, void *context); /* set by the importer */
-#endif
 
 /* Initialization. fmu_move_start completes a direction of prescribed states, inputs and
  * parameters by the other states. */
@@ -188,7 +186,6 @@ COTREE_PRIVATE double fmu_next_stop(const fmu *m, double t, double end);
 COTREE_PRIVATE int fmu_is_stop(const fmu *m, double t);
 COTREE_PRIVATE double fmu_largest_stop(const fmu *m, double end);
 
-#if COTREE_HAS_EVENTS
 COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 
 /* Events. fmu_events returns them with the present settings, without their history; fmu_hold sets
@@ -196,9 +193,6 @@ COTREE_PRIVATE void fmu_log(const fmu *m, int status, const char *format, ...);
 COTREE_PRIVATE cotree_events *fmu_events(fmu *m);
 COTREE_PRIVATE void fmu_hold(fmu *m, int is_held);
 COTREE_PRIVATE double fmu_span(const fmu *m); /* from start to stop time, or the default */
-#if COTREE_HAS_STEPS
-COTREE_PRIVATE int fmu_enter_steps(fmu *m); /* process the events at the start */
-#endif
-#endif
+COTREE_PRIVATE int fmu_enter_steps(fmu *m);   /* process the events at the start */
 
 #endif

@@ -17,7 +17,6 @@ typedef int (*cotree_projection_function)(cotree_real t, cotree_real *y, void *c
 /* Callback after a rejected step, before a shorter one is tried. */
 typedef void (*cotree_rejection_function)(void *context);
 
-#if COTREE_HAS_IMPLICIT
 /* M y' = f(t, y) for implicit methods. M is diagonal: one, zero for algebraic unknowns.
  * Functions return like a rate function. */
 typedef struct cotree_implicit_equation {
@@ -40,7 +39,6 @@ typedef struct cotree_implicit_equation {
     int (*is_bent)(void *context);
     void *context;
 } cotree_implicit_equation;
-#endif
 
 /* Stiffness detection of an explicit method. */
 typedef struct cotree_stiffness {

@@ -14,11 +14,9 @@
 /* A method that takes the steps of a job, see cotree_stepper.h. */
 typedef struct cotree_stepper cotree_stepper;
 
-#if COTREE_HAS_INPUTS
 /* Callback at the start of each segment between corners, before evaluations in it, with the time
  * and all states and sensitivities: values of tables may change. Return 0 to continue. */
 typedef int (*cotree_reach)(cotree_real t, const cotree_real *z, void *context);
-#endif
 
 typedef struct cotree_job {
     /* The model, its parameters and prepared values. */

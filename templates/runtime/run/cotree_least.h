@@ -40,10 +40,8 @@ cotree_real cotree_least_smallest(const cotree_least *a, cotree_real *x);
 /* Compute x, n_columns entries: the minimiser of |A x + b| of minimum norm. */
 void cotree_least_solve(const cotree_least *a, const cotree_real *b, cotree_real *x);
 
-#if COTREE_HAS_MENDING
 /* Project b onto what A x cannot reach: its entries are b[i * stride]. */
 void cotree_least_reject(const cotree_least *a, cotree_real *b, int stride);
-#endif
 
 COTREE_END_DECLS
 

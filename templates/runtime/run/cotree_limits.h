@@ -6,7 +6,6 @@
 
 #include "cotree_real.h"
 
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 /* A step fails if the projection of its end moves it by more than this many tolerances in the
  * mean. */
 #define COTREE_MAX_PROJECTION COTREE_F(10.0)
@@ -27,15 +26,12 @@
  * largest state (or of 1). Near a singular configuration, along directions that the constraints
  * hardly determine, residuals of trial steps at a tolerance of 1e-8 stay below it. */
 #define COTREE_LARGEST_RESIDUAL COTREE_SELECT(1e-06, 2.8e-03f)
-#endif
 
 #define COTREE_SMALL_CORRECTION COTREE_SELECT(1e-08, 3.5e-04f)
 
-#if COTREE_HAS_MOVING_CORNERS
 /* Rates jump if they differ by more than this many times their change over the same time on one
  * side of a breakpoint: less is rounding of its time. */
 #define COTREE_JUMP_NOISE COTREE_F(1000.0)
-#endif
 
 /* A step of at most this many units in the last place makes no progress. One is normal before a
  * breakpoint, this many in a row are a stall. */
@@ -54,13 +50,10 @@
 /* The same limit for any method: implicit methods are interpolated without rates. */
 #define COTREE_DOUBT(uses_rates) ((uses_rates) ? COTREE_HISTORY_DOUBT : COTREE_F(1.0))
 
-#if COTREE_HAS_IMPLICIT
 /* Planned pivots are accepted if the solution solves a system whose entries differ from the true
  * ones by at most this share. */
 #define COTREE_PLANNED_PIVOTS COTREE_SELECT(1e-10, 4.3e-05f)
-#endif
 
-#if COTREE_HAS_EVENTS
 /* The largest number of events that one event may trigger at the same time. */
 #define COTREE_EVENT_ROUNDS 50
 
@@ -79,6 +72,5 @@
  * of its changes in this step and the last one, plus this share of its change. */
 #define COTREE_SCAN_CURVATURE COTREE_F(2.0)
 #define COTREE_SCAN_UNEVEN COTREE_F(0.1)
-#endif
 
 #endif

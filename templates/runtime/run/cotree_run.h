@@ -27,13 +27,10 @@
 
 COTREE_BEGIN_DECLS
 
-#if COTREE_HAS_ALGEBRAIC
 /* The number of stored solutions of the algebraic equations that serve as guesses, a power of
  * two. */
 #define COTREE_RUN_REMEMBERED 256
 
-#endif
-#if COTREE_HAS_INPUTS
 /* A piecewise linear function that replaces an input, constant outside its range. */
 typedef struct cotree_table_input {
     int input;
@@ -46,8 +43,6 @@ typedef struct cotree_table_input {
  * integration. */
 typedef int (*cotree_input_function)(cotree_real t, cotree_real *u, void *context);
 
-#endif
-#if COTREE_HAS_HELPER
 /* A solver of the caller, used if the iterations here fail. It gets all states x and returns 0 if
  * it changed the algebraic unknowns to a solution. */
 typedef int (*cotree_find_unknowns)(cotree_real t, cotree_real *x, void *context);
@@ -55,7 +50,6 @@ typedef struct cotree_helper {
     cotree_find_unknowns find_unknowns;
     void *context;
 } cotree_helper;
-#endif
 
 /* An arena. While base is NULL, allocations are counted only, and return NULL. */
 typedef struct cotree_arena {
@@ -63,7 +57,6 @@ typedef struct cotree_arena {
     size_t used;
 } cotree_arena;
 
-#if COTREE_HAS_ALGEBRAIC
 /* Linear systems of the algebraic equations g, if an implicit method provides them: linearise
  * factorises g_z at x; solve computes -g_z^-1 g. They return a status like kernels. */
 typedef struct cotree_elimination {
@@ -72,7 +65,6 @@ typedef struct cotree_elimination {
     void *context;
 } cotree_elimination;
 
-#endif
 typedef struct cotree_run {
     const cotree_model *model;
     const cotree_real *p, *k; /* parameters, prepared */
@@ -128,7 +120,6 @@ typedef struct cotree_run {
 #endif
 } cotree_run;
 
-#if COTREE_HAS_MOVING_CORNERS
 /* The jump of sensitivities at a time event that depends on parameters, with the rates f before
  * and after it: S+ = S- + (f- - f+) t_p. */
 typedef struct cotree_corner_sensitivity {
@@ -150,7 +141,6 @@ typedef struct cotree_corner_sensitivity {
  * moves apart. */
 #define COTREE_RUN_TURNED 60
 
-#endif
 /* Allocate bytes in an arena. Return spare while they are only counted. */
 void *cotree_arena_alloc(cotree_arena *arena, size_t size, void *spare);
 cotree_real *cotree_arena_reals(cotree_arena *arena, int n);
@@ -161,11 +151,10 @@ void cotree_run_init(cotree_run *run, const cotree_model *model, const cotree_re
                      const cotree_real *k, cotree_real *u, int has_sensitivities,
                      cotree_arena *arena);
 
-#if COTREE_HAS_ALGEBRAIC
 /* Make the algebraic unknowns part of w. The model needs extended_rhs, or with sensitivities
  * extended_augmented_rhs, and no input may be replaced. */
 void cotree_run_extend(cotree_run *run);
-#endif
+
 /* Copy z without the sensitivities that vanish, and back with zeros for them. */
 void cotree_run_pack(const cotree_run *run, const cotree_real *z, cotree_real *packed);
 void cotree_run_unpack(const cotree_run *run, const cotree_real *packed, cotree_real *z);
@@ -176,7 +165,6 @@ void cotree_run_leave_out(const cotree_run *run, const cotree_real *z, cotree_re
 /* Copy z in the form w, and store the algebraic unknowns as a guess. */
 void cotree_run_narrow(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *w);
 
-#if COTREE_HAS_MOVING_CORNERS || COTREE_HAS_EVENTS
 /* Convert between w and a point of a stepper, of n entries: run->n, or n_packed with algebraic
  * unknowns, which become guesses. */
 void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_real *point,
@@ -184,82 +172,58 @@ void cotree_run_from_point(cotree_run *run, cotree_real t, int n, const cotree_r
 int cotree_run_to_point(cotree_run *run, cotree_real t, const cotree_real *w, int n,
                         cotree_real *point);
 
-#endif
 /* Compute run->u, the inputs at a time. */
 int cotree_run_inputs(cotree_run *run, cotree_real t);
 
 /* Rate function for integrators; the context is the run. */
 int cotree_run_rate(cotree_real t, const cotree_real *w, cotree_real *dw, void *context);
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 int cotree_run_project(cotree_real t, cotree_real *w, void *context);
-#endif
-#if COTREE_HAS_CONSTRAINTS
 void cotree_run_rejected(void *context);
-#endif
 
-#if COTREE_HAS_IMPLICIT || COTREE_HAS_EVENTS
 /* Compute the rates of all states and sensitivities, packed, at a time inside the segment;
  * residuals in the places of algebraic unknowns. */
 int cotree_run_packed_rate(cotree_run *run, cotree_real t, const cotree_real *z, cotree_real *dz);
 
-#endif
-#if COTREE_HAS_CONSTRAINTS
 /* Project all states and sensitivities, algebraic unknowns included; the same for a packed
  * point. */
 int cotree_run_project_all(cotree_run *run, cotree_real t, cotree_real *z);
 int cotree_run_project_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
-#endif
-#if COTREE_HAS_ALGEBRAIC
 /* Solve for the algebraic unknowns of a packed point, near their solution, and for their
  * sensitivities. Return a positive number if Newton's method fails. */
 int cotree_run_solve_packed(cotree_run *run, cotree_real t, cotree_real *packed);
 
-#endif
-#if COTREE_HAS_CONSTRAINTS
 /* Return the point at which rates are evaluated: z, or its projection, valid until the next
  * call. */
 const cotree_real *cotree_run_held(cotree_run *run, cotree_real t, const cotree_real *z);
 
-#endif
-#if COTREE_HAS_IMPLICIT
 /* Compute the Jacobian of the states' rates with algebraic unknowns eliminated: n_rates rows. */
 int cotree_run_jacobian(cotree_real t, const cotree_real *w, cotree_real *matrix, void *context);
 
-#endif
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_EVENTS
 /* Return whether there are constraints to project onto. */
 int cotree_run_is_constrained(const cotree_run *run);
 
-#endif
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 /* Return whether an integrator has to project. */
 int cotree_run_is_projected(const cotree_run *run);
 
-#endif
 /* Compute run->full, all states and sensitivities. */
 int cotree_run_complete(cotree_run *run, cotree_real t, const cotree_real *w);
 
 /* Compute run->full, all states and sensitivities; call the helper if the iterations here fail. */
 int cotree_run_find(cotree_run *run, cotree_real t, const cotree_real *w);
 
-#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_EVENTS
 /* Compute the states of run->full, without sensitivities; call the helper if the iterations here
  * fail. */
 int cotree_run_find_states(cotree_run *run, cotree_real t, const cotree_real *w);
 
-#endif
 /* Return the time nearest to t inside the segment. */
 cotree_real cotree_run_inside(const cotree_run *run, cotree_real t);
 
-#if COTREE_HAS_ALGEBRAIC
 /* Compute the rates of the algebraic unknowns that keep the residuals zero, if these change at
  * rates g at the states x. */
 int cotree_run_follow(cotree_run *run, cotree_real t, const cotree_real *x, const cotree_real *g,
                       cotree_real *rates);
 
-#endif
-#if COTREE_HAS_MOVING_CORNERS
 /* Compute the rates before a time event. After low and high are those of the next segment,
  * compute the rates after it, and apply the jump of the sensitivities. A point has n entries:
  * run->n, or n_packed. */
@@ -268,7 +232,6 @@ int cotree_run_left_rates(cotree_run *run, cotree_real t, const cotree_real *poi
 int cotree_run_jump_sensitivities(cotree_run *run, cotree_real t, cotree_real *point, int n,
                                   cotree_corner_sensitivity *crossing);
 
-#endif
 COTREE_END_DECLS
 
 #endif

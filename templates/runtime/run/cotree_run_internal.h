@@ -10,32 +10,19 @@
 #include "cotree_iteration.h"
 #endif
 
-#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_CONSTRAINTS
 #define ROUNDING (COTREE_F(4.0) * COTREE_EPSILON)
-#endif
 #define N_STATES (run->model->n_states)
-#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT
 #define N_ALGEBRAIC (run->model->n_algebraic)
-#endif
-#if COTREE_HAS_ALGEBRAIC || COTREE_HAS_IMPLICIT || COTREE_HAS_SENSITIVITIES
 #define N_RATES (run->n_rates)
-#endif
 
 /* cotree_run.c */
-#if COTREE_HAS_SENSITIVITIES
 COTREE_PRIVATE void cotree_pack(const cotree_run *run, int n, const cotree_real *s,
                                 cotree_real *packed);
-#endif
-#if COTREE_HAS_ALGEBRAIC
 COTREE_PRIVATE int cotree_prepare_point(cotree_run *run, cotree_real t, const cotree_real *w);
-#endif
 
-#if COTREE_HAS_CONSTRAINTS
 /* cotree_projection.c */
 COTREE_PRIVATE int cotree_are_rates_projected(const cotree_run *run);
-#endif
 
-#if COTREE_HAS_ALGEBRAIC
 /* cotree_algebraic.c */
 COTREE_PRIVATE int cotree_guess_place(const cotree_run *run, cotree_real t, int rank);
 COTREE_PRIVATE int cotree_solve_linearised(const cotree_run *run, const cotree_real *g,
@@ -44,15 +31,12 @@ COTREE_PRIVATE int cotree_linearise(cotree_run *run, cotree_real t, const cotree
 COTREE_PRIVATE void cotree_store_guess(cotree_run *run, cotree_real t, const cotree_real *x);
 COTREE_PRIVATE int cotree_solve_unknowns(cotree_run *run, cotree_real t, int is_near,
                                          cotree_real goal, cotree_real near_zero, int *is_wide);
-#if COTREE_HAS_SENSITIVITIES
 COTREE_PRIVATE int cotree_solve_unknown_sensitivities(cotree_run *run, cotree_real t,
                                                       const cotree_real *s);
-#endif
 COTREE_PRIVATE int cotree_reduced_rate(cotree_run *run, cotree_real t, const cotree_real *w,
                                        cotree_real *dw);
 COTREE_PRIVATE int cotree_extended_rate(cotree_run *run, cotree_real t, const cotree_real *w,
                                         cotree_real *dw);
 COTREE_PRIVATE int cotree_project_unknowns(cotree_run *run, cotree_real t, cotree_real *w);
-#endif
 
 #endif

@@ -62,11 +62,9 @@ typedef struct cotree_assembly {
 void cotree_assembly_init(cotree_assembly *a, cotree_run *run, const cotree_assembly_tables *tables,
                           cotree_arena *arena);
 
-#if COTREE_HAS_MENDING
 /* Move given values, those of the highest rank first, if nothing else can move. */
 void cotree_assembly_report_to(cotree_assembly *a, cotree_start_report *report,
                                cotree_arena *arena);
-#endif
 
 /* Compute length, the median lever arm (translation per rotation) of the constraint gradients. */
 int cotree_assembly_measure(cotree_assembly *a, cotree_real t, const cotree_real *x);
@@ -82,12 +80,10 @@ cotree_real cotree_pseudo_random(int n);
 /* Return whether constraints are dependent at x, or so nearly that rates are evaluated on them. */
 int cotree_assembly_is_dependent(cotree_assembly *a, cotree_real t, const cotree_real *x);
 
-#if COTREE_HAS_MENDING
 /* Compute the gradients of the constraints of speeds, rows of n_speeds, the longest of each group
  * as one, and the singular value below which they are nearly dependent. */
 int cotree_assembly_gradients(cotree_assembly *a, cotree_real t, const cotree_real *x,
                               cotree_real *rows, cotree_real *weakest);
-#endif
 
 /* Normalise quaternions. Return COTREE_ASSEMBLY_VIOLATED if one is zero. */
 int cotree_assembly_normalise(const cotree_assembly *a, cotree_real *x);

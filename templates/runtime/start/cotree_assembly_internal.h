@@ -42,7 +42,6 @@ COTREE_PRIVATE int cotree_assembly_iterate(cotree_assembly *a, cotree_real t, co
                                            int level, cotree_real *residual);
 COTREE_PRIVATE cotree_real cotree_assembly_change_of(const cotree_assembly *a, int row, int column);
 
-#if COTREE_HAS_MENDING
 /* cotree_assembly_mend.c */
 COTREE_PRIVATE void cotree_assembly_factorise_given(cotree_assembly *a, cotree_real *largest);
 COTREE_PRIVATE void cotree_assembly_solve_given(cotree_assembly *a);
@@ -52,6 +51,5 @@ COTREE_PRIVATE int cotree_assembly_mend(cotree_assembly *a, cotree_real t, cotre
                                         int level, cotree_real met);
 COTREE_PRIVATE int cotree_assembly_follow_with_given(cotree_assembly *a, int level, int column,
                                                      int seed, cotree_real allowed);
-#endif
 
 #endif

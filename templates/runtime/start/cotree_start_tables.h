@@ -39,7 +39,6 @@ typedef struct cotree_start_tables {
     const int *redundant_states; /* from which each follows */
 } cotree_start_tables;
 
-#if COTREE_HAS_MENDING
 /* Given values that move where nothing else satisfies the constraints. Values are states, then
  * conditions; arrays are zero before a start. */
 typedef struct cotree_start_report {
@@ -54,6 +53,5 @@ typedef struct cotree_start_report {
     cotree_real *left; /* all rows: dimensionless residuals of a failure */
     int *follows;      /* values of each sensitivity: 1 if they move with its parameter */
 } cotree_start_report;
-#endif
 
 #endif

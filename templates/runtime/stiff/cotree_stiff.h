@@ -45,13 +45,11 @@ void cotree_stiff_init(cotree_stiff *stiff, cotree_run *run, const cotree_newton
 /* Return the equation for an integrator; its context is the structure. */
 cotree_implicit_equation cotree_stiff_equation(cotree_stiff *stiff);
 
-#if COTREE_HAS_CONSTRAINTS || COTREE_HAS_ALGEBRAIC
 /* Return whether points need a projection. cotree_stiff_project projects a point onto the
  * constraints, and the algebraic unknowns with their sensitivities onto their equations. */
 int cotree_stiff_is_projected(const cotree_stiff *stiff);
 int cotree_stiff_project(cotree_real t, cotree_real *z, void *context);
 
-#endif
 /* Write z to run->full, with algebraic unknowns that solve their equations within rounding. */
 int cotree_stiff_complete(cotree_stiff *stiff, cotree_real t, const cotree_real *z);
 
