@@ -1,10 +1,9 @@
 /* cotree_run.h: a model in the form w' = f(t, w) for integrators.
  * Part of the runtime of cotree, the same for every model.
  *
- * w holds the states, then their sensitivities by parameter, without those that vanish at all
- * times. Algebraic unknowns are not part of w: they are solved for at each point. If the model
- * has rates for them, they may be part of w (cotree_run_extend between init and narrow, and
- * d.project), but not their sensitivities. Constraints are satisfied by projection.
+ * w holds the states, then their sensitivities by parameter without those that always vanish.
+ * Algebraic unknowns are solved for at each point; if the model has rates for them, they may be
+ * part of w (cotree_run_extend between init and narrow). Constraints are satisfied by projection.
  *
  *     cotree_run run;
  *     cotree_arena arena = {NULL, 0};
@@ -85,9 +84,8 @@ typedef struct cotree_run {
     cotree_real correction; /* the largest change of a state by a projection, as a share of the
                                state or of 1 */
 #endif
-    cotree_real rtol; /* of the integration; algebraic unknowns are solved to a share of it; 0: to
-                         rounding */
-    cotree_real atol; /* absolute tolerance of algebraic unknowns; 1e-10 by default */
+    cotree_real rtol;      /* algebraic unknowns are solved to a share of it; 0: to rounding */
+    cotree_real atol;      /* absolute tolerance of algebraic unknowns; 1e-10 by default */
     cotree_real low, high; /* bounds of evaluations: the segment without its jumps */
     cotree_real *full;     /* the last complete point */
     int n;                 /* length of w */
