@@ -434,7 +434,7 @@ class _Switched:
         self.held = self.pieces(t, x)
 
 
-@np.errstate(over="ignore")  # a scene that grows is not compared
+@np.errstate(over="ignore", invalid="ignore")  # a scene that grows is not compared
 def solve(made: Made, q: float, d: float = 0.0, start: Sequence[float] | None = None) -> Reference:
     """Integrate from surface to surface."""
     f, t = _Switched(made, q, d), 0.0
