@@ -63,7 +63,8 @@ def _one_freedom(hinges, torque, start, speed, gravity):
 MOTIONS = {
     "at rest": ("0.1", 1.1, 0.0, 0.0),
     "breaking away": ("0.38*t", 1.1, 0.0, 0.0),
-    "stopping": ("0.1", 1.1, 1.0, 0.0),
+    # Within 2.2 s no motion reaches the position in one line, where it could go on in two ways.
+    "stopping": ("0.05", 1.1, 0.5, 0.0),
     "to and fro": ("cos(3*t)", 1.1, 0.0, 0.0),
     "under its weight": ("0", -0.9, 0.0, G),
 }
