@@ -129,7 +129,7 @@ def _is_whole(power: ast.expr) -> bool:
 
 
 def _with(whole: ast.expr, part: ast.expr, by: ast.expr) -> ast.expr:
-    """Copy a tree with one part replaced; the part is identified by identity, not by its text."""
+    """Copy a tree with one part replaced; the part is that object, not an equal one."""
     return map_tree(whole, lambda own: by if own is part else None)
 
 
@@ -214,9 +214,9 @@ def check_contents(scene: SceneDescription, edge: Edge) -> None:
         if may_jump(value, moving, time):
             what = f"port '{port.port}' of edge" if port.port else "edge"
             raise SceneError(
-                f"the {what} '{edge.name}' holds is discontinuous, or its continuity is not "
-                "proved, which would cause an impulse in a storage; use expressions whose "
-                "branches agree at their boundaries, for all values of the parameters"
+                f"the content of {what} '{edge.name}' is discontinuous, or its continuity is not "
+                "proved: a jump would be an impulse in a storage; use expressions whose branches "
+                "agree at their boundaries, for all values of the parameters"
             )
 
 
