@@ -61,8 +61,8 @@ def lint(
     kept = [row for row in found if not is_allowed(row.rule, row.name, allowed)]
     for entry in dict.fromkeys(allowed):
         if not any(is_allowed(row.rule, row.name, (entry,)) for row in found):
-            told = f"allow has '{entry}', but there is no such finding: remove it"
-            kept.append(Finding("unused-allow", "scene", entry, told))
+            message = f"allow has '{entry}', but there is no such finding: remove it"
+            kept.append(Finding("unused-allow", "scene", entry, message))
     return tuple(_with_lines(scene, kept))
 
 
@@ -78,8 +78,8 @@ def _once_in_parts(scene: SceneDescription, found: Iterable[Finding]) -> Iterabl
         key = (row.rule, row.kind, id(part.scene), local)
         if key not in seen and not is_allowed(row.rule, local, part.scene.allowed):
             seen.add(key)
-            told = origin_note(f"'{row.name}'", scene.members, scene)
-            yield replace(row, message=f"{row.message}{told}")
+            message = origin_note(f"'{row.name}'", scene.members, scene)
+            yield replace(row, message=f"{row.message}{message}")
 
 
 def dangling_hint(scene: SceneDescription) -> str:
@@ -109,8 +109,8 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
                 acting = lower_discontinuities(scene, has_sensitivities=False)
                 formulate(acting, (), None, 0.0, check_numbers)
     except Error as error:
-        told = f"{error}{dangling_hint(scene)}"
-        yield Finding("refused", *_culprit(scene, told), told, "error")
+        message = f"{error}{dangling_hint(scene)}"
+        yield Finding("refused", *_culprit(scene, message), message, "error")
 
 
 def _culprit(scene: SceneDescription, message: str) -> tuple[str, str]:

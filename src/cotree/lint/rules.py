@@ -117,8 +117,8 @@ def name_findings(scene: SceneDescription) -> Iterator[Finding]:
             if own and name not in used:
                 close = look_alike(name, used & {*scene.parameters, *scene.inputs})
                 hint = f"; did you mean it instead of '{close}'?" if close else ""
-                told = f"{kind} '{name}' is unused: remove it, or use it{hint}"
-                yield Finding(f"unused-{kind}", kind, name, told)
+                message = f"{kind} '{name}' is unused: remove it, or use it{hint}"
+                yield Finding(f"unused-{kind}", kind, name, message)
     yield from _similar(scene)
 
 
@@ -178,8 +178,8 @@ def _similar(scene: SceneDescription) -> Iterator[Finding]:
                 # Textbooks draw a hydraulic node c beside a mechanical C like this.
                 if kind == "node" and not domains.get(name, set()) & domains.get(other, set()):
                     continue
-                told = f"{own} '{name}' and '{other}' differ only in upper and lower case"
-                yield Finding("similar-names", own, name, f"{told}: are they the same?")
+                message = f"{own} '{name}' and '{other}' differ only in upper and lower case"
+                yield Finding("similar-names", own, name, f"{message}: are they the same?")
 
 
 def _kind(scene: SceneDescription, name: str) -> str:
@@ -211,14 +211,14 @@ def topology_findings(scene: SceneDescription) -> Iterator[Finding]:
     yield from dangling_nodes(scene)
     for node in scene.nodes:
         if node != "ground" and node.lower() in _GROUNDS:
-            told = f"node '{node}' is an ordinary node: did you mean 'ground'?"
-            yield Finding("similar-names", "node", node, told)
+            message = f"node '{node}' is an ordinary node: did you mean 'ground'?"
+            yield Finding("similar-names", "node", node, message)
     for edge in scene.edges.values():
         if _is_shorted(edge):
-            told = (
+            message = (
                 f"both ends of edge '{edge.name}' are at node '{edge.nodes[0]}': it has no effect"
             )
-            yield Finding("shorted", "edge", edge.name, told)
+            yield Finding("shorted", "edge", edge.name, message)
 
 
 def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterator[Finding]:
@@ -256,8 +256,8 @@ def dangling_nodes(scene: SceneDescription, is_refused: bool = False) -> Iterato
         if close and len(touching[close]) == 1:  # either may be misspelt
             other = touching[close][0].name
             hint = f", and '{close}' by edge '{other}' only: did you mean one node?"
-        told = f"node '{node}' is connected to edge '{edge.name}' only{hint}"
-        yield Finding("dangling-node", "node", node, told)
+        message = f"node '{node}' is connected to edge '{edge.name}' only{hint}"
+        yield Finding("dangling-node", "node", node, message)
 
 
 def _owners(name: str) -> Iterator[str]:
@@ -359,15 +359,15 @@ def _dimensions(scene: SceneDescription) -> Iterator[Finding]:
             continue
         dimensions = Dimensions(known)
         found, stated = dimensions.of(value.tree), dimension_of_unit(unit)
-        told = f"{what} is '{value.text}'"
+        message = f"{what} is '{value.text}'"
         for fault in dimensions.faults:
-            yield Finding("dimension", kind, name, f"{told}, where {fault}")
+            yield Finding("dimension", kind, name, f"{message}, where {fault}")
         is_table = type(value) is not Expression  # its expression is the argument of a table
         if found is None or stated is None or dimensions.faults or is_table:
             continue
         if not same_dimension(found, stated):
             yield Finding(
-                "dimension", kind, name, f"{told} in {unit_text(found)}, but is in {unit}"
+                "dimension", kind, name, f"{message} in {unit_text(found)}, but is in {unit}"
             )
 
 
@@ -385,8 +385,8 @@ def _shared(scene: SceneDescription) -> Iterator[Finding]:
         for unit, other in others:
             own = dimension_of_unit(unit)
             if dimension and own and not same_dimension(dimension, own):
-                told = f"parameter '{name}' is {what}, in {first}, and {other}, in {unit}"
-                yield Finding("dimension", "parameter", name, f"{told}: give each its own")
+                message = f"parameter '{name}' is {what}, in {first}, and {other}, in {unit}"
+                yield Finding("dimension", "parameter", name, f"{message}: give each its own")
                 break
 
 
@@ -415,8 +415,8 @@ def _magnitudes(scene: SceneDescription) -> Iterator[Finding]:
     known = _values(scene)
     gravity = math.hypot(*(_number(item, known) for item in scene.gravity))
     if gravity > _LARGEST_GRAVITY:
-        told = f"gravity is {gravity:.4g} m/s^2: is its unit correct?"
-        yield Finding("magnitude", "scene", scene.name, told)
+        message = f"gravity is {gravity:.4g} m/s^2: is its unit correct?"
+        yield Finding("magnitude", "scene", scene.name, message)
     for edge in scene.edges.values():
         yield from _edge_magnitudes(edge, known)
 
@@ -425,31 +425,31 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
     for what, unit, value in stated_values(edge):
         size = abs(_number(value, known))
         is_initial = what.startswith("initial")
-        told = ""
+        message = ""
         if unit == "m" and edge.component.role is Role.ARM and size >= _LONGEST_ARM:
-            told = 'm: if millimetres are meant, write unit = "mm"'
+            message = 'm: if millimetres are meant, write unit = "mm"'
         elif unit == "rad" and size > _LARGEST_ANGLE and (is_initial or "rotation" in what):
-            told = 'rad: if degrees are meant, write unit = "deg"'
+            message = 'rad: if degrees are meant, write unit = "deg"'
         elif edge.component.name in _LARGEST and size > _LARGEST[edge.component.name]:
-            told = f"{unit}: is a prefix missing?"
-        if told:
-            yield Finding("magnitude", "edge", edge.name, f"{what} is {size:.6g} {told}")
+            message = f"{unit}: is a prefix missing?"
+        if message:
+            yield Finding("magnitude", "edge", edge.name, f"{what} is {size:.6g} {message}")
             return
     for row in edge.component.fields:
         given = edge.fields.get(row.name)
         if row.sign == "nonzero" and isinstance(given, Expression) and _number(given, known) < 0.0:
-            told = (
+            message = (
                 f"{row.name} of edge '{edge.name}' is {_number(given, known):.6g}: it "
                 "supplies energy; is the sign correct?"
             )
-            yield Finding("magnitude", "edge", edge.name, told)
+            yield Finding("magnitude", "edge", edge.name, message)
             return
 
 
 def _inertias(scene: SceneDescription) -> Iterator[Finding]:
     try:
-        for name, told in (*inertia_faults(scene), *tiny_masses(scene)):
-            yield Finding("inertia", "edge", name, told)
+        for name, message in (*inertia_faults(scene), *tiny_masses(scene)):
+            yield Finding("inertia", "edge", name, message)
     except Error:
         return  # another rule reports it
     known = _values(scene)
@@ -458,8 +458,8 @@ def _inertias(scene: SceneDescription) -> Iterator[Finding]:
             continue
         given = [e for name in ("mass", "inertia") for e in entries(edge.fields.get(name))]
         if given and all(_number(entry, known) == 0.0 for entry in given):
-            told = f"edge '{edge.name}' has neither mass nor inertia: it has no effect"
-            yield Finding("inertia", "edge", edge.name, told)
+            message = f"edge '{edge.name}' has neither mass nor inertia: it has no effect"
+            yield Finding("inertia", "edge", edge.name, message)
 
 
 def _constants(scene: SceneDescription) -> Iterator[Finding]:
@@ -474,8 +474,8 @@ def _constants(scene: SceneDescription) -> Iterator[Finding]:
         except Error:
             continue  # it has no value, which another rule reports
         if found is not None:
-            told = f"{what} is '{value.text}', which is {found:.6g} for any values of its names"
-            yield Finding("constant", kind, name, told)
+            message = f"{what} is '{value.text}', which is {found:.6g} for any values of its names"
+            yield Finding("constant", kind, name, message)
 
 
 def _without_effect(scene: SceneDescription) -> Iterator[Finding]:
@@ -489,13 +489,13 @@ def _without_effect(scene: SceneDescription) -> Iterator[Finding]:
         given = list(chain.from_iterable(entries(value) for value in edge.fields.values()))
         is_plain = all(entry.number is not None for entry in given)
         if given and is_plain and all(_number(entry, known) == 0.0 for entry in given):
-            told = (
+            message = (
                 f"edge '{edge.name}' of type '{edge.component.name}' has no effect: all "
                 "its values are zero"
             )
-            yield Finding("no-effect", "edge", edge.name, told)
+            yield Finding("no-effect", "edge", edge.name, message)
     set_by_events = {name for event in scene.events.values() for name in event.set}
     for name, mode in scene.modes.items():
         if name not in set_by_events and not mode.is_jump:
-            told = f"mode '{name}' is set by no event: it is constant, like a parameter"
-            yield Finding("no-effect", "mode", name, told)
+            message = f"mode '{name}' is set by no event: it is constant, like a parameter"
+            yield Finding("no-effect", "mode", name, message)
