@@ -192,7 +192,7 @@ VERDICTS = {
     ),
     "EVENTS_LEAVES_JUMP": (
         "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, and "
-        "when, depends on the side: begin aside of the jump, or let a mode of your own hold what "
+        "when, depends on the side: start away from the jump, or let a mode of your own hold what "
         "sticks"
     ),
     "EVENTS_NOT_COMMUTING": (
@@ -236,7 +236,7 @@ VERDICTS = {
     ),
     "EVENTS_LEAVES_ROOT": (
         "at t = {t:.10g} the argument of a root rests at zero, and the root, whose slope is "
-        "infinite there, drives it away: when it leaves is not unique; begin aside of zero, or "
+        "infinite there, drives it away: when it leaves is not unique; start away from zero, or "
         "write a law with a finite slope there"
     ),
     "EVENTS_BELOW_TOLERANCE": (
