@@ -21,6 +21,7 @@ from cotree import Scene
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from cotree import Model
     from cotree.program import Program
 
 pytestmark = pytest.mark.compiler
@@ -655,26 +656,31 @@ def test_corners_beside_dry_friction(method: str) -> None:
     assert own == pytest.approx(other, abs=2e-8)
 
 
+def _of_fmu(model: Model, path: Path, kind: str, name: str, end: float) -> np.ndarray:
+    """Run a model as an FMU; return the times and one output."""
+    fmpy = pytest.importorskip("fmpy")
+    model.export_fmu(path)
+    return fmpy.simulate_fmu(
+        str(path),
+        stop_time=end,
+        fmi_type=kind,
+        output=[name],
+        relative_tolerance=1e-8,
+        output_interval=0.1,
+        record_events=False,
+    )
+
+
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 def test_fmus_of_a_jump_beside_a_curved_corner(tmp_path: Path, kind: str) -> None:
     """Bounds that belong to the corner alone leave the FMU with it."""
-    fmpy = pytest.importorskip("fmpy")
     scene = Scene("curved")
     law = "where(C.v < 0.5, 2, 1) + abs(sin(9*t) - C.v)"
     scene.edge("I", "current_source", "ground", "a", current=law)
     scene.edge("C", "capacitor", "a", "ground", capacitance=1.0)
     scene.edge("R", "resistor", "a", "ground", resistance=1.0)
     model = scene.compile()
-    model.export_fmu(tmp_path / "curved.fmu")
-    found = fmpy.simulate_fmu(
-        str(tmp_path / "curved.fmu"),
-        stop_time=1,
-        fmi_type=kind,
-        output=["C.v"],
-        relative_tolerance=1e-8,
-        output_interval=0.1,
-        record_events=False,
-    )
+    found = _of_fmu(model, tmp_path / "curved.fmu", kind, "C.v", 1.0)
     exact = model.simulate((0, 1), found["time"], **_TIGHT)
     # The error test steps over corners, which costs it some hundreds of tolerances.
     assert found["C.v"] == pytest.approx(exact["C.v"], abs=1e-5)
@@ -682,17 +688,8 @@ def test_fmus_of_a_jump_beside_a_curved_corner(tmp_path: Path, kind: str) -> Non
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 def test_fmus_leave_corners_to_the_error_test(tmp_path: Path, kind: str) -> None:
-    fmpy = pytest.importorskip("fmpy")
     model = mass(SPRINGS["abs"], {"k1": 4.0, "k2": 1.0}, s_dot=1.0).compile()
-    model.export_fmu(tmp_path / "mass.fmu")
-    found = fmpy.simulate_fmu(
-        str(tmp_path / "mass.fmu"),
-        stop_time=10,
-        fmi_type=kind,
-        output=["j.s"],
-        relative_tolerance=1e-8,
-        output_interval=0.1,
-    )
+    found = _of_fmu(model, tmp_path / "mass.fmu", kind, "j.s", 10.0)
     assert found["j.s"] == pytest.approx(bilinear(found["time"]), abs=1e-5)
 
 
