@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from jinja2 import meta, nodes
 from made_up_scenes import HOSTILE, busy_scene
 
-from cotree.codegen import context as contexts
-from cotree.codegen.context import KernelContext, model_context
+from cotree.codegen.context import KernelContext, ModelContext, model_context
 from cotree.codegen.integrators import STEPPERS, engine_files, shared_files
 from cotree.codegen.maps import MapContext
 from cotree.codegen.model_files import cdef, render_model
@@ -24,9 +23,11 @@ from cotree.codegen.render import environment
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.evaluate import evaluate
 from cotree.dag.nodes import Dag
+from cotree.equations import EventRow, Quantity
 from cotree.files import template_folder
 from cotree.naming import c_comment, c_string
 from cotree.pipeline import formulate, generate
+from cotree.program import Layout
 from cotree.program.passes import run_passes
 
 
@@ -191,7 +192,7 @@ def test_the_digest_follows_the_program_and_not_the_version(program_of, made_up)
 
 def test_contexts_are_plain_data(program_of, scene_name):
     def check(value):
-        if isinstance(value, list):
+        if isinstance(value, (list, tuple, range)):
             for item in value:
                 check(item)
         elif isinstance(value, dict):
@@ -200,18 +201,19 @@ def test_contexts_are_plain_data(program_of, scene_name):
             for field in dataclasses.fields(value):
                 check(getattr(value, field.name))
         else:
-            assert type(value) in (str, int, bool)
+            assert type(value) in (str, int, bool, float, type(None))
 
     check(model_context(program_of(scene_name)))
 
 
 #: What the templates of a model call the contexts that they walk through.
 _VARIABLES = {
-    "model": contexts.ModelContext,
+    "model": ModelContext,
     "kernel": KernelContext,
     "table": Constants,
-    "row": contexts.QuantityContext,
-    "event": contexts.EventContext,
+    "row": Quantity,
+    "event": EventRow,
+    "layout": Layout,
     "map": MapContext,
 }
 _TEMPLATES = [
@@ -238,10 +240,13 @@ def _used():
 
 
 def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
-    # What serves other stages: the flags of the compiler, and the arguments of cotree_abi.h.
-    elsewhere = {"model": {"generator"}, "map": {"n_stack"}}
+    # What serves other stages: the flags of the compiler, of cotree_abi.h, and properties.
+    elsewhere = {"model": {"generator", "upper"}, "map": {"n_stack"}}
     for name, used in _used().items():
-        fields = {field.name for field in dataclasses.fields(_VARIABLES[name])}
+        kind = _VARIABLES[name]
+        if kind in (Quantity, EventRow, Layout):  # rows of the program, which others read, too
+            elsewhere[name] = {*kind.__dataclass_fields__, *vars(kind)}
+        fields = {field.name for field in dataclasses.fields(kind)}
         known = fields | elsewhere.get(name, set())
         assert used <= known, f"{name}: {used - known}"
         unused = fields - used - elsewhere.get(name, set())
@@ -250,13 +255,13 @@ def test_templates_use_the_fields_of_their_contexts_and_all_of_them():
 
 @pytest.mark.parametrize("file", _TEMPLATES)
 def test_templates_read_their_context_only(file):
-    tree = jinja2.Environment().parse((template_folder() / "c" / file).read_text())
+    tree = environment().parse((template_folder() / "c" / file).read_text())
     expected = {"cotree_abi.h.jinja": {"abi_version", "generator", "kernels"}}
     expected |= {"macros.jinja": set()}
     found = meta.find_undeclared_variables(tree)
     # What the target tells every template.
-    told = environment().globals.keys() - jinja2.Environment().globals.keys()
-    assert found - told == expected.get(file, {"model"})
+    target = environment().globals.keys() - jinja2.Environment().globals.keys()
+    assert found - target == expected.get(file, {"model"})
 
 
 def test_counts_in_comments_are_those_of_the_program(made_up):

@@ -31,13 +31,13 @@ from cotree.codegen.node_statements import (
     print_nodes,
     starts_of_maps,
 )
-from cotree.codegen.printing import Body, Constants, constants, function_head, print_body, wrapped
+from cotree.codegen.printing import Body, Constants, constants, function_head, print_body
 from cotree.codegen.runtime import Features
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.multi_output import Function, Table
 from cotree.dag.nodes import ARGUMENT_OF, reachable
 from cotree.dag.operations import OPERATIONS
-from cotree.naming import c_comment, c_identifier, c_string
+from cotree.naming import c_identifier, c_string
 from cotree.quiet import without_collection
 from cotree.version import VERSION
 
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
     from cotree.dag.lookup import LookupData
     from cotree.dag.nodes import Node
-    from cotree.equations import Quantity
     from cotree.program import Kernel, Layout, Program
 
 
@@ -243,108 +242,37 @@ def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
     return unused if kernel.results else [*unused, kernel.spec.result]
 
 
-#: What stands in the place of ``kind`` for a kink, see ``cotree_jumps.h``.
-_KINK, _STEEP_KINK = 11, 12
-
-
-@dataclass(frozen=True)
-class QuantityContext:
-    """A row of a table of names."""
-
-    name: str
-    unit: str
-    doc: str
-    name_literal: str
-    unit_literal: str
-
-
-@dataclass(frozen=True)
-class EnumContext:
-    """Named positions of one kind of quantities."""
-
-    kind: str
-    names: list[str]
-
-
-@dataclass(frozen=True)
-class EventContext:
-    """One event."""
-
-    name_literal: str
-    direction: int
-    is_stop: bool
-    is_jump: int  # above one: what of dry friction or of a rigid stop it looks at
-    is_count: bool
-    n_kept: int
-    n_targets: int
-    targets: list[str]
-    piece: int  # that ends at a corner
-    range: int  # its place among ranges; -1: it has none
-
-
-@dataclass(frozen=True)
-class HybridContext:
-    """Data of a model that its events need; not written for a model without any, or corners."""
-
-    events: list[EventContext]  # then the corners
-    n_corners: int
-    n_pieces: int
-    n_ranges: int
-    n_quantities: int
-    n_jumps: int
-    n_coordinates: int
-    n_speeds: int
-    n_values: int
-    n_rows: int
-    value_rows: list[str]
-    n_quaternions: int
-    quaternions: list[str]
-
-
 @dataclass(frozen=True)
 class ModelContext(KernelFile):
     """One model."""
 
     target: Target
-    name_literal: str
-    upper: str
-    guard: str
+    layout: Layout
+    guards: list[str]  # C literals of the demands of guards
+    n_prepared: int
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
     constants: list[Constants]  # of maps: what columns do not share, and where they begin
     clears_columns: bool
     kernel_pointers: dict[str, str]
-    states: list[QuantityContext]
-    parameters: list[QuantityContext]
-    inputs: list[QuantityContext]
-    outputs: list[QuantityContext]
-    sensitivities: list[str]
-    sensitivity_literals: list[str]
-    guard_literals: list[str]
-    parameter_values: list[str]
-    enums: list[EnumContext]
-    column_starts: list[str]
-    row_indices: list[str]
-    sensitivity_starts: list[str]
-    sensitivity_rows: list[str]
-    n_prepared: int
-    n_guards: int
-    n_nonzeros: int
-    n_reached: int
-    n_constraints: int
-    n_algebraic: int
-    hybrid: HybridContext
+    enums: dict[str, list[str]]  # enumerators by kind of quantity
+
+    @property
+    def upper(self) -> str:
+        """The prefix of macros."""
+        return self.prefix.upper()
 
     def features(self) -> Features:
         """Return what the model uses of the runtime, with an explicit method and no helper."""
+        layout = self.layout
         return Features(
-            sensitivities=bool(self.sensitivities),
-            inputs=bool(self.inputs),
-            algebraic=self.n_algebraic > 0,
-            constraints=self.n_constraints > 0,
-            events=bool(self.hybrid.events),
-            modes=any(1 < row.is_jump < _KINK for row in self.hybrid.events),
+            sensitivities=bool(layout.sensitivities),
+            inputs=bool(layout.inputs),
+            algebraic=layout.n_algebraic > 0,
+            constraints=bool(layout.constraints),
+            events=bool(layout.events or layout.corners),
+            modes=any(row.part > 1 for row in layout.events),
             moving_corners=False,
             implicit=False,
             helper=False,
@@ -396,9 +324,9 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     return ModelContext(
         **file_fields(layout.name, nodes, kernels, target=target),
         target=target,
-        name_literal=c_string(layout.name),
-        upper=prefix.upper(),
-        guard=f"COTREE_MODEL_{prefix.upper()}_H",
+        layout=layout,
+        guards=[f"{c_string(guard.demand)}," for guard in program.guards],
+        n_prepared=program.n_prepared,
         uses_vectors=packs_sines or bool(maps),
         packs_sines=packs_sines,
         maps=contexts,
@@ -410,94 +338,24 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
             k.spec.field: f"{prefix}_{k.spec.name}" if k in present else "NULL"
             for k in program.kernels.values()
         },
-        states=[_quantity(row) for row in layout.states],
-        parameters=[_quantity(row) for row in layout.parameters],
-        inputs=[_quantity(row) for row in layout.inputs],
-        outputs=[_quantity(row) for row in layout.outputs],
-        sensitivities=list(layout.sensitivities),
-        sensitivity_literals=wrapped(map(c_string, layout.sensitivities)),
-        guard_literals=[f"{c_string(guard.demand)}," for guard in program.guards],
-        parameter_values=wrapped(map(target.literal, layout.parameter_values)),
         enums=_enums(prefix.upper(), layout),
-        column_starts=wrapped(map(str, layout.column_starts)),
-        row_indices=wrapped(map(str, layout.row_indices)),
-        sensitivity_starts=wrapped(map(str, layout.sensitivity_starts)),
-        sensitivity_rows=wrapped(map(str, layout.sensitivity_rows)),
-        n_reached=len(layout.sensitivity_rows),
-        n_prepared=program.n_prepared,
-        n_guards=len(program.guards),
-        n_nonzeros=len(layout.row_indices),
-        n_constraints=len(layout.constraints),
-        n_algebraic=layout.n_algebraic,
-        hybrid=_hybrid_context(layout),
     )
 
 
-def _hybrid_context(layout: Layout) -> HybridContext:
-    places = layout.ranges
-    events = [
-        EventContext(
-            c_string(row.name),
-            row.direction,
-            row.is_stop,
-            row.part or int(row.is_jump),
-            row.is_count,
-            len(row.kept),
-            len(row.targets),
-            wrapped(map(str, row.targets)),
-            piece=0,
-            range=place,
-        )
-        for row, place in zip(layout.events, places, strict=False)
-    ]
-    events += [
-        EventContext(
-            c_string(""),
-            direction,
-            False,
-            _STEEP_KINK if is_steep else _KINK,
-            False,
-            0,
-            0,
-            [],
-            piece,
-            place,
-        )
-        for (piece, direction, is_steep), place in zip(
-            layout.corners, places[len(layout.events) :], strict=True
-        )
-    ]
-    return HybridContext(
-        events,
-        len(layout.corners),
-        layout.n_pieces,
-        1 + max(places, default=-1),
-        layout.n_quantities,
-        sum(event.n_targets for event in events),
-        layout.n_coordinates,
-        layout.n_speeds,
-        len(layout.value_rows),
-        len(layout.constraint_edges),
-        wrapped(map(str, layout.value_rows)),
-        len(layout.quaternions),
-        wrapped(map(str, layout.quaternions)),
-    )
-
-
-def _enums(upper: str, layout: Layout) -> list[EnumContext]:
+def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
     """Name the positions of what a model has, as the scene spells them."""
     rows = {
         "state": [row.name for row in layout.states],
         "parameter": [row.name for row in layout.parameters],
         "input": [row.name for row in layout.inputs],
         "output": [row.name for row in layout.outputs],
-        "sensitivity": list(layout.sensitivities),
+        "sensitivity": layout.sensitivities,
     }
-    return [
-        EnumContext(kind, _enumerators(f"{upper}_{kind.upper()}", names))
+    return {
+        kind: _enumerators(f"{upper}_{kind.upper()}", names)
         for kind, names in rows.items()
         if names
-    ]
+    }
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
@@ -511,9 +369,3 @@ def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
             own = f"{first}_{n}"
         found[own] = None
     return list(found)
-
-
-def _quantity(row: Quantity) -> QuantityContext:
-    return QuantityContext(
-        row.name, c_comment(row.unit), c_comment(row.doc), c_string(row.name), c_string(row.unit)
-    )

@@ -65,12 +65,8 @@ class LanesContext(KernelFile):
     n_full: int
     block: int
     row: int
-    n_states: int
-    n_parameters: int
     n_prepared: int
-    n_inputs: int
     has_outputs: bool
-    n_outputs: int
     n_sensitivities: int
     is_packed: bool  # whether some sensitivities vanish
     stiff: LinearSystem | None
@@ -167,12 +163,8 @@ def lanes_context(
         n_full=n * (1 + n_s),
         block=block,
         row=-(-len(places) // block) * block,
-        n_states=n,
-        n_parameters=len(layout.parameters),
         n_prepared=program.n_prepared,
-        n_inputs=len(layout.inputs),
         has_outputs=has_outputs,
-        n_outputs=len(layout.outputs),
         n_sensitivities=n_s,
         is_packed=is_packed,
         stiff=stiff,

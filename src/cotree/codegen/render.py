@@ -5,9 +5,11 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING
 
+from cotree.codegen.printing import wrapped
 from cotree.codegen.targets import DOUBLE
 from cotree.errors import CodegenError
 from cotree.files import template_folder
+from cotree.naming import c_comment, c_string
 
 if TYPE_CHECKING:
     import jinja2
@@ -28,7 +30,8 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         The type of numbers. Templates of C write ``{{ real }}`` for the type, ``{{ f }}`` behind
         each literal and each function of ``math.h``, ``{{ DBL }}`` for the beginning of the names
         in ``float.h``, and ask for tolerances and for the ends of the range. With doubles, ``f`` is
-        empty and the others are what they are called.
+        empty and the others are what they are called. Filters write numbers and texts as literals,
+        texts as comments, and items on lines of a readable length.
     is_html : bool
         Whether texts are HTML.
     """
@@ -53,7 +56,13 @@ def environment(target: Target = DOUBLE, *, is_html: bool = False) -> jinja2.Env
         "share": target.share,
         "extreme": target.extreme,
     }
-    made.filters["constant"] = target.constant
+    made.filters |= {
+        "constant": target.constant,
+        "literal": target.literal,
+        "c_string": c_string,
+        "c_comment": c_comment,
+        "filled": lambda items: wrapped(map(str, items)),
+    }
     return made
 
 

@@ -37,7 +37,6 @@ from cotree.export.c_checks import (
 from cotree.export.main_program import METHODS, Numbers, main_context
 from cotree.files import target_path
 from cotree.report import names
-from cotree.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -187,7 +186,7 @@ def write_c_project(
     features = replace(
         model.features(),
         implicit=bool(implicit),
-        moving_corners=bool(main.stops and model.sensitivities) and methods[0] not in FIXED,
+        moving_corners=bool(main.stops and model.layout.sensitivities) and methods[0] not in FIXED,
     )
     texts = dict(render_model(model, features))
     if implicit:
@@ -198,7 +197,7 @@ def write_c_project(
         # needed.
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
-    texts["main.c"] = resolve(text, main.conditions(model))
+    texts["main.c"] = resolve(text, main.conditions())
     texts = project_files(texts, target, features)
     # The model's own file first, then those of every model.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
@@ -271,15 +270,10 @@ class MethodContext:
 class KitContext:
     """The values that the templates of build files receive."""
 
-    #: As in the model's context.
-    title: str
-    prefix: str
-    upper: str
-    generator: str
+    model: ModelContext
     sources: list[str]  # C files of the library
     headers: list[str]  # headers that are installed
     methods: list[MethodContext]  # kernels, for the header for C++
-    parameters: bool  # whether there are parameters
 
 
 def kit_files(
@@ -297,14 +291,10 @@ def kit_files(
     prefix = model.prefix
     wrapper = [f"{prefix}.hpp"] if has_wrapper else []
     kit = KitContext(
-        title=model.title,
-        prefix=prefix,
-        upper=model.upper,
-        generator=VERSION,
+        model=model,
         sources=list(sources),
         headers=[*headers, *wrapper],
         methods=[_method(k, model) for k in program.kernels.values() if _is_wrapped(k)],
-        parameters=bool(model.parameters),
     )
     files = {
         "CMakeLists.txt": "CMakeLists.txt",

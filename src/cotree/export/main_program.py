@@ -62,12 +62,7 @@ class Numbers:
 class MainContext:
     """The values that the template of the main program receives."""
 
-    #: As in the model's context.
-    title: str
-    name_literal: str
-    prefix: str
-    upper: str
-    generator: str
+    model: ModelContext
     integrator: str  # the first method
     methods: list[str]  # all that are compiled in
     implicit: list[str]  # those among them that take a Jacobian
@@ -80,7 +75,6 @@ class MainContext:
     #: kink: the first time, the period or zero, and one where none come before the first.
     stops: list[str]
     max_step: str
-    has_sensitivities: bool  # whether the unknowns are states and sensitivities, or states alone
     seeds: list[int]  # positions of the sensitivity parameters, -1 for initial values
     #: Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
     #: for others.
@@ -88,9 +82,6 @@ class MainContext:
     #: Tables of a start that C finds: it has to satisfy more than the initial values say.
     start_tables: StartTables | None
     guess: list[str]  # lines of C literals: guesses of it, if it needs any
-    n_constraints: int  # number of constraints, with their rates and the norms of quaternions
-    n_algebraic: int  # number of algebraic unknowns among the states
-    n_events: int  # number of events
     is_strict: bool  # whether constraints are dependent, so that rates are taken on them
     step: str  # length of all steps; empty where the step size is controlled
     is_extended: bool  # whether algebraic unknowns are integrated, too
@@ -101,29 +92,29 @@ class MainContext:
     held: list[str]
     most_steps: int  # steps that a run takes at most without an event or a stop
 
-    def conditions(self, model: ModelContext) -> dict[str, bool]:
+    def conditions(self) -> dict[str, bool]:
         """Return the values of the macros that its plain C is selected by."""
-        turns = self.has_sensitivities and bool(self.stops)
+        model, layout = self.model, self.model.layout
         found = {
-            "ALGEBRAIC": self.n_algebraic > 0,
-            "CONSTRAINTS": self.n_constraints > 0,
-            "EVENTS": self.n_events > 0,
+            "ALGEBRAIC": layout.n_algebraic > 0,
+            "CONSTRAINTS": bool(layout.constraints),
+            "EVENTS": bool(layout.events),
             "EXPLICIT": len(self.implicit) < len(self.methods),
             "EXTENDED": self.is_extended,
             "FIXED": bool(self.step),
-            "GUARDS": model.n_guards > 0,
+            "GUARDS": bool(model.guards),
             "GUESS": bool(self.guess),
             "HELD": bool(self.held),
             "LEAST_SIZE": bool(self.least_size),
             "METHODS": len(self.methods) > 1,
-            "OUTPUTS": bool(model.outputs),
-            "PARAMETERS": bool(model.parameters),
+            "OUTPUTS": bool(layout.outputs),
+            "PARAMETERS": bool(layout.parameters),
             "RTOL": self.has_rtol,
             "SIZES": bool(self.sizes),
             "START": bool(self.start),
             "STOPS": bool(self.stops),
             "TABLES": self.start_tables is not None,
-            "TURNS": turns,
+            "TURNS": bool(layout.sensitivities and self.stops),
         }
         return {f"COTREE_MAIN_{name}": value for name, value in found.items()}
 
@@ -151,11 +142,7 @@ def main_context(
     has_explicit = len(implicit) < len(methods)
     least = min(1.0, *sizes) if sizes else 1.0
     return MainContext(
-        title=model.title,
-        name_literal=model.name_literal,
-        prefix=model.prefix,
-        upper=model.upper,
-        generator=model.generator,
+        model=model,
         integrator=methods[0],
         methods=list(methods),
         implicit=implicit,
@@ -166,14 +153,10 @@ def main_context(
         # Steps of one length pass over these.
         stops=[] if numbers.step is not None else _stop_rows(program, target),
         max_step=_max_step(program, target),
-        has_sensitivities=bool(model.sensitivities),
         seeds=_seeds(program),
         start=[] if start is None or is_found else _lines(start.z, target),
         start_tables=start_tables(program.layout) if start is not None and is_found else None,
         guess=_guess(program, start, target) if start is not None and is_found else [],
-        n_constraints=model.n_constraints,
-        n_algebraic=model.n_algebraic,
-        n_events=len(program.layout.events),
         is_strict=is_strict,
         step="" if numbers.step is None else target.literal(numbers.step),
         is_extended=has_explicit and program.can_extend and not program.layout.events,

@@ -28,7 +28,7 @@ from cotree.codegen.start_tables import StartTables, start_tables
 from cotree.codegen.targets import DOUBLE
 from cotree.dag.derivative import tangents_along
 from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, substitute
-from cotree.naming import c_identifier, c_string
+from cotree.naming import c_identifier
 from cotree.program.kernels import KernelSpec
 from cotree.program.program import Kernel
 from cotree.scene.settings import MOST_EVENTS, MOST_STEPS
@@ -185,36 +185,18 @@ def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], 
 
 
 @dataclass(frozen=True)
-class PatternContext:
-    """A matrix of derivatives, and the field of ``fmu_tables`` that it is."""
-
-    name: str
-    field: str
-    n_rows: int
-    n_columns: int
-    n_nonzeros: int
-
-
-@dataclass(frozen=True)
 class TablesContext(KernelFile):
     """Data of the template of a model's tables; flags and fields are those of ``fmu_tables``."""
 
-    token_literal: str
-    integrator: str
+    facts: Facts
+    further: FmuKernels
     is_implicit: bool
     flags: list[str]
     fields: list[str]
-    n_inputs: int
-    rtol: str
-    atol: str
-    span: str
     most_steps: int
     most_events: int
-    n_stops: int
-    has_stops: bool
-    n_limits: int
     start_tables: StartTables
-    patterns: list[PatternContext]
+    patterns: dict[str, Partials]
     arrays: list[Constants]
 
 
@@ -323,26 +305,16 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
     }
     return TablesContext(
         **file_fields(layout.name, nodes, contexts, [*further, facts.token]),
-        token_literal=c_string(facts.token),
-        integrator=facts.integrator,
+        facts=facts,
+        further=kernels,
         is_implicit=is_implicit,
         flags=[name for name, holds in flags.items() if holds],
         fields=[array.name for array in own],
-        n_inputs=len(facts.outside),
-        rtol=DOUBLE.literal(facts.rtol),
-        atol=DOUBLE.literal(facts.atol),
-        span=DOUBLE.literal(facts.t_end),
         most_steps=MOST_STEPS,
         most_events=MOST_EVENTS,
-        n_stops=len(kernels.starts),
-        has_stops=kernels.stops is not None,
-        n_limits=kernels.n_limits,
         # An operating point satisfies equations of its own.
         start_tables=replace(own_tables, redundant=()) if facts.is_at_rest else own_tables,
-        patterns=[
-            PatternContext(own.name, name, own.n_rows, own.n_columns, len(own.rows))
-            for name, own in patterns.items()
-        ],
+        patterns=patterns,
         arrays=arrays,
     )
 
