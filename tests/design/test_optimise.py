@@ -111,6 +111,12 @@ def test_more_starts_find_the_global_minimum(scene):
     assert several.objective < one.objective - 0.5
     assert several["c"] == pytest.approx(math.pi - math.asin(0.1), rel=1e-4)
     assert len(several.starts) == 6
+    # Without an upper bound the starts extend to twice the guess.
+    open_above = cotree.optimise(
+        scene, goal, {"c": (0, math.inf)}, guess={"c": 16.0}, starts=6, seed=1
+    )
+    assert len(set(open_above.starts)) > 1
+    assert open_above.objective < one.objective - 0.5
 
 
 def test_infeasible_constraints_are_named(scene):
@@ -124,9 +130,9 @@ def test_infeasible_constraints_are_named(scene):
     ("minimise", "over", "more", "sentence"),
     [
         ("j.s", {"q": (1, 2)}, {}, "over names 'q', which is no parameter"),
-        ("j.s", {"c": (2, 1)}, {}, "the lower bound must be below the upper one"),
+        ("j.s", {"c": (2, 1)}, {}, "the lower one must be below the upper one"),
         ("j.s", {"c": (1, 1, 1, 1)}, {}, r"give \(lower, upper\)"),
-        ("j.s", {"c": (-1, 2, "log")}, {}, "give a positive lower bound"),
+        ("j.s", {"c": (-1, 2, "log")}, {}, "bounds must not be negative"),
         ("j.s", {"idle": (1, 2)}, {}, "nothing depends on 'idle'"),
         ("k", {"c": (1, 2)}, {}, "the objective does not change with 'c'"),
         ("end(j.q)", {"c": (1, 2)}, {}, "'j.q' in a goal: edge 'j' has no variable 'q'"),
@@ -155,7 +161,6 @@ def test_infeasible_constraints_are_named(scene):
         ("c", {"c": (1, 2)}, {"guess": 3}, "guess is 3: give a mapping"),
         ("c", {"c": (1, 2)}, {"tolerance": -1}, "tolerance is -1: give a positive number"),
         ("c", {"c": (1, 2)}, {"max_iterations": 0}, "max_iterations is 0: give a whole number"),
-        ("c", {"c": (1, math.inf)}, {"starts": 3}, "starts are drawn between bounds"),
         ("c", {"c": (1, 2)}, {"starts": 3, "seed": -1}, "seed is -1: give a whole number"),
         ("integral(j.q**2)", {"c": (1, 2)}, {}, r"'j.q \*\* 2' in a goal uses 'j.q', which is no"),
     ],

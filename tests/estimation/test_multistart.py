@@ -10,8 +10,7 @@ import pytest
 import cotree
 from cotree import Settings
 from cotree.estimation.conditions import Condition, Measured
-from cotree.estimation.estimated import Estimated
-from cotree.estimation.fit import spread_starts
+from cotree.estimation.estimated import Estimated, spread_starts
 from cotree.estimation.multistart import Search, SquareRows, minimise_from_starts
 from cotree.estimation.problem import Problem
 
@@ -65,7 +64,7 @@ def test_estimated_noise_is_the_root_mean_square_of_the_residuals(circuit):
     given = problem_of(circuit, 0.05)
     (plain,) = minimise_from_starts(given, [given.theta()])
     problem = problem_of(circuit, "sigma")
-    best, *_ = minimise_from_starts(problem, spread_starts(problem, 3, seed=1))
+    best, *_ = minimise_from_starts(problem, spread_starts(problem.estimated, 3, seed=1))
     (found,) = problem.predict([best.theta])
     rms = np.sqrt(np.mean((found.values - problem.measured.value) ** 2))
     assert best.is_converged
@@ -78,7 +77,7 @@ def test_estimated_noise_is_the_root_mean_square_of_the_residuals(circuit):
 
 def test_the_result_of_a_start_does_not_depend_on_other_starts(circuit):
     problem = problem_of(circuit, 0.05)
-    starts = spread_starts(problem, 5, seed=4)
+    starts = spread_starts(problem.estimated, 5, seed=4)
     together = minimise_from_starts(problem, starts)
     assert [row.objective for row in together] == sorted(row.objective for row in together)
     for row in together:
@@ -89,7 +88,7 @@ def test_the_result_of_a_start_does_not_depend_on_other_starts(circuit):
 
 def test_starts_are_reproducible_and_the_guess_comes_first(circuit):
     problem = problem_of(circuit, 0.05)
-    a, b = spread_starts(problem, 8, seed=4), spread_starts(problem, 8, seed=4)
+    a, b = spread_starts(problem.estimated, 8, seed=4), spread_starts(problem.estimated, 8, seed=4)
     assert np.array_equal(a, b)
     assert a[0] == pytest.approx([math.log(2.0), 3.0])
     assert np.all(a >= problem.scaled.lower)
@@ -101,7 +100,7 @@ def test_starts_are_reproducible_and_the_guess_comes_first(circuit):
 
 def test_many_starts_are_searched_in_blocks(circuit, monkeypatch):
     problem = problem_of(circuit, 0.05)
-    points = spread_starts(problem, 7)
+    points = spread_starts(problem.estimated, 7)
     together = minimise_from_starts(problem, points)
     monkeypatch.setattr("cotree.estimation.multistart._SIDE_BY_SIDE", 3)
     apart = minimise_from_starts(problem, points)

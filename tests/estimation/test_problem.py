@@ -161,5 +161,5 @@ def test_invalid_bounds_and_scales_are_refused():
         Estimated("k", 2.0, 1.0)
     with pytest.raises(cotree.ParameterError, match="bounds must not be negative"):
         Estimated("k", -1.0, 1.0, "log")
-    with pytest.raises(cotree.ParameterError, match="the scale of estimated parameter 'k'"):
+    with pytest.raises(cotree.ParameterError, match="the scale of 'k'"):
         Estimated("k", 1.0, 2.0, "ln")

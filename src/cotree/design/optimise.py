@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.arguments import check_mapping, check_names, check_whole
+from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.design.design import ConditionValue, Design
 from cotree.design.evaluation import Evaluation
 from cotree.design.goals import Goals, scene_of, variant_of
 from cotree.design.search import (
     MET,
     OPTIMAL,
-    Scale,
     Search,
-    check_method,
-    drawn_starts,
-    read_scales,
+    Space,
+    read_variables,
 )
 from cotree.errors import Error, ParameterError, SolveError, brief, check_known, listed
 from cotree.model.start import scene_start
@@ -127,7 +125,8 @@ def optimise(
     >>> round(best["c"], 3)  # the closed form is sqrt(k m)
     9.487
     """
-    described, method = scene_of(system), check_method(method)
+    described, method = scene_of(system), str(method).lower()
+    check_choice(method, "method (that of the runs is solver)", ("slsqp", "trust-constr"))
     texts = check_names(subject_to, "subject_to", "conditions in quotes")
     tolerance = check_positive(tolerance, "tolerance")
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
@@ -137,7 +136,8 @@ def optimise(
     check_known(own, described.parameters, "over names", after, ParameterError)
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
     guess = check_mapping(guess, "guess")
-    read_scales(dict(over) if isinstance(over, Mapping) else over, {}, guess)
+    starts, seed = check_whole(starts, "starts", 1), seed and check_whole(seed, "seed")
+    read_variables(over, {}, guess)
     model, found = variant_of(system, described, goals.quantities, names)
     given: dict[str, Any] = {
         "t_span": t_span,
@@ -150,15 +150,15 @@ def optimise(
     common = settings_from(described.defaults, given)
     scenarios = _scenarios(common, runs, names)
     evaluation = Evaluation(model, goals, found, names, scenarios)
-    scales = read_scales(dict(over), _known(model, common), guess)
+    space = Space(read_variables(over, _known(model, common), guess))
     _check_reach(evaluation)
     searches: list[Search] = []
     ends, failures = [], []
-    for start in drawn_starts(scales, starts, seed):
-        search = Search(evaluation, scales)
+    for start in space.starts(starts, seed):
+        search = Search(evaluation, space)
         try:
             if not searches:
-                _check_objective(search, start, scales)
+                _check_objective(search, start)
             ends.append(search.run(start, method, tolerance, max_iterations))
         except ParameterError:
             raise
@@ -227,7 +227,7 @@ def _check_reach(evaluation: Evaluation) -> None:
             )
 
 
-def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> None:
+def _check_objective(search: Search, start: Any) -> None:
     """Refuse an objective that does not depend on any design variable."""
     found = search.point(start)
     if isinstance(found, Error) or np.any(found.gradient):
@@ -235,7 +235,7 @@ def _check_objective(search: Search, start: Any, scales: Sequence[Scale]) -> Non
     # The gradient also vanishes if the start is an optimum, so a second point decides.
     second = search.point(np.asarray(start) * 0.9 + 0.037)
     if not isinstance(second, Error) and not np.any(second.gradient):
-        names = listed(f"'{scale.name}'" for scale in scales)
+        names = listed(f"'{row.name}'" for row in search.space.rows)
         raise ParameterError(
             f"the objective does not change with {names}: vary something that it depends on, or "
             "minimise something else"
@@ -332,11 +332,12 @@ def _message(
             f"{OPTIMAL:.0e}, and the largest violation of a constraint {violation:.1e}; "
             f"{advice}."
         )
+    space = search.space
     at_bound = [
-        f"{scale.name} is at its {which} bound"
-        for scale in search.scales
-        for which, bound in (("lower", scale.low), ("upper", scale.high))
-        if abs(scale.scaled(values[scale.name]) - scale.scaled(bound)) <= MET
+        f"{row.name} is at its {which} bound"
+        for i, row in enumerate(space.rows)
+        for which, bound in (("lower", space.lower[i]), ("upper", space.upper[i]))
+        if abs(search.best[i] - bound) <= MET
     ]
     active = [
         f"'{row.text}' holds with equality"

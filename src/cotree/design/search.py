@@ -6,24 +6,22 @@ step; the gradient is then that of the last point that could be evaluated.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.arguments import check_whole
 from cotree.design.evaluation import Evaluation, Point, trial
-from cotree.errors import Error, ParameterError, brief, check_known
+from cotree.errors import Error, ParameterError, check_known
+from cotree.estimation.estimated import Estimated, Scaled, estimated, spread_starts
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from cotree.model.arrays import Array
 
-
-METHODS = ("slsqp", "trust-constr")
 
 #: Constraints are satisfied if they are violated by less than this, relative to their size at the
 #: start, and active if the distance is less; bounds are active within this share of their distance.
@@ -66,8 +64,8 @@ class Trial:
 class Search:
     """One search from one starting point over scaled design variables."""
 
-    def __init__(self, evaluation: Evaluation, scales: Sequence[Scale]) -> None:
-        self.evaluation, self.scales = evaluation, scales
+    def __init__(self, evaluation: Evaluation, space: Space) -> None:
+        self.evaluation, self.space = evaluation, space
         self.history: list[Trial] = []
         self.best: Array | None = None
         self._last: tuple[bytes, Point | Error] | None = None
@@ -81,8 +79,9 @@ class Search:
         self.sizes = np.ones(len(self.equalities))
 
     def values(self, v: Array) -> dict[str, float]:
-        """Convert scaled coordinates to values by name."""
-        return {s.name: s.value(float(x)) for s, x in zip(self.scales, v, strict=True)}
+        """Convert normalised coordinates to values by name."""
+        names = (row.name for row in self.space.rows)
+        return dict(zip(names, self.space.values(v).tolist(), strict=True))
 
     def point(self, v: Array) -> Point | Error:
         """Evaluate a point, with gradients with respect to the scaled coordinates."""
@@ -94,7 +93,7 @@ class Search:
         if isinstance(found, Error):
             self.history.append(Trial(values, np.nan, np.nan, str(found)))
         else:
-            slope = np.array([s.slope(values[s.name]) for s in self.scales])
+            slope = self.space.slopes(v)
             found = found._replace(gradient=found.gradient * slope, slopes=found.slopes * slope)
             self.history.append(Trial(values, found.objective, self.missed(found)))
             self.steepest = max(self.steepest, float(np.linalg.norm(found.gradient)))
@@ -164,7 +163,7 @@ class Search:
             start,
             jac=lambda v: self.penalised(v).gradient / unit,
             method="SLSQP" if method == "slsqp" else method,
-            bounds=[(s.scaled(s.low), s.scaled(s.high)) for s in self.scales],
+            bounds=list(zip(self.space.lower, self.space.upper, strict=True)),
             constraints=self._constraints(method),
             options=_options(method, tolerance, most),
         )
@@ -225,14 +224,10 @@ class Search:
         """
         from scipy.optimize import nnls
 
-        columns = []
-        for i, scale in enumerate(self.scales):
-            unit = np.eye(len(self.scales))[i]
-            # At an active lower bound the objective may increase with the variable.
-            if v[i] - scale.scaled(scale.low) <= MET:
-                columns.append(unit)
-            if scale.scaled(scale.high) - v[i] <= MET:
-                columns.append(-unit)
+        columns: list[Array] = []
+        # At an active lower bound the objective may increase with the variable.
+        units = np.eye(len(v))
+        columns += [*units[v - self.space.lower <= MET], *-units[self.space.upper - v <= MET]]
         for excess, slope, is_equal in zip(
             found.conditions / self.sizes,
             found.slopes / self.sizes[:, None],
@@ -254,136 +249,57 @@ def _options(method: str, tolerance: float, most: int) -> dict[str, float]:
     return {"gtol": 100.0 * tolerance, "xtol": tolerance, "maxiter": most}
 
 
-def check_method(method: object) -> str:
-    """Check the name of a method, which may be in upper or lower case."""
-    name = str(method).lower()
-    if name not in METHODS:
-        raise ParameterError(
-            f"method is {brief(repr(method))}: give 'slsqp' or 'trust-constr'; the method of the "
-            "runs is set by solver"
-        )
-    return name
+class Space:
+    """Normalised coordinates of the design variables: finite bounds are at 0 and 1.
 
+    Coordinates are linear in a variable or, on a logarithmic scale, in its logarithm. A variable
+    without two finite bounds has coordinate 0 at its initial guess.
 
-@dataclass(frozen=True)
-class Scale:
-    """The scale of one design variable."""
-
-    name: str  # a parameter, or a state, whose name denotes its initial value
-    #: Bounds; infinite if there is none.
-    low: float
-    high: float
-    is_log: bool  # whether the scale is logarithmic
-    start: float  # initial guess
-
-    @property
-    def _span(self) -> tuple[float, float]:
-        """Origin and unit of the scale, in terms of the logarithm for a logarithmic scale."""
-        low, high, start = (self._plain(x) for x in (self.low, self.high, self.start))
-        if math.isfinite(low) and math.isfinite(high):
-            return low, high - low
-        return start, abs(start) or 1.0
-
-    def _plain(self, value: float) -> float:
-        if not self.is_log:
-            return value
-        return math.log(value) if 0.0 < value < math.inf else math.copysign(math.inf, value - 1.0)
-
-    def scaled(self, value: float) -> float:
-        """Convert a value to its scaled coordinate."""
-        origin, unit = self._span
-        return (self._plain(value) - origin) / unit
-
-    def value(self, v: float) -> float:
-        """Convert a scaled coordinate to a value, clipped to the bounds."""
-        origin, unit = self._span
-        plain = origin + unit * v
-        found = math.exp(min(plain, 700.0)) if self.is_log else plain
-        return min(max(found, self.low), self.high)
-
-    def slope(self, value: float) -> float:
-        """Return the derivative of the value with respect to its scaled coordinate."""
-        return self._span[1] * (value if self.is_log else 1.0)
-
-
-def read_scales(
-    over: Mapping[str, Any], known: Mapping[str, float], guess: Mapping[str, float]
-) -> list[Scale]:
-    """Read bounds, scales and starts.
-
-    ``over`` has (lower, upper) or (lower, upper, "log") by name. Guesses are the scene's values
-    unless ``guess`` overrides them. Raises ParameterError if bounds are invalid, or a guess
-    violates them.
+    Attributes
+    ----------
+    rows : sequence of Estimated
+        The design variables: parameters, and states, whose names denote their initial values.
+    lower, upper : ndarray, shape (n,)
+        Coordinates of the bounds.
     """
-    if not isinstance(over, dict) or not over:
+
+    def __init__(self, rows: Sequence[Estimated]) -> None:
+        self.rows, self._scaled = rows, Scaled(rows)
+        lower, upper, start = self._scaled.lower, self._scaled.upper, spread_starts(rows, 1)[0]
+        is_bounded = np.isfinite(upper - lower)
+        self._origin = np.where(is_bounded, lower, start)
+        self._unit = np.where(is_bounded, upper - lower, np.where(start == 0.0, 1.0, abs(start)))
+        self.lower, self.upper = self._normalised(lower), self._normalised(upper)
+
+    def _normalised(self, theta: Array) -> Array:
+        return np.asarray((theta - self._origin) / self._unit)
+
+    def starts(self, n: int, seed: int | None) -> Array:
+        """Return starting points, (n, n_variables): the guess first, then random ones."""
+        return self._normalised(spread_starts(self.rows, n, seed))
+
+    def values(self, v: Array) -> Array:
+        """Convert coordinates to values, clipped to the bounds."""
+        with np.errstate(over="ignore"):
+            values = self._scaled.values(self._origin + self._unit * v)
+        return np.clip(values, [row.lower for row in self.rows], [row.upper for row in self.rows])
+
+    def slopes(self, v: Array) -> Array:
+        """Return the derivatives of the values with respect to the coordinates."""
+        theta = self._scaled.scaled(self.values(v))
+        return np.asarray(self._unit * self._scaled.slopes(theta))
+
+
+def read_variables(
+    over: Any, known: Mapping[str, float], guess: Mapping[str, float]
+) -> list[Estimated]:
+    """Read the design variables from ranges by name; guesses default to ``known`` values."""
+    if not isinstance(over, Mapping) or not over:
         raise ParameterError(
             'over must map names to bounds, as in over={"L": (0.5, 2), "k": (1, 1e3, "log")}'
         )
     check_known(guess, over, "guess names", ", which is not in over", ParameterError)
-    return [_read(name, bounds, known, guess) for name, bounds in over.items()]
-
-
-def _read(name: str, bounds: Any, known: Mapping[str, float], guess: Mapping[str, float]) -> Scale:
-    what = f"over of '{brief(name)}'"
-    if not isinstance(bounds, (tuple, list)) or len(bounds) not in (2, 3):
-        raise ParameterError(
-            f'{what} is {brief(repr(bounds))}: give (lower, upper) or (lower, upper, "log")'
-        )
-    kind = bounds[2] if len(bounds) == 3 else "linear"
-    if kind not in ("linear", "log"):
-        raise ParameterError(f"{what} has the scale {brief(repr(kind))}: give 'linear' or 'log'")
-    low, high = (_bound(value, what) for value in bounds[:2])
-    if not low < high:
-        raise ParameterError(
-            f"{what} goes from {low:g} to {high:g}: the lower bound must be below the upper one"
-        )
-    is_log = kind == "log"
-    if is_log and low <= 0.0:
-        raise ParameterError(
-            f"{what} is logarithmic, but its lower bound is {low:g}: give a positive lower bound"
-        )
-    if name in guess:
-        start = check_number(guess[name], f"the guess of '{name}'")
-        if not low <= start <= high:
-            raise ParameterError(
-                f"the guess of '{name}' is {start:g}, outside its bounds {low:g} to {high:g}"
-            )
-    else:
-        start = known.get(name, math.nan)
-        if not low <= start <= high:  # also where it is nan: there is no nominal value
-            start = _middle(low, high, is_log=is_log)
-    return Scale(name, low, high, is_log, start)
-
-
-def _bound(value: Any, what: str) -> float:
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isinf(value):
-        return float(value)
-    return check_number(value, what)
-
-
-def _middle(low: float, high: float, *, is_log: bool) -> float:
-    if not math.isfinite(low) or not math.isfinite(high):
-        return low if math.isfinite(low) else high if math.isfinite(high) else 0.0
-    return math.sqrt(low * high) if is_log else 0.5 * (low + high)
-
-
-def drawn_starts(scales: Sequence[Scale], starts: int, seed: int | None) -> list[Array]:
-    """Return the starting points in scaled coordinates: the guess first, then random ones.
-
-    Raises ParameterError if random starts are requested and a variable is unbounded.
-    """
-    first = np.array([scale.scaled(scale.start) for scale in scales])
-    starts = check_whole(starts, "starts", 1)
-    seed = None if seed is None else check_whole(seed, "seed")
-    if starts == 1:
-        return [first]
-    for scale in scales:
-        if not (math.isfinite(scale.low) and math.isfinite(scale.high)):
-            raise ParameterError(
-                f"starts are drawn between bounds, and '{scale.name}' has none: give both"
-            )
-    from scipy.stats import qmc
-
-    # Even a few points of a Latin hypercube cover the range of every variable.
-    rows = qmc.LatinHypercube(len(scales), seed=seed).random(starts - 1)
-    return [first, *rows]
+    starts = {name: check_number(value, f"the guess of '{name}'") for name, value in guess.items()}
+    return [
+        estimated(name, bounds, starts.get(name), known.get(name)) for name, bounds in over.items()
+    ]

@@ -250,7 +250,7 @@ def own_value(source: CompiledModel | SceneDescription, name: str) -> float:
     )
 
 
-def unit_points(method: str, n: int, n_columns: int, seed: int) -> FloatArray:
+def unit_points(method: str, n: int, n_columns: int, seed: int | None) -> FloatArray:
     """Draw points of the open unit cube, shape (n, n_columns)."""
     from scipy.stats import qmc
 

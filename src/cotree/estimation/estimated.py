@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cotree.arguments import check_choice
+from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, brief
 from cotree.scene.expressions import check_number
 
@@ -49,7 +50,7 @@ class Estimated:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        what = f"estimated parameter '{self.name}'"
+        what = f"'{self.name}'"
         check_choice(self.scale, f"the scale of {what}", SCALES)
         # Written so that nan is refused as well.
         if not self.lower < self.upper:
@@ -136,7 +137,11 @@ def read_ranges(parameters: Any) -> dict[str, Any]:
 
 
 def estimated(
-    name: str, given: Any, start: float | None, nominal: float | None, unit: str = ""
+    name: str,
+    given: Any,
+    start: float | None,
+    nominal: float | None,
+    unit: str = "",
 ) -> Estimated:
     """Read the range of one parameter.
 
@@ -144,7 +149,7 @@ def estimated(
     from a hundredth to a hundred times the initial guess, on a logarithmic scale. ``start`` is the
     user's guess; the model's value, ``nominal``, is the default if it is within the bounds.
     """
-    what = f"estimated parameter '{name}'"
+    what = f"'{brief(name)}'"
     if isinstance(given, Estimated):
         start = given.start if start is None else start
         given = (given.lower, given.upper, given.scale)
@@ -183,3 +188,45 @@ def _bound(value: Any, what: str) -> float:
     if isinstance(value, float) and math.isinf(value):
         return value
     return check_number(value, f"a bound of {what}")
+
+
+def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Array:
+    """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
+
+    Parameters
+    ----------
+    rows : sequence of Estimated
+        The parameters. Without a guess, a parameter starts in the middle of its bounds. If a bound
+        is infinite, starts extend one decade beyond the guess on a logarithmic scale; on a linear
+        scale they extend to zero and to twice the guess, or to -1 and 1 if the guess is zero.
+    n : int
+        Number of starting points.
+    seed : int, optional
+        Seed of the Latin hypercube: equal seeds give equal starts.
+
+    Returns
+    -------
+    ndarray, shape (n, n_estimated)
+        On the scales of the parameters.
+    """
+    scaled = Scaled(rows)
+    ends = np.array([_ends(row) for row in rows]).T
+    # Infinite bounds are replaced by an interval around the guess.
+    low = np.where(np.isfinite(scaled.lower), scaled.lower, np.minimum(ends[0], scaled.upper))
+    high = np.where(np.isfinite(scaled.upper), scaled.upper, np.maximum(ends[1], scaled.lower))
+    first = scaled.scaled(np.array([math.nan if r.start is None else r.start for r in rows]))
+    first = np.where(np.isfinite(first), first, 0.5 * (low + high))
+    if n < 2:
+        return first[None, :]
+    rest = low + unit_points("latin", n - 1, len(first), seed) * (high - low)
+    return np.vstack([first, rest])
+
+
+def _ends(row: Estimated) -> tuple[float, float]:
+    """Return an interval around the guess of a parameter, on its scale."""
+    if row.scale != "lin":
+        decade = math.log(10.0) / LOGARITHMS[row.scale]
+        middle = math.log10(row.start) * decade if row.start else 0.0
+        return middle - decade, middle + decade
+    start = row.start or 0.0
+    return start - (abs(start) or 1.0), start + (abs(start) or 1.0)

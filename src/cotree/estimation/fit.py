@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
-from cotree.ensemble.sampling import unit_points
 from cotree.errors import ParameterError, SolveError, brief, check_known, nearest
 from cotree.estimation.conditions import MOST_STEPS, Condition
-from cotree.estimation.estimated import LOGARITHMS, Array, Estimated, estimated, read_ranges
+from cotree.estimation.estimated import (
+    Array,
+    Estimated,
+    estimated,
+    read_ranges,
+    spread_starts,
+)
 from cotree.estimation.experiment import Experiment, in_si
 from cotree.estimation.multistart import Search, minimise_from_starts
 from cotree.estimation.observing import Observed, Observer, measured_rows
@@ -289,49 +294,6 @@ def _starts(start: Any, ranges: Mapping[str, Any]) -> dict[str, float]:
     return {name: check_number(value, f"start of '{name}'") for name, value in given.items()}
 
 
-def spread_starts(problem: Problem, n: int, seed: int = 0) -> Array:
-    """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem. Without a guess, a parameter starts in the middle of its bounds. If a bound is
-        infinite, starts extend one decade beyond the guess on a logarithmic scale; on a linear
-        scale they extend to zero and to twice the guess, or to -1 and 1 if the guess is zero.
-    n : int
-        Number of starting points.
-    seed : int
-        Seed of the Latin hypercube: equal seeds give equal starts.
-
-    Returns
-    -------
-    ndarray, shape (n, n_estimated)
-        On the scales of the estimated parameters.
-    """
-    ends = np.array([_ends(row) for row in problem.estimated]).T
-    lower, upper = problem.scaled.lower, problem.scaled.upper
-    # Infinite bounds are replaced by an interval around the guess.
-    low = np.where(np.isfinite(lower), lower, np.minimum(ends[0], upper))
-    high = np.where(np.isfinite(upper), upper, np.maximum(ends[1], lower))
-    guess = np.array([np.nan if row.start is None else row.start for row in problem.estimated])
-    first = problem.scaled.scaled(guess)
-    first = np.where(np.isfinite(first), first, 0.5 * (low + high))
-    if n < 2:
-        return first[None, :]
-    rest = low + unit_points("latin", n - 1, len(first), seed) * (high - low)
-    return np.vstack([first, rest])
-
-
-def _ends(row: Estimated) -> tuple[float, float]:
-    """Return an interval around the guess of a parameter, on its scale."""
-    if row.scale != "lin":
-        decade = math.log(10.0) / LOGARITHMS[row.scale]
-        middle = math.log10(row.start) * decade if row.start else 0.0
-        return middle - decade, middle + decade
-    start = row.start or 0.0
-    return start - (abs(start) or 1.0), start + (abs(start) or 1.0)
-
-
 def fit(
     model: Model | Scene,
     experiments: Experiment | Sequence[Experiment],
@@ -441,7 +403,7 @@ def solve(
     problem: Problem, search: Search, n_starts: int, seed: int, *, progress: bool = True
 ) -> FitResult:
     """Search from several starts, at least one of which must succeed."""
-    points = sized(problem, spread_starts(problem, n_starts, seed))
+    points = sized(problem, spread_starts(problem.estimated, n_starts, seed))
     records = minimise_from_starts(problem, points, search, progress=progress)
     if not math.isfinite(records[0].objective):
         subject = f"all {n_starts} starts failed" if n_starts > 1 else "the only start failed"
