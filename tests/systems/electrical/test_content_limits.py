@@ -69,7 +69,7 @@ def test_a_corner_of_a_charge_is_an_event():
     "charge", ["where(C.v > v1, 3*c*C.v, c*C.v)", "c*(C.v + 0.1*sign(C.v - v1))", "c*floor(C.v)"]
 )
 def test_a_charge_that_jumps_is_refused(charge):
-    with pytest.raises(SceneError, match="edge 'C'.*discontinuous"):
+    with pytest.raises(SceneError, match=r"edge 'C'.*discontinuous"):
         driven(charge).compile()
 
 
