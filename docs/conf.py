@@ -98,7 +98,6 @@ _FOR_SOLVERS = {
     "check_start",
     "corners",
     "initial_values",
-    "is_rheonomic",
     "jacobian_colouring",
     "junctions",
     "layout",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree import Model, Scene
     from cotree.dag.nodes import Dag, Node
     from cotree.equations import Equations, Guard
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 # Workers share the cores. Where each runs small linear algebra on all of them, threads wait for
 # each other, and a decomposition takes ten times as long. Workers inherit this before they load
@@ -231,7 +231,9 @@ def program_of() -> Callable[..., Program]:
 def made_up() -> Callable[..., Program]:
     """Make a program by hand: an arena, and the results of some kernels."""
     from cotree.equations import Quantity
-    from cotree.program import KERNELS, Kernel, Layout, Program
+    from cotree.program.kernels import KERNELS
+    from cotree.program.layout import Layout
+    from cotree.program.program import Kernel, Program
 
     def make(
         dag: Dag,

@@ -106,6 +106,10 @@ class StoreError(Error, RuntimeError):
     """The store of an ensemble cannot be read or written, or holds something else."""
 
 
+class UnsolvedError(Exception):
+    """The algebraic unknowns cannot be followed to a point; a shorter step may help."""
+
+
 #: Names that a message lists, and names among which a similar one is looked for.
 _MOST_LISTED, _MOST_COMPARED = 200, 1000
 _MOST_IN_SENTENCE = 8

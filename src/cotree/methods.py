@@ -62,6 +62,16 @@ _ROWS = (
 
 METHODS: Mapping[str, Method] = {row.name: row for row in _ROWS}
 
+#: Major and minor version whose structures ``cotree_sundials.c`` fills.
+SUNDIALS_VERSION = (7, 9)
+
+#: Libraries of SUNDIALS with sensitivities, and their counterparts without, whose names functions
+#: have.
+WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
+
+#: Libraries of SUNDIALS by name.
+SUNDIALS = ("cvode", "ida", "cvodes", "idas")
+
 
 def method_row(method: str) -> Method:
     """Return a method's row of the table.

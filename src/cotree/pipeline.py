@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from cotree.choice import choose_first_graph
 from cotree.codegen.context import model_context
-from cotree.codegen.model_files import ModelText, render_model
+from cotree.codegen.model_files import cdef, render_model
 from cotree.components import Kind
 from cotree.errors import Error, FormulationError, TopologyError
 from cotree.formulation.early import check_numbers, within_range
@@ -24,8 +24,9 @@ from cotree.formulation.networks.network import draw_networks
 from cotree.program.lower import lower
 from cotree.program.passes import PassReport, run_passes
 from cotree.program.surfaces import freeze_branches
+from cotree.program.text import ModelText
 from cotree.quiet import without_collection
-from cotree.scene.checks import check_scene_units, tiny_masses
+from cotree.scene.checks import check_scene_units, impossible_inertias, tiny_masses
 from cotree.scene.graphs import (
     Trees,
     candidate_trees,
@@ -46,7 +47,8 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
     from cotree.formulation.first_graph import FirstGraph
     from cotree.graph import LinearGraph, Tree
-    from cotree.program import Layout, Program
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
 
@@ -267,7 +269,8 @@ def _form_text(
     context = model_context(program)
     causes = [sentence for _, sentence in tiny_masses(scene)][:2]
     slow = " ".join(f"{sentence[0].upper()}{sentence[1:]}." for sentence in causes)
-    text = replace(text_of(program, context), slow_causes=slow)
+    cautions = tuple(impossible_inertias(scene))
+    text = replace(text_of(program, context), slow_causes=slow, cautions=cautions)
     marks.append(time.perf_counter())
     times = {"formulate": marks[1] - marks[0], "generate": marks[2] - marks[1]}
     return Formed(first, alternatives, reports, context, text, times)
@@ -276,4 +279,11 @@ def _form_text(
 def text_of(program: Program, context: ModelContext) -> ModelText:
     """Print the C text of a program."""
     files = render_model(context)
-    return ModelText(program, files, context.prefix, context.n_written, context.n_written_in_all)
+    return ModelText.of(
+        program,
+        files=files,
+        declarations=cdef(files["cotree_abi.h"], context.prefix),
+        prefix=context.prefix,
+        n_written=context.n_written,
+        n_written_in_all=context.n_written_in_all,
+    )

@@ -20,16 +20,15 @@ from cotree.components import OWN
 from cotree.errors import Error, ModelError
 from cotree.model.loading import load_model
 from cotree.quiet import level_of_user
-from cotree.scene.checks import impossible_inertias
 from cotree.scene.settings import OPERATING_POINT
 from cotree.sharing import locked_cached_property
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from cotree.codegen.model_files import ModelText
     from cotree.model.model import CompiledModel
     from cotree.pipeline import Formed
+    from cotree.program.text import ModelText
     from cotree.scene.description import SceneDescription
     from cotree.scene.graphs import TreeChoice
 
@@ -107,7 +106,7 @@ class BuildSpec:
         formed = vars(self).get("formed")
         times = {"formulate": time.perf_counter() - begun, "generate": 0.0}
         times = dict(formed.times) if formed else times
-        for sentence in impossible_inertias(self.scene):
+        for sentence in text.cautions:
             warnings.warn(sentence, RuntimeWarning, stacklevel=level_of_user())
         begun = time.perf_counter()
         model = load_model(text, self.options, self._at_rest(text))
@@ -121,7 +120,7 @@ class BuildSpec:
         def form() -> ModelText:
             from cotree.pipeline import text_at_rest
 
-            return text_at_rest(text.program.layout, self.scene)
+            return text_at_rest(text.layout, self.scene)
 
         # Only bound here: the network at rest is formed when a start is first asked for.
         key = None if self.key is None else ("at rest", self.key)

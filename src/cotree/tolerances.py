@@ -22,6 +22,9 @@ FARTHEST_CORRECTION = 10.0
 #: numbers the constant is the same share of its range.
 TINY = 1e-290
 
+#: Time events closer than this fraction of their size are one: a few roundings.
+SAME = 8 * 2.0**-52
+
 #: Gradients of constraints whose singular values or pivots are below this share of the largest
 #: follow from the others.
 RANK = 1e-10

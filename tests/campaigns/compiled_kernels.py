@@ -26,13 +26,14 @@ from cotree.errors import ParameterError, SingularSystemError, SolveError
 from cotree.export.c_project import write_c_project
 from cotree.model.kernels import CKernels
 from cotree.pipeline import formulate, generate
+from cotree.program.text import ModelText
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 COMPILERS = ("gcc", "clang")
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "native")
@@ -314,7 +315,9 @@ def compiled(program: Program, compiler: str, level: str) -> CKernels:
         toolchain=toolchain,
     )
     declarations = cdef(files["cotree_abi.h"], context.prefix)
-    return CKernels(program, load_library(library.path, declarations), context.prefix)
+    return CKernels(
+        ModelText.of(program, prefix=context.prefix), load_library(library.path, declarations)
+    )
 
 
 def made(program: Program, compiler: str, flags: str, folder: Path) -> CKernels:
@@ -329,7 +332,9 @@ def made(program: Program, compiler: str, flags: str, folder: Path) -> CKernels:
     ):
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
     declarations = cdef((folder / "cotree_abi.h").read_text(), prefix)
-    return CKernels(program, load_library(folder / f"{prefix}.so", declarations), prefix)
+    return CKernels(
+        ModelText.of(program, prefix=prefix), load_library(folder / f"{prefix}.so", declarations)
+    )
 
 
 class Points:

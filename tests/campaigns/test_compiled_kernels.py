@@ -22,7 +22,7 @@ from cotree.pipeline import formulate, generate
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 pytestmark = pytest.mark.compiler
 

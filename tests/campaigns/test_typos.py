@@ -70,7 +70,7 @@ def is_named(slip: Typo, said: str) -> bool:
 
 def load_evaluated(text, options, at_rest=None) -> CompiledModel:
     """Load a model without compiling it, which would take most of the time."""
-    model = CompiledModel(text.program, EvaluatedKernels(text.program), text, options)
+    model = CompiledModel(text, EvaluatedKernels(text.program), options)
     model.rest = None if at_rest is None else loading.OperatingPoint(model, at_rest)
     return model
 

@@ -43,6 +43,7 @@ def load_kernels():
     from cotree.codegen.context import model_context
     from cotree.codegen.model_files import cdef, render_model
     from cotree.model.kernels import CKernels
+    from cotree.program.text import ModelText
     from cotree.version import ABI_VERSION
 
     def load(program, extra=None):
@@ -56,6 +57,6 @@ def load_kernels():
             toolchain=find_toolchain(),
         )
         loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-        return CKernels(program, loaded, context.prefix)
+        return CKernels(ModelText.of(program, prefix=context.prefix), loaded)
 
     return load

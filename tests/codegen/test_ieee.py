@@ -11,11 +11,13 @@ from evaluated_kernels import EvaluatedKernels
 
 import cotree
 from cotree.dag.lookup import CubicTable, PlaneTable
-from cotree.dag.multi_output import SEVERAL, Table, sines, table
+from cotree.dag.multi_output import SEVERAL, sines, table
 from cotree.dag.nodes import Dag
 from cotree.dag.operations import OPERATIONS
+from cotree.dag.table import Table
 from cotree.errors import SingularSystemError
 from cotree.model.model import CompiledModel
+from cotree.program.text import ModelText
 from cotree.scene.expressions import FUNCTIONS, parse
 
 pytestmark = pytest.mark.compiler
@@ -135,7 +137,7 @@ def logistic():
 def test_an_overflow_that_does_no_harm_does_none_in_python():
     compiled = logistic().compile()
     program = compiled.kernels.program
-    python = CompiledModel(program, EvaluatedKernels(program))
+    python = CompiledModel(ModelText.of(program), EvaluatedKernels(program))
     for s in (-1.0, -0.7, 0.0, 1e-4, 1.0):
         assert np.array_equal(python.rhs(0.0, [s, 0.2]), compiled.rhs(0.0, [s, 0.2]))
         assert np.array_equal(

@@ -21,7 +21,7 @@ from cotree.dag.multi_output import SolveShape
 from cotree.equations import Guard
 from cotree.export.c_project import write_c_project
 from cotree.pipeline import formulate, generate
-from cotree.program import KERNELS
+from cotree.program.kernels import KERNELS
 from cotree.program.passes import run_passes
 
 pytestmark = pytest.mark.compiler

@@ -27,7 +27,7 @@ from cotree.equations import EventRow, Quantity
 from cotree.files import template_folder
 from cotree.naming import c_comment, c_string
 from cotree.pipeline import formulate, generate
-from cotree.program import Layout
+from cotree.program.layout import Layout
 from cotree.program.passes import run_passes
 
 

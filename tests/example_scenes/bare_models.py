@@ -15,6 +15,7 @@ from cotree.model.kernels import CKernels, Kernels
 from cotree.model.model import CompiledModel
 from cotree.pipeline import generate, trees_to_try
 from cotree.program.lower import lower
+from cotree.program.text import ModelText
 from cotree.sensitivity.graphs import form_equations
 from cotree.version import ABI_VERSION
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cotree import Scene
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 EVERY_CLUSTER = tuple(range(1, 40))
 
@@ -31,7 +32,7 @@ class BareModel(Model):
     """A model without its scene; it starts as one with it does."""
 
     def __init__(self, program: Program, kernels: Kernels) -> None:
-        super().__init__(CompiledModel(program, kernels), b"", {})
+        super().__init__(CompiledModel(ModelText.of(program), kernels), b"", {})
 
 
 def evaluated(
@@ -59,4 +60,4 @@ def compiled(scene: Scene, tree: Sequence[str] | None = None) -> BareModel:
         files, abi_version=ABI_VERSION, n_operations=0, options=options, toolchain=toolchain
     )
     loaded = load_library(library.path, cdef(files["cotree_abi.h"], context.prefix))
-    return BareModel(program, CKernels(program, loaded, context.prefix))
+    return BareModel(program, CKernels(ModelText.of(program, prefix=context.prefix), loaded))

@@ -10,10 +10,10 @@ from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import results
 from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable
 from cotree.errors import SingularSystemError
-from cotree.model.kernels import check_guards
+from cotree.model.failures import check_guards
 
 if TYPE_CHECKING:
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 
 class EvaluatedKernels:

@@ -20,7 +20,7 @@ from cotree.scene.toml_file import load_scene
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 NAMES = [
     "cotree_abi.h",

@@ -53,7 +53,7 @@ def test_loops_compute_what_the_statements_did(make):
 
     model = make(13 if make is rc_grid else N).compile(sensitivities=["R"])
     assert model.kernels.source.count("for (int i") >= 4
-    other = CompiledModel(model.kernels.program, EvaluatedKernels(model.kernels.program))
+    other = CompiledModel(model.kernels.text, EvaluatedKernels(model.kernels.program))
     rng = np.random.default_rng(0)
     y, p = rng.normal(size=len(model.states)), np.array([0.7, *rng.uniform(0.5, 2.0, 2)])
     p = p[: len(model.parameters)]

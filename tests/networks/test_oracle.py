@@ -22,6 +22,7 @@ from cotree.errors import Error, FormulationError
 from cotree.model.linearize import Linearizer
 from cotree.model.model import CompiledModel
 from cotree.pipeline import formulate, generate
+from cotree.program.text import ModelText
 from cotree.sensitivity.graphs import form_equations, input_columns
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def python_model(scene: Scene, wanted: list[str]) -> CompiledModel:
     """Evaluate the program in Python: hundreds of networks need no compiler."""
     _, equations, _ = formulate(scene, wanted, None)
     program, _ = generate(equations)
-    return CompiledModel(program, EvaluatedKernels(program))
+    return CompiledModel(ModelText.of(program), EvaluatedKernels(program))
 
 
 def rate_of(network: LinearNetwork, rates: np.ndarray, state: str) -> float:

@@ -10,7 +10,7 @@ import pytest
 from cotree.dag.evaluate import evaluate
 from cotree.dag.multi_output import solve
 from cotree.dag.nodes import Dag, dependent, reachable, symbols_in
-from cotree.program import KERNELS
+from cotree.program.kernels import KERNELS
 from cotree.program.passes import RECIPE, run_passes, share_reciprocals, stage_parameters
 
 

@@ -7,7 +7,8 @@ import pytest
 import cotree
 from cotree.dag.multi_output import solve
 from cotree.dag.nodes import Dag, reachable
-from cotree.program import KERNELS, count_operations
+from cotree.program.counts import count_operations
+from cotree.program.kernels import KERNELS
 
 
 def test_each_operation_counts_as_one():

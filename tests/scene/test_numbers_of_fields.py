@@ -15,6 +15,7 @@ import cotree
 from cotree.model.model import CompiledModel
 from cotree.model.start import scene_start
 from cotree.pipeline import formulate, generate
+from cotree.program.text import ModelText
 from cotree.scene.toml_file import read_scene
 
 PAGES = sorted((Path(__file__).parents[2] / "docs" / "components").glob("*.md"))
@@ -37,7 +38,7 @@ def evaluate(scene):
     """Form the equations and evaluate them at the start; no compiler is needed for that."""
     _, equations, _ = formulate(scene, [], None)
     program, _ = generate(equations)
-    model = CompiledModel(program, EvaluatedKernels(program))
+    model = CompiledModel(ModelText.of(program), EvaluatedKernels(program))
     model.rhs(0.0, scene_start(model).y)
     scene.lint()  # forms and starts it once more
 

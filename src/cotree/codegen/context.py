@@ -34,7 +34,7 @@ from cotree.codegen.node_statements import (
 from cotree.codegen.printing import Body, Constants, constants, function_head, print_body
 from cotree.codegen.runtime import Features
 from cotree.codegen.targets import DOUBLE
-from cotree.dag.multi_output import Function, Table
+from cotree.dag.multi_output import Function
 from cotree.dag.nodes import ARGUMENT_OF, reachable
 from cotree.dag.operations import OPERATIONS
 from cotree.naming import c_identifier, c_string
@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
     from cotree.dag.lookup import LookupData
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel, Layout, Program
+    from cotree.dag.table import Table
+    from cotree.program.layout import Layout
+    from cotree.program.program import Kernel, Program
 
 
 @dataclass(frozen=True)

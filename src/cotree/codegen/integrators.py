@@ -22,23 +22,15 @@ from cotree.codegen.tableaus import (
     Tableau,
 )
 from cotree.codegen.targets import DOUBLE
+from cotree.methods import SUNDIALS, WITH_SENSITIVITIES
 from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from cotree.codegen.targets import Target
 
-
-#: Major and minor version whose structures ``cotree_sundials.c`` fills.
-SUNDIALS_VERSION = (7, 9)
-
-#: Libraries with sensitivities, and their counterparts without, whose names functions have.
-WITH_SENSITIVITIES: Mapping[str, str] = {"cvodes": "cvode", "idas": "ida"}
-
-#: Libraries by name.
-SUNDIALS = ("cvode", "ida", "cvodes", "idas")
 
 #: Returns the version, before anything else is called.
 VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
@@ -259,6 +251,26 @@ def batch_declarations(files: Mapping[str, str]) -> str:
     """Return the declarations of a batch that cffi reads."""
     headers = (*_JOB_HEADERS, "cotree_start.h", "cotree_job.h", "cotree_batch.h")
     return declarations(map(files.__getitem__, headers))
+
+
+def start_files() -> Mapping[str, str]:
+    """Write the start as files of a library, the same for every model."""
+    return with_runtime(source_texts("cotree_start.h"))
+
+
+def start_declarations(files: Mapping[str, str]) -> str:
+    """Return the declarations of the start that cffi reads."""
+    return declarations(map(files.__getitem__, (*_JOB_HEADERS, "cotree_start.h")))
+
+
+#: Functions that return the files and the declarations of each library that serves all models.
+LIBRARIES: Mapping[str, tuple[Callable[..., Mapping[str, str]], Callable[..., str]]] = {
+    "engine": (engine_files, engine_declarations),
+    "sweep": (sweep_files, sweep_declarations),
+    "columns": (columns_files, columns_declarations),
+    "batch": (batch_files, batch_declarations),
+    "start": (start_files, start_declarations),
+}
 
 
 _COMMON: dict[str, Any] = {

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from cotree.codegen.printing import Body
     from cotree.dag.multi_output import LinearMap
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel, Layout, Program
+    from cotree.program.layout import Layout
+    from cotree.program.program import Kernel, Program
 
 #: Functions that are left to the C library, lane by lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905

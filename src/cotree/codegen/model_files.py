@@ -1,15 +1,9 @@
-"""The C files of a model: their text, what cffi reads of headers, and texts kept in the cache.
-
-Forming equations takes most of the time of a model whose library is in the cache. What is kept is
-found by all that it follows from, so that nothing that was kept is ever out of date.
-"""
+"""The C files of a model: their text, and what cffi reads of headers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
 from cotree.codegen.c_text import exported
 from cotree.codegen.render import render
 from cotree.codegen.runtime import ALL, Features, with_runtime
@@ -19,7 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.codegen.context import ModelContext
-    from cotree.program import Program
 
 
 @without_collection()
@@ -74,16 +67,3 @@ def declarations(texts: Iterable[str], types: Sequence[str] = ()) -> str:
         Names of types besides those that functions have.
     """
     return f"typedef double cotree_real;\n{exported(texts, types)}"
-
-
-@dataclass(frozen=True)
-class ModelText:
-    """A program and its C text."""
-
-    program: Program  # the program after its passes
-    files: Mapping[str, str]  # C text by file name
-    prefix: str  # prefix of the names in it
-    #: Operations of the longest C function, and of all.
-    n_written: int
-    n_written_in_all: int
-    slow_causes: str = ""  # sentences on values of the scene that make steps short

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cotree.codegen.printing import Constants
     from cotree.codegen.targets import Target
     from cotree.linear.plan import Elimination
-    from cotree.program import Kernel, Program
+    from cotree.program.program import Kernel, Program
 
 
 def elimination_tables(plan: Elimination) -> list[Constants]:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from cotree.codegen.ir import CExpression, Statement
     from cotree.dag.nodes import Node
-    from cotree.program import Kernel
+    from cotree.program.program import Kernel
 
 
 #: Numbers in a vector, on any machine.

@@ -8,16 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.codegen.model_files import declarations
-from cotree.codegen.printing import Constants, int_table
-from cotree.codegen.runtime import source_texts, with_runtime
 from cotree.equations import Quantity
 from cotree.naming import c_string, split_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
-    from cotree.program import Layout
+    from cotree.codegen.printing import Constants
+    from cotree.program.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -54,6 +52,9 @@ class StartTables:
     @property
     def arrays(self) -> list[Constants]:
         """The arrays as C text, each named as its field with ``start_`` before it."""
+        # Only callers that print C have these.
+        from cotree.codegen.printing import Constants, int_table
+
         numbers = {
             name: getattr(self, name)
             for name in ("given", "seeds", "contents")
@@ -100,17 +101,6 @@ def start_tables(layout: Layout) -> StartTables:
         rows=(*layout.constraints[: n_values + n_rows], *conditions),
         redundant=tuple(Quantity(row.name, "") for row in layout.redundant),
     )
-
-
-def start_files() -> dict[str, str]:
-    """Write the start as files of a library, the same for every model."""
-    return with_runtime(source_texts("cotree_start.h"))
-
-
-def start_declarations(files: Mapping[str, str]) -> str:
-    """Return the declarations of the start that cffi reads."""
-    headers = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h", "cotree_start.h")
-    return declarations(map(files.__getitem__, headers))
 
 
 def _seeds(layout: Layout, states: Sequence[str]) -> Iterable[int]:

@@ -12,16 +12,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from cotree.dag.clips import SINGULAR, Clips
-from cotree.dag.derivative import tangents
-from cotree.dag.dual import is_varied, tangent_of, value_of, varied
-from cotree.dag.from_sympy import from_sympy
-from cotree.dag.nodes import ARGUMENT, Dag, reachable, substitute
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from cotree.dag.nodes import Node
+    from cotree.dag.nodes import Dag, Node
 
 
 def law_symbol(name: str) -> Any:
@@ -127,6 +121,9 @@ class Law:
 
     def value(self, dag: Dag, arguments: Mapping[str, Node]) -> Node:
         """Form the law's value from its arguments, which may be duals."""
+        from cotree.dag.dual import is_varied, tangent_of, value_of, varied
+        from cotree.dag.from_sympy import from_sympy
+
         changing = {name for name, argument in arguments.items() if is_varied(argument)}
         if not changing:
             return from_sympy(self.expression, dag, arguments)
@@ -158,6 +155,11 @@ class Law:
         They are the pre-formed ones unless the law has a root or a power of a clipped argument:
         then the branch is chosen first (:mod:`cotree.dag.clips`).
         """
+        from cotree.dag.clips import Clips
+        from cotree.dag.derivative import tangents
+        from cotree.dag.from_sympy import from_sympy
+        from cotree.dag.nodes import ARGUMENT, reachable, substitute
+
         wanted = [name for name in names or self.partials if name in self.partials]
         symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
         standing = {symbols[name]: arguments[name] for name in symbols if name in arguments}
@@ -174,6 +176,10 @@ class Law:
     @cached_property
     def _has_root(self) -> bool:
         """Return whether the law has an operation without a finite derivative at some arguments."""
+        from cotree.dag.clips import SINGULAR
+        from cotree.dag.from_sympy import from_sympy
+        from cotree.dag.nodes import ARGUMENT, Dag, reachable
+
         dag = Dag()
         symbols = {name: dag.symbol(ARGUMENT, i) for i, name in enumerate(self.arguments)}
         return any(

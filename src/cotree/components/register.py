@@ -15,7 +15,6 @@ from cotree.components.law import Law
 from cotree.components.multibody import AXIS
 from cotree.components.ports import scalar
 from cotree.components.terminal import Kind, Terminal
-from cotree.dag.nodes import Dag
 from cotree.domains import DOMAINS
 from cotree.domains import domain as domain_of
 from cotree.errors import SceneError, brief, nearest
@@ -118,6 +117,8 @@ def checked_law(function: Callable[..., Any], what: str) -> Law:
 
 def _check_operations(law: Law, what: str) -> None:
     """Form a law and its derivatives on trial, so that unsupported operations raise early."""
+    from cotree.dag.nodes import Dag
+
     # A separate arena keeps no nodes. Symbols of unknown value keep the law from folding, so that
     # every operation is checked.
     dag = Dag()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cotree.dag.multi_output import Table
+from cotree.dag.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -38,6 +38,8 @@ from cotree.dag.operations import OPERATIONS
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
 
+    from cotree.dag.table import Table
+
 
 #: Operations of which columns may consist; divisions by shared values become products.
 _LINEAR = frozenset({"add", "sub", "mul", "neg"})
@@ -306,21 +308,6 @@ class SolveShape:
     n_determined: int  # number of leading unknowns that must have a unique solution
     #: Fraction of the largest entry below which a pivot counts as zero.
     tolerance: float = RANK_TOLERANCE
-
-
-@dataclass(frozen=True)
-class Table:
-    """A piecewise linear function, constant outside its range."""
-
-    x: tuple[float, ...]  # ascending arguments, at least two
-    y: tuple[float, ...]  # values at ``x``
-
-    function = "cotree_table"
-
-    @property
-    def arrays(self) -> dict[str, tuple[float, ...]]:
-        """Numbers that C reads, by the name of each row."""
-        return {"x": self.x, "y": self.y}
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from cotree.dag.lookup import HeldTable
-from cotree.dag.multi_output import Table
 from cotree.dag.nodes import reachable
+from cotree.dag.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

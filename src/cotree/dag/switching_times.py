@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
     from cotree.dag.nodes import Dag, Node
 
-#: Time events closer than this fraction of their size are one: a few roundings.
-SAME = 8 * 2.0**-52
-
 #: Operations that jump or have a kink, depending on their first argument.
 _LOOKING = frozenset({"select", "sign", "abs", "floor", "table"})
 

@@ -8,13 +8,15 @@ time ``t*``, sensitivities of states jump by ``(f- - f+) dt*/dp``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cotree.dag.corners import Corners
 from cotree.dag.derivative import tangents
-from cotree.dag.switching_times import SAME, TimeEvent, value_of
+from cotree.dag.switching_times import TimeEvent, value_of
+from cotree.tolerances import SAME
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,42 +29,6 @@ if TYPE_CHECKING:
 
 #: The largest number of time events in a run: a period far below the span is an error in units.
 _MOST = 10_000_000
-
-
-@dataclass(frozen=True)
-class Corners:
-    """Times at which integration restarts, ascending, with their derivatives along m directions."""
-
-    times: FloatArray
-    slopes: FloatArray  # their derivatives along each direction
-    #: Largest difference of these derivatives among coinciding time events.
-    spreads: FloatArray
-    #: Largest magnitude of the first time of a periodic event, which determines the rounding, [s].
-    scale: float = 0.0
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-    @classmethod
-    def none(cls) -> Corners:
-        """Return an empty list."""
-        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-
-    @property
-    def moved(self) -> Corners:
-        """The time events whose time, or that of a coinciding one, moves along some direction."""
-        moves = (self.slopes != 0.0).any(axis=1) | (self.spreads != 0.0).any(axis=1)
-        return Corners(self.times[moves], self.slopes[moves], self.spreads[moves], self.scale)
-
-    def rows_at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return which of some times are time events, with slopes and spreads, otherwise zero."""
-        shape = (len(times), self.slopes.shape[1])
-        slopes, spreads, places = np.zeros(shape), np.zeros(shape), np.zeros(len(times), bool)
-        if len(self):
-            near = np.minimum(np.searchsorted(self.times, times), len(self) - 1)
-            places = self.times[near] == times
-            slopes[places], spreads[places] = self.slopes[near][places], self.spreads[near][places]
-        return places, slopes, spreads
 
 
 def time_events_along(

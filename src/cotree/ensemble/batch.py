@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.integrators import batch_declarations, batch_files
 from cotree.ensemble.lanes import LoadedLanes, find_lanes
 from cotree.ensemble.pattern import (
     NotBatchable,
@@ -77,7 +76,7 @@ RERUN = 100
 @locked_cache
 def load_batch() -> LoadedLibrary:
     """Build and load the loop over members, once."""
-    library = build_engine(shared_code(batch_files, batch_declarations))
+    library = build_engine(shared_code("batch"))
     if library is None:
         raise BuildError("no compiler can build the loop over members")
     return library

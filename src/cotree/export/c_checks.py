@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from cotree.codegen.targets import Target
     from cotree.model.model import CompiledModel
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from cotree.codegen.context import ModelContext
     from cotree.codegen.targets import Target
     from cotree.model.consistent import Start
-    from cotree.program import Kernel, Program
+    from cotree.program.program import Kernel, Program
 
 #: The least relative tolerance of single precision that step sizes are controlled by: some hundred
 #: units in the last place, above what the rates of a step lose.

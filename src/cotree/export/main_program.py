@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cotree.codegen.targets import Target
     from cotree.dag.nodes import Node
     from cotree.model.consistent import Start
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 #: Every method of C projects, by name: those that control their steps, and those of one length.
 METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **FIXED}
@@ -159,7 +159,9 @@ def main_context(
         guess=_guess(program, start, target) if start is not None and is_found else [],
         is_strict=is_strict,
         step="" if numbers.step is None else target.literal(numbers.step),
-        is_extended=has_explicit and program.can_extend and not program.layout.events,
+        is_extended=has_explicit
+        and program.traits.can_extend(program.layout)
+        and not program.layout.events,
         sizes=_lines(sizes, target),
         least_size=target.literal(least) if least < 1.0 else "",
         held=_held(program, has_start=start is not None and not is_found),

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
 from cotree.dag.evaluate import evaluate
-from cotree.dag.multi_output import Table, table
+from cotree.dag.multi_output import table
 from cotree.dag.nodes import INPUT, PARAMETER, STATE, TIME, UNKNOWN
+from cotree.dag.table import Table
 from cotree.equations import State
 from cotree.formulation.fields import (
     FieldNames,

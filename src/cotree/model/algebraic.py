@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.errors import SingularSystemError, SolveError
+from cotree.errors import SingularSystemError, SolveError, UnsolvedError
 from cotree.model.arrays import Array
 from cotree.model.linear import Linear, Matrix, linearise, singular_direction
 from cotree.model.roots import NEXT, Equation, Root, find_root, iterate
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 #: ``rates(t, y)`` and ``jacobian(t, y)``; they may give the same buffer at every call.
 Rates = Callable[[float, Array], Array]
 Jacobian = Callable[[float, Array], Matrix]
-
-
-class UnsolvedError(Exception):
-    """The algebraic unknowns cannot be followed to a point; a shorter step may help."""
 
 
 class Algebraic:

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import PARAMETER
 from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 
@@ -66,6 +64,9 @@ def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, f
     """Return the values of derived parameters, by name."""
     if not derived:
         return {}
+    from cotree.dag.evaluate import evaluate
+    from cotree.dag.nodes import PARAMETER
+
     dag = derived[0].node.dag
     symbols = {dag.symbol(PARAMETER, i): value for i, value in enumerate(p.tolist())}
     with np.errstate(all="ignore"):

@@ -81,9 +81,9 @@ class CalledModel:
         for name in ("column_starts", "row_indices", "sensitivity_starts", "sensitivity_rows"):
             setattr(c, name, self._ints(getattr(layout, name)))
         for name in _KERNELS:
-            spec, kernel = KERNELS[name], self._model.program.kernels[name]
-            if kernel.is_present or spec.is_required:
-                setattr(c, spec.field, self._callback(spec, len(kernel.results)))
+            spec, n_results = KERNELS[name], self._model.traits.n_results.get(name)
+            if n_results is not None:
+                setattr(c, spec.field, self._callback(spec, n_results))
         if layout.events or layout.corners:
             c.hybrid = self._hybrid()
         return c

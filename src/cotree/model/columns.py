@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.integrators import columns_declarations, columns_files
 from cotree.errors import Error, ParameterError
 from cotree.model.arrays import as_array
 from cotree.model.kernels import build_engine, shared_code
@@ -36,7 +35,7 @@ def is_many(y: Any) -> bool:
 
 @locked_cache
 def _load() -> LoadedLibrary | None:
-    return build_engine(shared_code(columns_files, columns_declarations))
+    return build_engine(shared_code("columns"))
 
 
 def in_columns(
@@ -50,7 +49,7 @@ def in_columns(
     """
     points = _Points(model, t, y, p, u, s)
     library = _load() if model.backend == "C" else None
-    results = np.zeros((points.n, len(model.program.kernels[name].results)))
+    results = np.zeros((points.n, model.traits.n_results.get(name, 0)))
     done = 0 if library is None else _in_c(model, library, name, points, results)
     if KERNELS[name].is_packed:
         whole = np.zeros((points.n, points.s.shape[1]))

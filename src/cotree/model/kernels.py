@@ -3,9 +3,7 @@
 They take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
 to keep it. Buffers and prepared parameters belong to the thread that calls: each has its own.
 
-Kernels that implicit methods need, a ``cotree_newton``, are built when one is first used. Where a
-kernel has no value, the reason is a phrase with the operation that makes it nan or infinite, its
-numbers, the field of the element that it stands in, and what it depends on.
+Kernels that implicit methods need, a ``cotree_newton``, are built when one is first used.
 
 In: files and declarations. Out: a library, or None where no compiler can build it.
 """
@@ -21,12 +19,7 @@ import numpy as np
 
 from cotree.build import BuildOptions, LoadedLibrary, find_toolchain, loop_flags, obtain_library
 from cotree.build.cache import kept
-from cotree.codegen.integrators import shared_files
-from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import ARGUMENT_OF, PIECE, Node, reachable, symbols_in
-from cotree.dag.operations import OPERATIONS
-from cotree.errors import BuildError, SingularSystemError, SolveError
-from cotree.linear.plan import narrow_band
+from cotree.errors import BuildError, SolveError
 from cotree.model.arrays import Array
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
@@ -34,104 +27,12 @@ from cotree.sharing import forming, locked_cache
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from cotree.codegen.context import KernelFile
-    from cotree.equations import Guard
-    from cotree.program import Layout, Program
-
-
-#: The most names in a message.
-_MOST_NAMES = 6
-
-_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
-
-
-def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
-    """Describe which operation makes values of a kernel nan or infinite; empty where none does.
-
-    Parameters
-    ----------
-    program : Program
-        The program.
-    kernel : str
-        A name in ``KERNELS``.
-    known : mapping of str to sequence of float
-        Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
-    """
-    order = reachable(program.kernels[kernel].results)
-    given = {
-        node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])
-        for node in order
-        if node.op == "symbol" and node.data[0] != PIECE
-    }
-    with np.errstate(all="ignore"):
-        values = dict(zip(order, evaluate(order, given, order=order), strict=True))
-    lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
-    # An infinite intermediate value may do no harm; a nan does, wherever it goes.
-    # Nodes are in the order of evaluation, so the first nan has no nan among its arguments.
-    wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
-    if wrong is None:
-        wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
-    if wrong is None:
-        return ""
-    # Go down to the operation whose arguments are all finite: it is the first cause.
-    while any(arg in lost for arg in wrong.args):
-        wrong = next(arg for arg in wrong.args if arg in lost)
-    return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
-
-
-def _place(program: Program, wrong: Node) -> str:
-    """Name the field of an element that an operation stands in, the smallest there is.
-
-    Where it stands in none, what it is applied to may come from one: of a quotient the divisor.
-    """
-    found: list[tuple[int, str]] = []
-    for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
-        inside = reachable([node])
-        if wrong in inside:
-            found.append((len(inside), name))
-    name = min(found)[1] if found else _origin_of_arguments(program, wrong)
-    return f"{name}: " if name else ""
-
-
-def _origin_of_arguments(program: Program, wrong: Node) -> str:
-    origins = program.dag.origins
-    return next((origins[arg] for arg in reversed(wrong.args) if arg in origins), "")
-
-
-def _operation(node: Node, values: Mapping[Node, Any]) -> str:
-    """Write an operation with its numbers, and what it gives."""
-    if node.op == "symbol" or node.op not in OPERATIONS:
-        return f"what is given is {values[node]}"
-    numbers = [f"{values[arg]:.6g}" for arg in node.args]
-    text = f"{node.op}({', '.join(numbers)})"
-    if node.op in _SIGNS:
-        text = f" {_SIGNS[node.op]} ".join(numbers)
-    return f"{text} is {values[node]}"
-
-
-def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
-    """Name time, states, parameters and inputs that an operation depends on."""
-    layout = program.layout
-    symbols = [symbol for symbol in symbols_in([wrong]) if symbol in given]  # not held pieces
-    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
-    texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
-    if len(named) > _MOST_NAMES:
-        texts.append("...")
-    return f" at {', '.join(texts)}" if texts else ""
-
-
-def _name(layout: Layout, symbol: Node) -> str:
-    kind, place = symbol.data
-    rows: Mapping[str, Sequence[Any]] = {
-        "x": layout.states,
-        "p": layout.parameters,
-        "u": layout.inputs,
-    }
-    if kind == "t":
-        return "t"
-    return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
+    from cotree.program.text import ModelText
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +109,7 @@ def count_step_work(program: Program) -> StepWork | None:
     if plan is None:
         return None
     from cotree.codegen.newton import is_unrolled
+    from cotree.linear.plan import narrow_band
 
     n, counts = len(layout.states), program.operations
     lower, upper, places = narrow_band(n, layout.column_starts, layout.row_indices)
@@ -224,44 +126,8 @@ def count_step_work(program: Program) -> StepWork | None:
     )
 
 
+#: What a kernel returns if a linear system is singular.
 SINGULAR = 1
-
-#: Coordinates of a singular position that a message lists.
-_MOST_COORDINATES = 8
-
-
-def _singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
-    layout, why = program.layout, why_undefined(program, name, known)
-    if why:
-        at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
-        return SingularSystemError(
-            f"linear equations have no solution{at}, since they hold what is not finite ({why}): "
-            "change what it depends on, or the expression"
-        )
-    if not layout.uncertain:
-        return SingularSystemError(
-            "the linear equations of the networks have no solution, or many, at these values of "
-            "parameters and states: ideal couplings such as transformers contradict each other or "
-            "leave something undetermined, or springs at a node without mass have no stiffness at "
-            "their stretch; change a ratio or a start, or put a resistance or a damper between them"
-        )
-    names = ", ".join(f"'{name}'" for name in layout.uncertain)
-    place = _position(program, known.get("x"))
-    return SingularSystemError(
-        f"the mass matrix is singular in the present configuration{place}: among {names}, whose "
-        "joints carry no inertia of their own, some motion moves no inertia; give the bodies that "
-        "these joints carry mass or inertia, or begin away from where axes are parallel"
-    )
-
-
-def _position(program: Program, x: Any) -> str:
-    """Return the values of the coordinates as a phrase; empty where they are many or unknown."""
-    layout = program.layout
-    n = layout.n_coordinates
-    if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
-        return ""
-    rows = zip(layout.states[:n], x, strict=False)
-    return " at " + ", ".join(f"{row.name} = {float(value):.6g}" for row, value in rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,10 +192,10 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
     is the first argument, by name.
     """
 
-    def __init__(self, program: Program, library: LoadedLibrary, model: Any) -> None:
+    def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
         super().__init__()
-        ffi, layout = library.ffi, program.layout
-        self._program, self._model, self._ffi = program, model, ffi
+        ffi, layout = library.ffi, text.layout
+        self._n_results, self._model, self._ffi = text.traits.n_results, model, ffi
         n, m = len(layout.states), len(layout.sensitivities)
         self.x, self.s, self.u = np.zeros(n), np.zeros(n * max(m, 1)), np.zeros(len(layout.inputs))
         self.p, self.k = np.zeros(len(layout.parameters)), np.zeros(model.n_prepared)
@@ -338,12 +204,11 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
         self.prepared = (self._pointers["p"], self._pointers["k"])
 
     def __missing__(self, name: str) -> tuple[Any, tuple[Any, ...], Array, bool]:
-        kernel = self._program.kernels[name]
-        if not kernel.is_present:  # it has no results: no call is needed
+        if name not in self._n_results:  # it has no results: no call is needed
             self[name] = absent = (lambda *_: 0), (), np.zeros(0), True
             return absent
         # Pointers to all arguments are bound here once; time is passed by value.
-        spec, result = KERNELS[name], np.zeros(len(kernel.results))
+        spec, result = KERNELS[name], np.zeros(self._n_results[name])
         arguments = [self._pointers[key] for key in spec.arguments if key != "t"]
         function = getattr(self._model, spec.field)
         bound = function, (*arguments, self._pointer(result)), result, spec.arguments[0] == "t"
@@ -358,8 +223,8 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 class _OwnBuffers(threading.local):
     """Buffers that the calling thread hands to C; Python makes them anew for each thread."""
 
-    def __init__(self, program: Program, library: LoadedLibrary, model: Any) -> None:
-        self.bound = _Bound(program, library, model)
+    def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
+        self.bound = _Bound(text, library, model)
 
 
 class CKernels:
@@ -367,16 +232,15 @@ class CKernels:
 
     backend = "C"
 
-    def __init__(self, program: Program, library: LoadedLibrary, prefix: str) -> None:
-        layout = program.layout
-        model = getattr(library.lib, f"{prefix}_abi")()
+    def __init__(self, text: ModelText, library: LoadedLibrary) -> None:
+        layout = text.layout
+        model = getattr(library.lib, f"{text.prefix}_abi")()
         # Structures of another version have other fields, and none of them could be trusted.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
-        self._model = model
-        self._program, self._guards = program, program.guards
-        self._own = _OwnBuffers(program, library, model)
+        self._model, self._text = model, text
+        self._own = _OwnBuffers(text, library, model)
         # What is the same for all parameters.
         self._native = NativeModel(
             int(library.ffi.cast("uintptr_t", model)),
@@ -384,9 +248,9 @@ class CKernels:
             np.zeros(0),
             library,
             layout,
-            program.can_extend,
-            locked_cache(lambda: load_newton(program)),
-            locked_cache(lambda: count_step_work(program)),
+            text.traits.can_extend(layout),
+            locked_cache(lambda: load_newton(text.program)),
+            locked_cache(lambda: count_step_work(text.program)),
         )
 
     def prepare(self, p: Array) -> None:
@@ -396,7 +260,9 @@ class CKernels:
         status = self._model.prepare(*bound.prepared)
         # C only tells that a guard refuses. Python evaluates the guards again, to name the value.
         if status < 0:
-            check_guards(self._guards, p)
+            from cotree.model.failures import check_guards
+
+            check_guards(self._text.program.guards, p)
         if status:
             # Guards name the value that they refuse; what is left are singular systems.
             raise self._failure(status, "prepare", {"p": bound.p})
@@ -427,21 +293,16 @@ class CKernels:
 
     def address(self, name: str) -> int | None:
         """Return the address of a kernel; see :class:`Kernels`."""
-        if not self._program.kernels[name].is_present:
+        if name not in self._text.traits.n_results:
             return None
         return int(self._library.ffi.cast("uintptr_t", self._own.bound[name][0]))
 
     def _failure(self, status: int, name: str, known: Mapping[str, Any]) -> Exception:
         if status == SINGULAR:
-            return _singular(self._program, name, known)
+            from cotree.model.failures import singular
+
+            return singular(self._text.program, name, known)
         return SolveError(f"a kernel of the model failed with status {status}")
-
-
-def check_guards(guards: Sequence[Guard], p: Array) -> None:
-    """Check parameter values in Python, where the numbers can be named."""
-    values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
-    for guard in guards:
-        guard.check(evaluate([guard.value], values)[0])
 
 
 #: The sentence of everything that needs compiled kernels.
@@ -481,25 +342,25 @@ class SharedCode(NamedTuple):
     shared: frozenset[str]  # files that several libraries have
 
 
-def shared_code(
-    files_of: Callable[..., Mapping[str, str]], declarations_of: Callable[..., str], *arguments: str
-) -> SharedCode:
+def shared_code(library: str, *arguments: str) -> SharedCode:
     """Render C, or take it from the cache.
 
     Parameters
     ----------
-    files_of, declarations_of : callable
-        Functions of :mod:`cotree.codegen`: the first returns files, and the second, of these, their
-        declarations.
+    library : str
+        A name in :data:`cotree.codegen.integrators.LIBRARIES`.
     *arguments : str
-        Further arguments of both.
+        Arguments of its functions.
     """
 
     def render() -> SharedCode:
+        from cotree.codegen.integrators import LIBRARIES, shared_files
+
+        files_of, declarations_of = LIBRARIES[library]
         files = files_of(*arguments)
         return SharedCode(files, declarations_of(files, *arguments), shared_files(files))
 
-    return kept((files_of.__name__, arguments), render)
+    return kept((library, arguments), render)
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.build import BuildOptions, find_toolchain, obtain_library
-from cotree.codegen.model_files import ModelText, cdef
 from cotree.errors import BuildError, Error
 from cotree.model.kernels import CKernels, MissingKernels
 from cotree.model.model import CompiledModel, Moment
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from cotree.model.arrays import Array
+    from cotree.program.text import ModelText
 
 
 def load_model(
@@ -71,19 +71,18 @@ def load_model(
             RuntimeWarning,
             stacklevel=level_of_user(),
         )
-        model = CompiledModel(text.program, MissingKernels(), text, options)
+        model = CompiledModel(text, MissingKernels(), options)
     else:
         library, loaded = obtain_library(
             text.files,
-            cdef(text.files["cotree_abi.h"], text.prefix),
+            text.declarations,
             abi_version=ABI_VERSION,
             n_operations=text.n_written,
             n_all=text.n_written_in_all,
             options=options,
             toolchain=toolchain,
         )
-        kernels = CKernels(text.program, loaded, text.prefix)
-        model = CompiledModel(text.program, kernels, text, options)
+        model = CompiledModel(text, CKernels(text, loaded), options)
         model.cached = library.cached
     if at_rest is not None:
         model.rest = OperatingPoint(model, at_rest)
@@ -152,7 +151,7 @@ class OperatingPoint:
 
 
 def _reduced(model: CompiledModel) -> tuple[Any, ...]:
-    if model.text is None:
+    if not model.text.files:
         raise TypeError("a model without C text cannot be pickled")
     parts = model.text, model.options, None if model.rest is None else model.rest.text
     # Programs and texts repeat themselves: this takes a few milliseconds and leaves a quarter.

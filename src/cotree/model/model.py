@@ -18,12 +18,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cotree.build import find_toolchain
-from cotree.dag.nodes import TIME, kinds_in, symbols_in
 from cotree.errors import BuildError, ParameterError, SingularSystemError
 from cotree.model.arrays import Array, as_array, as_parameters, derived_values
 from cotree.model.columns import in_columns, is_many
-from cotree.model.kernels import why_undefined
-from cotree.model.roots import Junctions
 from cotree.model.start_in_c import StartInC, start_in_c
 from cotree.model.structure import Structure
 from cotree.program.kernels import KERNELS
@@ -36,10 +33,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.build import BuildOptions
-    from cotree.codegen.model_files import ModelText
-    from cotree.dag.time_events import Corners
+    from cotree.dag.corners import Corners
+    from cotree.model.junctions import Junctions
     from cotree.model.kernels import Kernels, NativeModel
-    from cotree.program import Layout, Program
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
+    from cotree.program.text import ModelText
 
 
 def whole_kernel(
@@ -118,19 +117,19 @@ class CompiledModel:
 
     Parameters
     ----------
-    program : Program
-        Names, patterns, and what the kernels compute.
+    text : ModelText
+        Names, patterns, what the kernels compute, and the C text that they were compiled from.
     kernels : Kernels
         The kernels.
-    text : ModelText, optional
-        The C text that the kernels were compiled from.
     options : BuildOptions, optional
         The user's choices for the compiler.
 
     Attributes
     ----------
-    program, text, options
+    text, options
         The same.
+    traits : Traits
+        What calls have to know of the nodes.
     cached : bool
         Whether the library was compiled before.
     rest : callable or None
@@ -148,20 +147,16 @@ class CompiledModel:
     """
 
     def __init__(
-        self,
-        program: Program,
-        kernels: Kernels,
-        text: ModelText | None = None,
-        options: BuildOptions | None = None,
+        self, text: ModelText, kernels: Kernels, options: BuildOptions | None = None
     ) -> None:
-        self.program, self.text, self.options = program, text, options
+        self.text, self.traits, self.options = text, text.traits, options
         self.cached = False
         self.rest: Rest | None = None
         self._kernels = kernels
         self._own = _Own()
         self._whole: dict[str, Call] = {}
         self.kept: Kept[Any] = Kept(_MOST_KEPT)
-        layout = self.layout = program.layout
+        layout = self.layout = text.layout
         self._defaults = np.array(layout.parameter_values, dtype=float)
         self.structure = Structure(layout)
         self.states = tuple(row.name for row in layout.states)
@@ -170,6 +165,11 @@ class CompiledModel:
         self.outputs = tuple(row.name for row in layout.outputs)
         self.sensitivities = layout.sensitivities
         self._place_of = {name: i for i, name in enumerate(self.parameters)}
+
+    @property
+    def program(self) -> Program:
+        """The program after its passes; calls of kernels and runs need none of its nodes."""
+        return self.text.program
 
     @property
     def default_parameters(self) -> Array:
@@ -325,53 +325,33 @@ class CompiledModel:
     @property
     def digest(self) -> str:
         """Hash of its C text, names and default values: equal for models that compute the same."""
-        parts = [VERSION, repr(self.layout), *_listed(self.text.files if self.text else {})]
+        parts = [VERSION, repr(self.layout), *_listed(self.text.files)]
         if self.rest is not None:
             # Its nodes, too, are told apart by the text that is printed for them.
             text = self.rest.text
-            parts += [repr(text.program.layout), *_listed(text.files)]
+            parts += [repr(text.layout), *_listed(text.files)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     @property
     def source(self) -> str:
         """The C text of the model; empty where it was not written."""
-        return self.text.files[f"{self.text.prefix}.c"] if self.text else ""
+        return self.text.files.get(f"{self.text.prefix}.c", "")
 
     @property
     def slow_causes(self) -> str:
         """Sentences on values of the scene that make steps short; empty where none is known."""
-        return self.text.slow_causes if self.text else ""
+        return self.text.slow_causes
 
     @property
     def unreached(self) -> tuple[str, ...]:
         """Parameters among :attr:`sensitivities` that no state or output depends on."""
-        kernels = self.program.kernels
-        # Kernels whose results all others follow from, derivatives left out.
-        names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
-        read = symbols_in([node for name in names for node in kernels[name].results])
-        reached = {self.parameters[node.data[1]] for node in read if node.data[0] == "p"}
-        return tuple(n for n in self.sensitivities if n in self.parameters and n not in reached)
+        return self.traits.unreached
 
     @property
-    def is_rheonomic(self) -> bool:
-        """Whether the equations that the start has to satisfy depend on time."""
-        kernels = self.program.kernels
-        read = symbols_in([*kernels["constraints"].results, *kernels["start"].results])
-        return any(node.data[0] == "t" for node in read)
-
-    @locked_cached_property
-    def constant_inputs(self) -> frozenset[str]:
-        """Inputs that the scene gives as functions of parameters alone."""
-        own = zip(self.inputs, self.program.kernels["inputs"].results, strict=True)
-        return frozenset(name for name, node in own if TIME not in kinds_in([node]))
-
-    @locked_cached_property
     def begins_alike(self) -> bool:
         """Whether runs begin in the same states at all times and values of parameters."""
-        kernels = self.program.kernels
-        given = [*kernels["initial"].results, *kernels["initial_sensitivity"].results]
         is_found = self.begins_at_rest or self.layout.has_start_equations
-        return not (is_found or symbols_in(given))
+        return self.traits.begins_alike and not is_found
 
     @property
     def begins_at_rest(self) -> bool:
@@ -395,16 +375,6 @@ class CompiledModel:
             Further times, those of tables say, [s].
         """
         return self.program.corners(p.tolist(), (min(span), max(span)), given, others)
-
-    @property
-    def has_corners(self) -> bool:
-        """Whether the scene's own inputs and rates jump or have kinks; see :meth:`corners`."""
-        return bool(self.program.stops)
-
-    @property
-    def has_longest_step(self) -> bool:
-        """Whether anything in the scene bounds the steps; see :meth:`longest_step`."""
-        return bool(self.program.longest_steps)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
         """Return the longest step that passes over nothing, [s]; see :meth:`corners`."""
@@ -446,6 +416,8 @@ class CompiledModel:
     @locked_cached_property
     def junctions(self) -> Junctions:
         """The exponentials of the algebraic equations."""
+        from cotree.model.junctions import Junctions
+
         return Junctions.of(self.program)
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
@@ -513,6 +485,8 @@ class CompiledModel:
             return str(error).rstrip(".")
         if np.all(np.isfinite(rates)):
             return ""
+        from cotree.model.failures import why_undefined
+
         u = self.input_values(t, p) if u is None else u
         return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
@@ -558,17 +532,22 @@ class StatesOnly(CompiledModel):
     """
 
     def __init__(self, model: CompiledModel) -> None:
-        program = model.program
+        text = model.text
         layout = replace(
-            program.layout,
+            text.layout,
             sensitivities=(),
             sensitivity_starts=(0,),
             sensitivity_rows=(),
-            input_sensitivities=((),) * len(program.layout.inputs),
+            input_sensitivities=((),) * len(text.layout.inputs),
         )
-        super().__init__(replace(program, layout=layout), model._kernels, model.text)
+        super().__init__(replace(text, layout=layout), model._kernels)
         # Threads prepare the same kernels through either model, and both have to know for what.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
+
+    @locked_cached_property
+    def program(self) -> Program:
+        """The program of the model, whose layout has no sensitivities."""
+        return replace(self._whole_model.program, layout=self.layout)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
         """Return initial states, and no sensitivities; see :meth:`CompiledModel.initial_values`."""
@@ -584,7 +563,7 @@ class StatesOnly(CompiledModel):
         """Return the model as C sees it; see :meth:`CompiledModel.native`."""
         native = super().native(p)
         # The kernel of the states alone may be there where the one with sensitivities is too long.
-        return native and changed(native, can_extend=self.program.can_extend)
+        return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,7 +193,7 @@ def check_start(model: CompiledModel) -> None:
     try:
         y = scene_start(model).y
     except ParameterError:
-        if model.is_rheonomic:
+        if model.traits.is_rheonomic:
             return  # it may start at another time
         raise
     rates = model.rhs(0.0, y)

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from cotree.codegen.start_tables import start_declarations, start_files, start_tables
-from cotree.errors import Error, SingularSystemError, SolveError
-from cotree.model.algebraic import UnsolvedError
+from cotree.codegen.start_tables import start_tables
+from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
 from cotree.model.called_model import CalledModel, new_quantities
 from cotree.model.consistent import Report, Start
 from cotree.model.kernels import SINGULAR, build_engine, shared_code
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel, Moment
-    from cotree.program import Layout
+    from cotree.program.layout import Layout
 
 #: Of more algebraic unknowns than these, sparse factorisations cost less.
 _MOST_UNKNOWNS = 200
@@ -38,7 +37,7 @@ _MOST_UNKNOWNS = 200
 @locked_cache
 def load_start() -> LoadedLibrary | None:
     """Build and load the start, once; None without a compiler."""
-    return build_engine(shared_code(start_files, start_declarations))
+    return build_engine(shared_code("start"))
 
 
 #: Results of C: given values contradict the constraints, or cannot follow a parameter.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from cotree.program import Layout
+    from cotree.program.layout import Layout
 
 
 class Structure:

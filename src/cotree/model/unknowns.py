@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cotree.errors import Error, ParameterError, SolveError
-from cotree.model.algebraic import Algebraic
-from cotree.model.linear import is_sparse
 from cotree.scene.events import ModePart
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from cotree.model.algebraic import Algebraic
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel, Moment
 
@@ -145,6 +144,10 @@ def solve_states(at: Moment, y: Array) -> Array:
 
 def of_model(at: Moment) -> Algebraic:
     """Return the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
+    # Most models have none.
+    from cotree.model.algebraic import Algebraic
+    from cotree.model.linear import is_sparse
+
     none, model, p, u = np.zeros(0), at.model, at.p, at.u
     rhs, layout = model.bound("rhs", p), model.layout
     n_algebraic, cut = layout.n_algebraic, len(layout.states) - layout.n_algebraic

@@ -14,7 +14,8 @@ from cotree.errors import ParameterError
 from cotree.program.columns import map_rates
 from cotree.program.events import event_kernels
 from cotree.program.kernels import KERNELS
-from cotree.program.program import Kernel, Layout, Program
+from cotree.program.layout import Layout
+from cotree.program.program import Kernel, Program
 from cotree.program.projection import constraint_quantities, projection_kernels
 from cotree.program.reduced import reduced_kernels
 from cotree.program.sensitivity_pattern import (

@@ -41,7 +41,7 @@ from cotree.program.counts import bounds, waits
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Mapping, Sequence
 
-    from cotree.program import Kernel, Program
+    from cotree.program.program import Kernel, Program
 
 
 def stage_parameters(program: Program) -> Program:

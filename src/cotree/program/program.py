@@ -5,32 +5,29 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, pairwise
+from itertools import chain
 from typing import TYPE_CHECKING
 
+import cotree.dag.stored  # noqa: F401 - lets arenas be pickled
+from cotree.dag.corners import Corners
 from cotree.dag.evaluate import evaluate
-from cotree.dag.nodes import ARGUMENT_OF, PIECE, reachable, symbols_in
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, TIME, kinds_in, reachable, symbols_in
 from cotree.dag.switching_times import TimeEvent, longest_step
-from cotree.dag.time_events import Corners, find_corners
+from cotree.dag.time_events import find_corners
 from cotree.errors import SolveError
 from cotree.linear.plan import plan_elimination
 from cotree.program.counts import OperationCount, by_need, count_operations
-from cotree.report import Facts, Report, Table, names
+from cotree.program.text import Traits
+from cotree.report import Table
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Dag, Node
-    from cotree.equations import (
-        DerivedParameter,
-        EventRow,
-        Guard,
-        PositionRow,
-        Quantity,
-        RedundantRow,
-    )
+    from cotree.equations import Guard
     from cotree.linear.plan import Elimination
     from cotree.program.kernels import KernelSpec
+    from cotree.program.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -61,139 +58,6 @@ class Kernel:
     def operations(self) -> OperationCount:
         """Operation counts of the kernel alone."""
         return count_operations([node for node in self.order if node not in self.prepared])
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Names, units and patterns of a program's arguments and results."""
-
-    name: str  # name of the scene
-    #: In the order of the arrays.
-    states: tuple[Quantity, ...]
-    parameters: tuple[Quantity, ...]
-    inputs: tuple[Quantity, ...]
-    outputs: tuple[Quantity, ...]
-    sensitivities: tuple[str, ...]  # parameters and states of the sensitivities
-    parameter_values: tuple[float, ...]  # the scene's values
-    #: The Jacobian's pattern, compressed by columns.
-    column_starts: tuple[int, ...]
-    row_indices: tuple[int, ...]
-    #: For each input, the ``sensitivities`` on which its scene function depends.
-    input_sensitivities: tuple[tuple[str, ...], ...]
-    uncertain: tuple[str, ...]  # coordinates whose pivot is checked at run time
-    #: Residuals of the constraints, in the order of the kernel ``constraints``.
-    constraints: tuple[Quantity, ...]
-    constraint_edges: tuple[str, ...]  # the edge of each row that has a multiplier
-    n_coordinates: int  # number of coordinates among the states; they come first
-    n_speeds: int  # number of speeds among the states; they come next
-    #: Whether each state is an algebraic unknown; these come last. Their rates are residuals.
-    algebraic: tuple[bool, ...]
-    quaternions: tuple[int, ...]  # the first state of each quaternion
-    given: tuple[bool, ...]  # whether the scene gives the initial value of each state
-    #: Further conditions on the start: initial values of variables that are not states.
-    start_rows: tuple[str, ...]
-    start_units: tuple[str, ...]  # their units
-    start_is_rate: tuple[bool, ...]  # whether each is a rate
-    #: Whether each output depends on multipliers: a reaction.
-    uses_multipliers: tuple[bool, ...]
-    events: tuple[EventRow, ...] = ()  # in the order of the kernel ``events``
-    event_inputs: tuple[str, ...] = ()  # the inputs that these kernels read
-    #: Initial values that must agree with those of states; the last results of the kernel ``start``
-    #: are the values that follow from states, then the given ones.
-    redundant: tuple[RedundantRow, ...] = ()
-    #: States that are the content of several storages, with the algebraic unknown that follows from
-    #: each: a start without a given content has that unknown.
-    followers: tuple[tuple[int, int], ...] = ()
-    #: The states that depend on each of them, one after another: the pattern of sensitivities, in
-    #: compressed columns. Other sensitivities are zero at all times.
-    sensitivity_starts: tuple[int, ...] = (0,)
-    sensitivity_rows: tuple[int, ...] = ()
-    #: Parameters that follow from these, and are not arguments.
-    derived: tuple[DerivedParameter, ...] = ()
-    #: The next results of that kernel: for each kink the branch that ends there, the direction, and
-    #: whether it is steep, as in :class:`cotree.equations.CornerRow`.
-    corners: tuple[tuple[int, int, bool], ...] = ()
-    #: Number of branches that steps freeze: the last prepared values, zero unless frozen.
-    n_pieces: int = 0
-    positions: tuple[PositionRow, ...] = ()  # positions in networks that are sums of states
-    #: For each event, then each kink, its place in the kernel ``event_ranges``; -1: it is linear,
-    #: and has none.
-    ranges: tuple[int, ...] = ()
-    #: Number of quantities of these, the last results of the kernel ``events``.
-    n_quantities: int = 0
-    #: The initial values of coordinates and rates that the scene gives, in its order.
-    given_names: tuple[str, ...] = ()
-
-    @cached_property
-    def sensitivity_places(self) -> tuple[int, ...]:
-        """Places of the nonzero sensitivities among all sensitivities, parameter by parameter."""
-        n, starts = len(self.states), self.sensitivity_starts
-        counts = [end - start for start, end in pairwise(starts)]
-        # Sensitivity j has n places, of which its pattern names a few.
-        firsts = [j * n for j, count in enumerate(counts) for _ in range(count)]
-        return tuple(first + i for first, i in zip(firsts, self.sensitivity_rows, strict=True))
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each state, position, output, input and parameter; the last of equal names."""
-        rows: tuple[Quantity | PositionRow, ...] = (
-            *self.states,
-            *self.positions,
-            *self.outputs,
-            *self.inputs,
-            *self.parameters,
-        )
-        derived = {row.name: row.unit for row in self.derived}
-        return {row.name: row.unit for row in rows} | derived
-
-    @property
-    def has_conditions(self) -> bool:
-        """Return whether initial values have conditions besides those of algebraic unknowns."""
-        return bool(self.constraints or self.start_rows)
-
-    @cached_property
-    def has_start_equations(self) -> bool:
-        """Return whether any value follows from initial values, or has to agree with them."""
-        is_found = self.has_conditions or self.n_algebraic or self.followers or self.redundant
-        return bool(is_found) or any(row.is_jump for row in self.events)
-
-    @cached_property
-    def value_rows(self) -> tuple[int, ...]:
-        """Indices of the speed constraints that are rates of coordinate constraints."""
-        names = [row.name for row in self.constraints]
-        n_rows = len(self.constraint_edges)
-        # The kernel has the coordinate constraints, then the rates of all rows, then the norms of
-        # quaternions. A row of speeds alone is in the second group only.
-        n_values = len(names) - n_rows - len(self.quaternions)
-        values, rates = set(names[:n_values]), names[n_values : n_values + n_rows]
-        return tuple(i for i, name in enumerate(rates) if name.removesuffix("_dot") in values)
-
-    @cached_property
-    def n_algebraic(self) -> int:
-        """Number of algebraic unknowns."""
-        return sum(self.algebraic)
-
-    def report(self, kind: str, more: Iterable[tuple[str, str]]) -> Report:
-        """Build a report of names, further facts and, in notebooks, parameters."""
-        groups = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
-        values = zip(self.parameters, self.parameter_values, strict=True)
-        facts = [
-            (noun, names([f"{row.name} [{row.unit}]" if row.unit else row.name for row in rows], 6))
-            for noun, rows in groups.items()
-        ]
-        facts.insert(1, ("parameters", names([row.name for row in self.parameters])))
-        to = f"to {names(self.sensitivities)}" if self.sensitivities else "none"
-        held = names([row.name for row in self.constraints]) if self.constraints else ""
-        return Report(
-            f"{kind} {self.name}",
-            Facts([*facts, ("sensitivities", to), ("constraints", held), *more]),
-            Table(
-                ("name", "value", "unit", "meaning"),
-                [(row.name, value, row.unit, row.doc) for row, value in values],
-                "parameters",
-                in_text=0,
-            ),
-        )
 
 
 @dataclass(frozen=True)
@@ -267,13 +131,27 @@ class Program:
         found: list[float] = evaluate(roots, given)
         return found
 
-    @property
-    def can_extend(self) -> bool:
-        """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
-        if self.layout.corners:
-            return False  # these rates jump at kinks of the residuals
-        name = "extended_augmented_rhs" if self.layout.sensitivities else "extended_rhs"
-        return bool(self.kernels[name].results)
+    @cached_property
+    def traits(self) -> Traits:
+        """What calls have to know of the nodes."""
+        layout, results = self.layout, {n: k.results for n, k in self.kernels.items()}
+        # Kernels whose results all others follow from, derivatives left out.
+        names = ("rhs", "initial", "inputs", "constraints", "start", "outputs", "events", "jumps")
+        read = symbols_in([node for name in names for node in results[name]])
+        reached = {layout.parameters[node.data[1]].name for node in read if node.data[0] == "p"}
+        parameters = {row.name for row in layout.parameters}
+        own = zip(layout.inputs, results["inputs"], strict=True)
+        return Traits(
+            n_results={n: len(k.results) for n, k in self.kernels.items() if k.is_present},
+            unreached=tuple(
+                n for n in layout.sensitivities if n in parameters and n not in reached
+            ),
+            is_rheonomic=TIME in kinds_in([*results["constraints"], *results["start"]]),
+            constant_inputs=tuple(row.name for row, node in own if TIME not in kinds_in([node])),
+            begins_alike=not symbols_in([*results["initial"], *results["initial_sensitivity"]]),
+            has_corners=bool(self.stops),
+            has_longest_step=bool(self.longest_steps),
+        )
 
     @property
     def n_prepared(self) -> int:

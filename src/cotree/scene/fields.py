@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from cotree.arguments import is_list, plain
 from cotree.components import Component, Field, FreeRotation, Role, Shape, content_of, integral_of
 from cotree.components.multibody import body_space
-from cotree.dag.vector import quaternion_of_matrix
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError, check_known
 from cotree.naming import check_text
@@ -25,7 +24,7 @@ from cotree.scene.tables import converted, parse_lookup, parse_signal
 from cotree.units import Unit, check_fits, check_unit
 
 if TYPE_CHECKING:
-    from cotree.dag.multi_output import Table
+    from cotree.dag.table import Table
 
 
 def edge_statement(
@@ -205,6 +204,8 @@ def _rotation(value: object, where: str) -> FieldValue:
             f"{where} is a matrix: give it as numbers, or as roll, pitch and yaw, which may depend "
             "on parameters"
         )
+    from cotree.dag.vector import quaternion_of_matrix
+
     if quaternion_of_matrix(numbers) is None:  # type: ignore[arg-type]
         raise SceneError(
             f"{where} is not a rotation matrix: its rows must be perpendicular unit vectors "

@@ -15,8 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cotree.dag.lookup import CubicTable, PlaneTable, look_up
-from cotree.dag.multi_output import Table, table
+from cotree.dag.table import Table
 from cotree.errors import SceneError, UnitError, brief, check_known, nearest
 from cotree.files import is_number, read_rows
 from cotree.naming import RESERVED, check_name, check_text
@@ -72,6 +71,9 @@ class LookupTable:
 
     def node(self, dag: Dag, args: list[Node], resolve: Callable[[str], Node]) -> Node:
         """Return the node of its value."""
+        from cotree.dag.lookup import CubicTable, PlaneTable, look_up
+        from cotree.dag.multi_output import table
+
         numbers = [value.number for value in self.values]
         if any(number is None for number in numbers):
             return self._written_out(dag, args[0], [v.lower(dag, resolve) for v in self.values])

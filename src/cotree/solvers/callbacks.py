@@ -21,8 +21,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error
-from cotree.linear.plan import narrow_band
-from cotree.model.algebraic import Algebraic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -104,6 +102,8 @@ class Rescue:
 
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
         """Solve for the algebraic unknowns, in place; keep the reason where none are found."""
+        from cotree.model.algebraic import Algebraic
+
         problem = self.problem
         assert problem.state_rhs is not None  # of a compiled model
         assert problem.jacobian is not None
@@ -149,6 +149,8 @@ class SundialsAid:
             n_nonzeros = model.n_nonzeros
             starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
             rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []
+            from cotree.linear.plan import narrow_band
+
             c.lower, c.upper, order = narrow_band(n, starts, rows)
             if order is not None:
                 self._order = c.places = ffi.new("int[]", order.tolist())

@@ -23,18 +23,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from cotree.build import LoadedLibrary, abandon
-from cotree.codegen.integrators import (
-    SUNDIALS,
-    SUNDIALS_VERSION,
-    WITH_SENSITIVITIES,
-    engine_declarations,
-    engine_files,
-    sundials_functions,
-    sweep_declarations,
-    sweep_files,
-)
 from cotree.errors import BuildError, Error, SolveError
-from cotree.methods import METHODS
+from cotree.methods import METHODS, SUNDIALS, SUNDIALS_VERSION, WITH_SENSITIVITIES
 from cotree.model.kernels import NativeModel, SharedCode, build_engine, shared_code
 from cotree.sharing import locked_cache
 
@@ -100,6 +90,9 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     Returns a ``cotree_sundials`` and what keeps the library loaded; or the reason why there is
     none, without a capital and a full stop. ``ffi`` is the engine's and declares these functions.
     """
+    # Methods of cotree's own need none of what prints C.
+    from cotree.codegen.integrators import sundials_functions
+
     try:
         # Lazily: of a module of Python nothing is called that needs Python.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
@@ -213,7 +206,7 @@ def load_engine(stepper: str) -> Engine | str:
 
 @locked_cache
 def _code_of(stepper: str) -> SharedCode:
-    return shared_code(engine_files, engine_declarations, stepper)
+    return shared_code("engine", stepper)
 
 
 @locked_cache
@@ -280,7 +273,7 @@ def sweep(
 @locked_cache
 def load_sweep() -> LoadedLibrary | None:
     """Build and load the loop over points; None where there is no compiler."""
-    return build_engine(shared_code(sweep_files, sweep_declarations))
+    return build_engine(shared_code("sweep"))
 
 
 def _in_c(

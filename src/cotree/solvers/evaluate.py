@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.dag.switching_times import SAME
 from cotree.errors import SingularSystemError, SolveError
 from cotree.solvers.augmented import (
     DENSE_LIMIT,
@@ -22,6 +21,7 @@ from cotree.solvers.augmented import (
 )
 from cotree.solvers.budgets import time_spent
 from cotree.solvers.problem import describe_entry
+from cotree.tolerances import SAME
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from cotree.arguments import check_mapping
-from cotree.dag.switching_times import SAME
 from cotree.errors import ParameterError, SolveError, check_known
 from cotree.model.kernels import NO_COMPILER
 from cotree.model.model import CompiledModel, Moment, states_only
@@ -27,6 +26,7 @@ from cotree.solvers.augmented import DENSE_LIMIT
 from cotree.solvers.held_constraints import HeldConstraints
 from cotree.solvers.job import Shared
 from cotree.solvers.problem import ModelEvents, Native, Problem
+from cotree.tolerances import SAME
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -292,8 +292,8 @@ class Preparation:
         # Norms of quaternions are among the constraints: a free body is projected, too.
         self._is_held = settings.project and bool(layout.constraints)
         self._size_of = parameter_sizes(model, settings.scales)
-        self._has_corners = model.has_corners or bool(settings.inputs)
-        self._is_step_free = settings.max_step is None and model.has_longest_step
+        self._has_corners = model.traits.has_corners or bool(settings.inputs)
+        self._is_step_free = settings.max_step is None and model.traits.has_longest_step
         # Functions of Python among the inputs may remember their calls.
         self.asks_python = bool(self._signals.sampled) or any(
             place not in self._signals.tables for place in self._signals.by_position
@@ -452,7 +452,7 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
     """Refuse to replace an input where sensitivities depend on the input's own."""
     for name, value in inputs.items():
         # One constant in place of another has the same rate.
-        is_alike = isinstance(value, Real) and name in model.constant_inputs
+        is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
                 f"input '{name}' decides when an event happens, or what it sets, and the "

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cotree.dag.time_events import Corners
+from cotree.dag.corners import Corners
 from cotree.errors import ModelError, SolveError
 from cotree.model.model import CompiledModel, Moment
 from cotree.model.unknowns import solve_states

@@ -20,7 +20,6 @@ from cotree.solvers.engine import has_sundials, load_engine
 from cotree.solvers.native import begin_in_c, check_available, compiled_in
 from cotree.solvers.problem import check_problem, corner_times
 from cotree.solvers.refusals import beyond_scipy, refusal
-from cotree.solvers.scipy_ivp import solve_with_scipy
 from cotree.solvers.stiffness import (
     Succession,
     bound_of_decay,
@@ -135,6 +134,8 @@ def _solve(
         if not isinstance(attempt, str):
             return attempt.finish()
     if not row.stepper:
+        from cotree.solvers.scipy_ivp import solve_with_scipy
+
         return solve_with_scipy(problem, method)
     check_available(method)
     attempt = begun or begin_in_c(problem, method)

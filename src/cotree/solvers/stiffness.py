@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.tableaus import TABLEAUS
-from cotree.errors import SingularSystemError, SolveError
-from cotree.model.algebraic import Algebraic, UnsolvedError
+from cotree.errors import SingularSystemError, SolveError, UnsolvedError
 from cotree.solvers.engine import has_sundials
 from cotree.solvers.evaluate import FAILED, Evaluator, IntegrationStopError
 from cotree.solvers.refusals import beyond_scipy, refusal
@@ -113,6 +111,8 @@ def _modes_at(
 
 def _reduced(evaluator: Evaluator, t: float, z: FloatArray) -> FloatArray:
     """Return the Jacobian of the states whose algebraic unknowns are eliminated."""
+    from cotree.model.algebraic import Algebraic
+
     problem = evaluator.problem
     assert problem.state_rhs is not None  # of a compiled model
     assert problem.jacobian is not None
@@ -303,6 +303,8 @@ class Succession:
 
 def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method: str) -> bool:
     """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
+    from cotree.codegen.tableaus import TABLEAUS
+
     # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
     bound = float(TABLEAUS[method].stable)
     return step * largest_decaying(problem, t, z) >= _CONFIRMED * bound

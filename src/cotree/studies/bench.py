@@ -20,9 +20,8 @@ from cotree.api import load as load_scene
 from cotree.arguments import check_names
 from cotree.build import find_toolchain
 from cotree.build.compile import processor_name
-from cotree.codegen.integrators import SUNDIALS_VERSION
 from cotree.errors import Error, ParameterError, SolveError
-from cotree.methods import METHODS, method_row
+from cotree.methods import METHODS, SUNDIALS_VERSION, method_row
 from cotree.quiet import without_warnings
 from cotree.scene.expressions import check_number
 from cotree.solvers.native import is_available

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cotree import Model
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 pytestmark = pytest.mark.compiler
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from cotree.export.c_checks import Evaluated
     from cotree.model.consistent import Start
-    from cotree.program import Program
+    from cotree.program.program import Program
 
 VERSIONS = (2, 3)
 KINDS = ("ModelExchange", "CoSimulation")

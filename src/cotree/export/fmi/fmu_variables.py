@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from cotree.export.fmi.sources import FmuKernels
-    from cotree.program import Layout
+    from cotree.program.layout import Layout
 
 
 @dataclass(frozen=True)

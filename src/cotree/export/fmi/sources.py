@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.dag.nodes import Node
-    from cotree.program import Layout, Program
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
 
 _STATE = ("t", "x", "u", "p", "k")
 _PARAMETER = ("p", "k")
@@ -297,7 +298,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         "is_implicit": is_implicit,
         "is_strict": facts.is_strict,
         "is_extended": not is_implicit
-        and program.can_extend
+        and program.traits.can_extend(program.layout)
         and not layout.events
         and not layout.inputs,
         "is_found": facts.is_found,

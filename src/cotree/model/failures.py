@@ -1,0 +1,163 @@
+"""Why kernels have no value, as sentences: C returns a status, and Python finds the cause.
+
+In: a program and the arguments of a call. Out: the operation that makes a value nan or infinite,
+its numbers, the field of the element that it stands in, and what it depends on; or the joints that
+carry no inertia, or the guard that refuses parameters.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import ARGUMENT_OF, PIECE, Node, reachable, symbols_in
+from cotree.dag.operations import OPERATIONS
+from cotree.errors import SingularSystemError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from cotree.equations import Guard
+    from cotree.model.arrays import Array
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
+
+#: The most names in a message.
+_MOST_NAMES = 6
+
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
+
+
+def why_undefined(program: Program, kernel: str, known: Mapping[str, Any]) -> str:
+    """Describe which operation makes values of a kernel nan or infinite; empty where none does.
+
+    Parameters
+    ----------
+    program : Program
+        The program.
+    kernel : str
+        A name in ``KERNELS``.
+    known : mapping of str to sequence of float
+        Its arguments by kind, ``p`` among them; ``t`` is a sequence of one entry.
+    """
+    order = reachable(program.kernels[kernel].results)
+    given = {
+        node: float(known[ARGUMENT_OF[node.data[0]]][node.data[1]])
+        for node in order
+        if node.op == "symbol" and node.data[0] != PIECE
+    }
+    with np.errstate(all="ignore"):
+        values = dict(zip(order, evaluate(order, given, order=order), strict=True))
+    lost = {node for node, value in values.items() if not np.all(np.isfinite(value))}
+    # An infinite intermediate value may do no harm; a nan does, wherever it goes.
+    # Nodes are in the order of evaluation, so the first nan has no nan among its arguments.
+    wrong = next((node for node in order if np.any(np.isnan(values[node]))), None)
+    if wrong is None:
+        wrong = next((root for root in program.kernels[kernel].results if root in lost), None)
+    if wrong is None:
+        return ""
+    # Go down to the operation whose arguments are all finite: it is the first cause.
+    while any(arg in lost for arg in wrong.args):
+        wrong = next(arg for arg in wrong.args if arg in lost)
+    return f"{_place(program, wrong)}{_operation(wrong, values)}{_point(program, wrong, given)}"
+
+
+def _place(program: Program, wrong: Node) -> str:
+    """Name the field of an element that an operation stands in, the smallest there is.
+
+    Where it stands in none, what it is applied to may come from one: of a quotient the divisor.
+    """
+    found: list[tuple[int, str]] = []
+    for node, name in list(program.dag.origins.items()):  # others may form nodes meanwhile
+        inside = reachable([node])
+        if wrong in inside:
+            found.append((len(inside), name))
+    name = min(found)[1] if found else _origin_of_arguments(program, wrong)
+    return f"{name}: " if name else ""
+
+
+def _origin_of_arguments(program: Program, wrong: Node) -> str:
+    origins = program.dag.origins
+    return next((origins[arg] for arg in reversed(wrong.args) if arg in origins), "")
+
+
+def _operation(node: Node, values: Mapping[Node, Any]) -> str:
+    """Write an operation with its numbers, and what it gives."""
+    if node.op == "symbol" or node.op not in OPERATIONS:
+        return f"what is given is {values[node]}"
+    numbers = [f"{values[arg]:.6g}" for arg in node.args]
+    text = f"{node.op}({', '.join(numbers)})"
+    if node.op in _SIGNS:
+        text = f" {_SIGNS[node.op]} ".join(numbers)
+    return f"{text} is {values[node]}"
+
+
+def _point(program: Program, wrong: Node, given: Mapping[Node, float]) -> str:
+    """Name time, states, parameters and inputs that an operation depends on."""
+    layout = program.layout
+    symbols = [symbol for symbol in symbols_in([wrong]) if symbol in given]  # not held pieces
+    named = [(_name(layout, symbol), given[symbol]) for symbol in symbols]
+    texts = [f"{name} = {value:.10g}" for name, value in named[:_MOST_NAMES]]
+    if len(named) > _MOST_NAMES:
+        texts.append("...")
+    return f" at {', '.join(texts)}" if texts else ""
+
+
+def _name(layout: Layout, symbol: Node) -> str:
+    kind, place = symbol.data
+    rows: Mapping[str, Sequence[Any]] = {
+        "x": layout.states,
+        "p": layout.parameters,
+        "u": layout.inputs,
+    }
+    if kind == "t":
+        return "t"
+    return f"'{rows[kind][place].name}'" if kind in rows else "a sensitivity"
+
+
+#: Coordinates of a singular position that a message lists.
+_MOST_COORDINATES = 8
+
+
+def singular(program: Program, name: str, known: Mapping[str, Any]) -> SingularSystemError:
+    """Return the error of a kernel whose linear system is singular."""
+    layout, why = program.layout, why_undefined(program, name, known)
+    if why:
+        at = f" at t = {float(known['t'][0]):.10g}" if "t" in known else ""
+        return SingularSystemError(
+            f"linear equations have no solution{at}, since they hold what is not finite ({why}): "
+            "change what it depends on, or the expression"
+        )
+    if not layout.uncertain:
+        return SingularSystemError(
+            "the linear equations of the networks have no solution, or many, at these values of "
+            "parameters and states: ideal couplings such as transformers contradict each other or "
+            "leave something undetermined, or springs at a node without mass have no stiffness at "
+            "their stretch; change a ratio or a start, or put a resistance or a damper between them"
+        )
+    names = ", ".join(f"'{name}'" for name in layout.uncertain)
+    place = _position(program, known.get("x"))
+    return SingularSystemError(
+        f"the mass matrix is singular in the present configuration{place}: among {names}, whose "
+        "joints carry no inertia of their own, some motion moves no inertia; give the bodies that "
+        "these joints carry mass or inertia, or begin away from where axes are parallel"
+    )
+
+
+def _position(program: Program, x: Any) -> str:
+    """Return the values of the coordinates as a phrase; empty where they are many or unknown."""
+    layout = program.layout
+    n = layout.n_coordinates
+    if x is None or not 0 < n <= _MOST_COORDINATES or np.ndim(x) != 1:
+        return ""
+    rows = zip(layout.states[:n], x, strict=False)
+    return " at " + ", ".join(f"{row.name} = {float(value):.6g}" for row, value in rows)
+
+
+def check_guards(guards: Sequence[Guard], p: Array) -> None:
+    """Check parameter values in Python, where the numbers can be named."""
+    values = {node: float(p[node.data[1]]) for node in symbols_in([g.value for g in guards])}
+    for guard in guards:
+        guard.check(evaluate([guard.value], values)[0])

@@ -1,0 +1,185 @@
+"""Junctions: a better guess for algebraic equations with exponentials, found by limited steps.
+
+Exponents are unknowns of their own.
+
+1. A step that raises an exponent by more than a few units raises it by a logarithm instead, to
+   where the exponential has grown by what its tangent had promised: the limit of SPICE (pnjlim).
+2. Where that does not converge, exp(w) + c w stands in the place of exp(w), a conductance beside
+   each junction, and c is lowered step by step.
+
+See J. Albersmeyer and M. Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010), and L. W.
+Nagel, SPICE2, Berkeley 1975.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cotree.dag.derivative import tangents_along
+from cotree.dag.evaluate import evaluate
+from cotree.dag.nodes import PIECE, Node, dependent, reachable
+from cotree.model.linear import Linear, solve_entries
+from cotree.model.roots import NewtonLimits, iterate
+
+if TYPE_CHECKING:
+    from cotree.model.arrays import Array
+    from cotree.program.program import Program
+
+#: Exponents rise by the first number without a limit. A guess that makes one larger than the second
+#: number is not used for it.
+_FREE, _FAR_OF_JUNCTIONS = 2.0, 40.0
+
+#: Along a chain of junctions a change travels from one to the next, so the budget of steps grows
+#: with their number. What has settled to this share is polished by Newton's method.
+_MOST_LIMITED_STEPS, _JUNCTIONS_A_STEP, _SETTLED = 100, 4, 1e-9
+
+#: Conductances beside junctions, in units of saturation current by thermal voltage: 1e15 times a
+#: current of 1e-15 A is that of a wire. The last one vanishes beside what is wanted of junctions.
+_LARGEST, _LEAST = 1e15, 1e-3
+_FACTORS = (1.05, 10.0, 1e3)
+
+
+@dataclass(frozen=True, eq=False)
+class Junctions:
+    """The algebraic equations of a program, as functions of unknowns and exponentials."""
+
+    equations: tuple[Node, ...]  # the residuals g, which are to vanish
+    unknowns: tuple[Node, ...]  # symbols of z
+    exponentials: tuple[Node, ...]  # those that depend on z
+    #: Of each equation, then of each exponent: its derivatives by z and by exponentials, by place
+    #: among all these.
+    slopes: tuple[dict[int, Node], ...]
+
+    @classmethod
+    def of(cls, program: Program) -> Junctions:
+        """Find the exponentials of a program and differentiate."""
+        dag, layout = program.dag, program.layout
+        n, cut = len(layout.states), len(layout.states) - layout.n_algebraic
+        # Algebraic equations are the last rows, and their unknowns the last states.
+        equations = program.kernels["rhs"].results[cut:]
+        unknowns = tuple(dag.symbol("x", i) for i in range(cut, n))
+        order = reachable(equations)
+        moving = dependent(order, unknowns)
+        exponentials = tuple(node for node in order if node.op == "exp" and node in moving)
+        if not exponentials:
+            return cls(equations, unknowns, (), ())
+        roots = [*equations, *(node.args[0] for node in exponentials)]
+        # Exponentials are variables of their own: derivatives by z do not go through them.
+        seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
+        return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
+
+    def at(self, t: float, y: Array, p: Array, u: Array) -> HeldEquations:
+        """Hold time, states, parameters and inputs.
+
+        Parameters
+        ----------
+        t : float
+            Time, [s].
+        y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
+            States, of which the algebraic unknowns do not count, parameters and inputs.
+        """
+        return HeldEquations(self, t, y, p, u)
+
+
+class HeldEquations:
+    """The equations at a time, states, parameters and inputs; it belongs to one search."""
+
+    n_carried = 0
+
+    def __init__(self, junctions: Junctions, t: float, y: Array, p: Array, u: Array) -> None:
+        self._n = len(junctions.unknowns)
+        self._free = (*junctions.unknowns, *junctions.exponentials)
+        exponents = [node.args[0] for node in junctions.exponentials]
+        entries = [(i, j, d) for i, row in enumerate(junctions.slopes) for j, d in row.items()]
+        self._rows, self._columns = (np.array([e[k] for e in entries], dtype=int) for k in (0, 1))
+        roots = [*junctions.equations, *exponents, *(d for _, _, d in entries)]
+        known: dict[str, Array] = {"t": np.array([t]), "x": y, "p": p, "u": u}
+        order = reachable(roots, stop=set(self._free))
+        values = {
+            node: float(known[node.data[0]][node.data[1]])
+            for node in order
+            if node.op == "symbol" and node not in self._free and node.data[0] != PIECE
+        }
+        moving = dependent(order, self._free)
+        # What does not depend on unknowns is evaluated once.
+        edge = {a for node in order if node in moving for a in node.args if a not in moving}
+        fixed = list(edge.union(roots) - moving)
+        self._values = values | dict(zip(fixed, evaluate(fixed, values), strict=True))
+        # What is fixed stands here once; evaluations only overwrite the entries in `_places`.
+        self._results = np.array([self._values.get(node, 0.0) for node in roots])
+        self._places = [i for i, node in enumerate(roots) if node in moving]
+        self._roots = [roots[i] for i in self._places]
+        self._order = reachable(self._roots, stop={*self._free, *self._values})
+        self._conductance, self._entries = 0.0, np.zeros(0)
+
+    def search(self, z: Array) -> Array | None:
+        """Look for a root; return a point next to it, or None."""
+        m = len(self._free) - self._n
+        if not m:
+            return None
+        exponents = self._evaluate(z, np.ones(m))[0][self._n :]
+        # Exponents that a poor guess makes huge begin at zero, as if there were no voltage.
+        w = np.where(np.abs(exponents) < _FAR_OF_JUNCTIONS, exponents, 0.0)
+        found = self._iterate(z, w, 0.0)
+        return self._lower(z, np.zeros(m)) if found is None else found[0]
+
+    def _lower(self, z: Array, w: Array) -> Array | None:
+        """Lower the conductance beside all junctions step by step, and leave it out at last."""
+        conductance, (least, factor, most) = _LARGEST, _FACTORS
+        while conductance > 0.0:
+            lower = conductance / factor if conductance > _LEAST else 0.0
+            found = self._iterate(z, w, lower)
+            if found is not None:
+                # Each success lets the next factor be larger; a failure takes its root.
+                (z, w), conductance, factor = found, lower, min(factor**2, most)
+            elif factor < least:
+                return None
+            else:
+                factor **= 0.5
+        return z
+
+    def _iterate(self, z: Array, w: Array, conductance: float) -> tuple[Array, Array] | None:
+        """Take Newton steps in unknowns and exponents, the latter limited."""
+        self._conductance = conductance
+        limits = NewtonLimits(_MOST_LIMITED_STEPS + len(w) // _JUNCTIONS_A_STEP, settled=_SETTLED)
+        root = iterate(self, np.concatenate([z, w]), limits)
+        return (root.z[: self._n], root.z[self._n :]) if root.is_found else None
+
+    def value(self, z: Array) -> Array:
+        """Return the residuals of the equations, then a(z) - w of the exponents."""
+        unknowns, w = np.split(z, [self._n])
+        # Residuals are g(z, e) and a(z) - w with e = exp(w) + c w, so derivatives by e become those
+        # by w with the factor de/dw = exp(w) + c.
+        slope = np.exp(w) + self._conductance
+        values, entries = self._evaluate(unknowns, np.exp(w) + self._conductance * w)
+        values[self._n :] -= w
+        along = np.concatenate([np.ones(self._n), slope])[self._columns]
+        self._entries = np.append(entries * along, np.full(len(w), -1.0))
+        return values
+
+    def linearised(self, z: Array) -> Linear:
+        """Return the linear equations of the point that was evaluated last."""
+        own, entries = np.arange(self._n, len(z)), self._entries
+        rows, columns = np.append(self._rows, own), np.append(self._columns, own)
+        scale = np.maximum(1.0, np.abs(z))
+        return Linear(lambda g: solve_entries(rows, columns, entries, g), scale)
+
+    def moved(self, z: Array, step: Array) -> Array:
+        """Limit the growth of exponents to the logarithm of the wanted one."""
+        wanted, own = z + step, slice(self._n, None)
+        base = np.maximum(z[own], 0.0)
+        rise = np.maximum(wanted[own] - base, 0.0)
+        # A tangent promises exp(w) (1 + rise), which exp(w + log(1 + rise)) is.
+        wanted[own] = np.where(rise > _FREE, base + np.log1p(rise), wanted[own])
+        return wanted
+
+    def _evaluate(self, z: Array, e: Array) -> tuple[Array, Array]:
+        """Return equations and exponents, and the entries of their derivatives."""
+        size = len(z) + len(e)
+        values = self._values | dict(zip(self._free, [*z.tolist(), *e.tolist()], strict=True))
+        results = self._results.copy()
+        results[self._places] = evaluate(self._roots, values, order=self._order)
+        return results[:size], results[size:]

@@ -1,0 +1,76 @@
+"""The C text of a program, and what calls of its kernels have to know of the nodes.
+
+A text from the cache, or from another process, holds its program as bytes: arenas are large, and
+runs evaluate compiled kernels only.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+from cotree.sharing import locked_cached_property
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from cotree.program.layout import Layout
+    from cotree.program.program import Program
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What follows from the nodes of a program, and decides how its kernels are called."""
+
+    n_results: Mapping[str, int]  # number of results of each kernel that C has
+    #: Parameters of sensitivities that no state or output depends on.
+    unreached: tuple[str, ...]
+    is_rheonomic: bool  # whether conditions on the start depend on time
+    constant_inputs: tuple[str, ...]  # inputs that are functions of parameters alone
+    begins_alike: bool  # whether initial values depend on no parameter
+    has_corners: bool  # whether inputs or rates have time events
+    has_longest_step: bool  # whether anything bounds the steps
+
+    def can_extend(self, layout: Layout) -> bool:
+        """Return whether algebraic unknowns have rates throughout a run, with sensitivities."""
+        if layout.corners:
+            return False  # these rates jump at kinks of the residuals
+        name = "extended_augmented_rhs" if layout.sensitivities else "extended_rhs"
+        return bool(self.n_results.get(name))
+
+
+@dataclass(frozen=True)
+class ModelText:
+    """A program and its C text."""
+
+    layout: Layout
+    traits: Traits
+    stored: Program | bytes = field(repr=False)  # the program after its passes, or that as bytes
+    files: Mapping[str, str] = field(default_factory=dict)  # C text by file name
+    declarations: str = ""  # what cffi reads
+    prefix: str = ""  # prefix of the names in it
+    #: Operations of the longest C function, and of all.
+    n_written: int = 0
+    n_written_in_all: int = 0
+    slow_causes: str = ""  # sentences on values of the scene that make steps short
+    cautions: tuple[str, ...] = ()  # sentences of which each compilation warns
+
+    @classmethod
+    def of(cls, program: Program, **text: Any) -> ModelText:
+        """Make the text of a program; without files its kernels are called by other means."""
+        return cls(program.layout, program.traits, program, **text)
+
+    @locked_cached_property
+    def program(self) -> Program:
+        """The program after its passes."""
+        if isinstance(self.stored, bytes):
+            program: Program = pickle.loads(self.stored)
+            return program
+        return self.stored
+
+    def __getstate__(self) -> dict[str, Any]:
+        own = {row.name: getattr(self, row.name) for row in fields(self)}
+        if not isinstance(self.stored, bytes):
+            own["stored"] = pickle.dumps(self.stored, pickle.HIGHEST_PROTOCOL)
+        return own
