@@ -113,6 +113,14 @@ def check_suffix(path: Path, known: Sequence[str], act: str) -> str:
     return suffix
 
 
+def check_parent(path: Path) -> None:
+    """Refuse a file to write whose folder does not exist."""
+    if not path.parent.is_dir():
+        raise SceneError(
+            f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
+        )
+
+
 def target_path(path: str | os.PathLike[str], what: str = "the file") -> Path:
     """Return the path of what is to be written; SceneError if no file can have that name.
 

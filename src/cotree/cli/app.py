@@ -32,6 +32,7 @@ from cotree.cli.options import (
     read_scene,
     warnings_in_one_line,
     with_options,
+    write_file,
 )
 from cotree.cli.studies import bench_scene, check_scene, derived_values, lint_scene, warn_of
 from cotree.cli.sweep import sweep_scene
@@ -116,31 +117,18 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Without the name of the program; those of the process where absent.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Run the command line, with the arguments of the process by default; return the exit code."""
     for stream in (sys.stdout, sys.stderr):
         # A terminal or pipe may lack the Greek letters of equations.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     try:
         with warnings_in_one_line():
-            # Warnings are shown as sentences, too, whichever command raises them.
             app(args=None if arguments is None else list(arguments), prog_name="cotree")
     except SystemExit as stop:
-        # Typer leaves by SystemExit even where it is done; a text as its code means failure.
+        # Typer raises SystemExit on success, too; a text as its code means failure.
         return stop.code if isinstance(stop.code, int) else 1 if stop.code else 0
-    # Errors of cotree are sentences for the user; any other exception is a defect and keeps its
-    # traceback.
+    # Any other exception is a defect and keeps its traceback.
     except Error as error:
         complain(str(error))
         return 2
@@ -157,7 +145,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    # Eager options are read first, so that no command has to be named with this one.
+    # An eager option does not require a command.
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
@@ -204,7 +192,7 @@ def run_scene(
     """Integrate a scene and print its end state and sensitivities."""
     from cotree.solvers.engine import build_ahead
 
-    # Files are checked before the run, whose results would be lost otherwise.
+    # Files are checked before the run, so that no results are lost.
     check_folder(csv)
     check_picture(plot)
     if show and plot is None and animate is None:
@@ -219,32 +207,22 @@ def run_scene(
 
         check_names(model, show)
     end = described.defaults.t_end if t_end is None else t_end
-    # Without a number of points the result has those at which the integration stepped.
     result = model.simulate((0.0, end), points, **settings)
-    # The report comes before the files, so that it is there even where one of them cannot be
-    # written.
+    # The report is printed even if a file cannot be written.
     kernels = f"kernels in {model.kernels.backend}"
     kernels += " from the cache" if model.kernels.cached else ""
-    # A failure has been told already, as a warning on standard error.
+    # A failure has been reported by a warning on standard error.
     parts = result.report().parts[0 if result.success else 1 :]
     title = f"{described.headline}; {len(model.states)} states, {kernels}"
     typer.echo(Report(title, *parts, derived_values(model, settings["parameters"])).text())
-    if csv is not None:
-        result.to_csv(csv)
-        typer.echo(f"wrote {csv}")
-    if plot is not None:
-        draw_run(model, result, plot, settings, show)
-        typer.echo(f"wrote {plot}")
-    if animate is not None:
-        if is_moving:
-            result.animate(trust_paths=trust_paths).save(animate)
-            typer.echo(f"wrote {animate}")
-        else:
-            draw_curves(result, animate, show)
-            typer.echo(
-                f"wrote {animate}: nothing moves in space here, so it shows curves over time"
-            )
-    # What was computed is written all the same; the exit code tells of the failure.
+    write_file(csv, result.to_csv)
+    write_file(plot, lambda path: draw_run(model, result, path, settings, show))
+    if is_moving:
+        write_file(animate, result.animate(trust_paths=trust_paths).save)
+    elif animate is not None:
+        draw_curves(result, animate, show)
+        typer.echo(f"wrote {animate}: nothing moves in space here, so it shows curves over time")
+    # Results of a run that failed are written, too.
     if not result.success:
         raise typer.Exit(1)
 
@@ -301,7 +279,7 @@ def show_equations(
     tree: Any = None,
     latex: Annotated[bool, typer.Option("--latex", help="As LaTeX.")] = False,
     steps: Annotated[
-        bool, typer.Option("--steps", help="The whole way from the graph to the equations.")
+        bool, typer.Option("--steps", help="All steps from the graph to the equations.")
     ] = False,
 ) -> None:
     """Print the governing and sensitivity equations of a scene."""
@@ -320,7 +298,6 @@ def _steps(scene: Scene, sensitivities: Sequence[str], choice: TreeChoice) -> st
     from cotree.export.steps import formulation_steps
     from cotree.pipeline import formulate
 
-    # No program is lowered and nothing compiled: the steps end with the equations.
     first, equations, _ = formulate(scene, sensitivities, choice)
     return formulation_steps(first, equations)
 
@@ -341,11 +318,9 @@ def show_graph(
     if output is None:
         typer.echo(report.summary().rstrip())
         return
-    report.save(output)
-    typer.echo(f"wrote {output}")
+    write_file(output, report.save)
 
 
-# These live in a module of their own, since both run studies.
 app.command("lint")(lint_scene)
 app.command("check")(check_scene)
 app.command("bench")(bench_scene)
@@ -357,11 +332,9 @@ def save_scene(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="A .toml file.")],
 ) -> None:
     """Write a scene as TOML, whatever it was read from."""
-    read_scene(scene).save(output)
-    typer.echo(f"wrote {output}")
+    write_file(output, read_scene(scene).save)
 
 
-# These live in a module of their own, since both print from the tables.
 app.command("components")(show_components)
 app.command("new")(new_scene)
 

@@ -1,4 +1,4 @@
-"""Parsing of command-line texts, with one sentence for each refusal."""
+"""Parsing of command-line texts; an error is one sentence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error, ParameterError, SceneError, TopologyError, brief
-from cotree.files import read_text
+from cotree.files import check_parent, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,18 +19,12 @@ if TYPE_CHECKING:
 
 
 def given(**options: float | None) -> dict[str, float]:
-    """Keep the options that were given; what the others stand for is decided elsewhere."""
+    """Return the options that were given."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
-    """Read ``name=number`` for each time that an option is given.
-
-    Raises
-    ------
-    ParameterError
-        If a text has another form or a name is given twice.
-    """
+    """Read ``name=number`` for each time that an option is given."""
     numbers = {}
     for name, value in read_pairs(option, texts).items():
         try:
@@ -44,17 +38,16 @@ def read_numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
 
 
 def read_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
-    """Read ``name=text`` for each time that an option is given; see :func:`read_numbers`."""
+    """Read ``name=text`` for each time that an option is given; names must differ."""
     pairs: dict[str, str] = {}
     for text in texts:
-        # Only the first sign of equality counts: expressions may hold others.
+        # Expressions may contain further signs of equality.
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise ParameterError(
                 f"{option} '{brief(text)}' is not of the form name=value: "
                 f"write it as {option} L=1.5"
             )
-        # The last of several values would win in silence.
         if name in pairs:
             raise ParameterError(f"{option} gives '{brief(name)}' twice: give it once")
         pairs[name] = value
@@ -66,7 +59,7 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
     tolerances: list[float | tuple[float, float]] = []
     for text in texts:
         try:
-            # Unpacking refuses three numbers and more by the same ValueError as a word.
+            # Unpacking more than two numbers raises a ValueError, too.
             rtol, *rest = (float(part) for part in text.split(","))
             (atol,) = rest or (None,)
         except ValueError:
@@ -79,17 +72,10 @@ def read_tolerances(texts: Sequence[str]) -> list[float | tuple[float, float]]:
 
 
 def read_tree(texts: Sequence[str]) -> TreeChoice:
-    """Read branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each.
-
-    Raises
-    ------
-    TopologyError
-        If the two forms are mixed, or a domain is given twice.
-    """
-    # Names of edges hold no sign of equality, so that one decides on the form.
+    """Read branches: ``j1,h2`` for both graphs, or ``translation=m rotation=s`` for each."""
     if not any("=" in text for text in texts):
         names = [name for text in texts for name in _names(text)]
-        # No option leaves the choice of the tree to cotree; an empty text names no branches.
+        # An empty text names no branches; without the option cotree chooses the tree.
         return names if texts else None
     tree: dict[str, list[str]] = {}
     for text in texts:
@@ -106,23 +92,11 @@ def read_tree(texts: Sequence[str]) -> TreeChoice:
 
 
 def check_folder(path: Path | None) -> None:
-    """Refuse a file that cannot be written because its folder does not exist.
-
-    It is looked at before a run, so that no work is lost.
-
-    Raises
-    ------
-    SceneError
-        If there is no such folder, or the path is one itself.
-    """
-    if path is None:
-        return
-    if not path.parent.is_dir():
-        raise SceneError(
-            f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
-        )
-    if path.is_dir():
-        raise SceneError(f"cannot write '{path}': it is a folder; name a file in it")
+    """Refuse a file that cannot be written, before any work is done for it."""
+    if path is not None:
+        check_parent(path)
+        if path.is_dir():
+            raise SceneError(f"cannot write '{path}': it is a folder; name a file in it")
 
 
 def _names(text: str) -> list[str]:
@@ -130,35 +104,16 @@ def _names(text: str) -> list[str]:
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture that cannot be written, before any work is done for it.
+    """Refuse a picture that cannot be written, before any work is done for it."""
+    if path is not None:
+        from cotree import plot
 
-    Raises
-    ------
-    SceneError
-        If its folder does not exist or its suffix is unknown.
-    """
-    if path is None:
-        return
-    # Imported here, since most commands draw nothing.
-    from cotree import plot
-
-    check_folder(path)
-    plot.check_picture(path)
+        check_folder(path)
+        plot.check_picture(path)
 
 
 def check_animated(path: Path | None, scene: Scene) -> bool:
-    """Refuse a file of an animation that cannot be written, before any work is done for it.
-
-    Returns
-    -------
-    bool
-        Whether something in the scene moves in space; curves are drawn where nothing does.
-
-    Raises
-    ------
-    SceneError
-        If its folder does not exist, or its suffix is unknown.
-    """
+    """Refuse an animation that cannot be written; return whether the scene moves in space."""
     if path is None:
         return False
     from cotree.watch import check_animation
@@ -178,13 +133,7 @@ _LARGEST_TABLE = 2**30
 def check_options(
     grids: Sequence[str], samples: Sequence[str], members: str | None, **of_samples: object
 ) -> None:
-    """Refuse options that contradict each other.
-
-    Raises
-    ------
-    ParameterError
-        If members are given in no way, or in several.
-    """
+    """Refuse options that specify no members, or contradict each other."""
     is_number = members is not None and members.isdecimal()
     ways = {"--grid": bool(grids), "--sample": bool(samples)}
     ways["--members with a file"] = members is not None and not is_number
@@ -234,7 +183,7 @@ def read_members_of(
 
 
 def _axis(name: str, text: str) -> Any:
-    """Read ``first:last:number``, with ``:log`` behind it, or ``value,value,...``."""
+    """Read ``first:last:number``, ``first:last:number:log`` or ``value,value,...``."""
     shown = f"--grid {brief(name)}={brief(text)}"
     try:
         if ":" not in text:
@@ -253,7 +202,7 @@ def _axis(name: str, text: str) -> Any:
 
 
 def _distribution(name: str, text: str) -> tuple[Any, ...]:
-    """Read ``kind:number:number``; which numbers a kind has is known elsewhere."""
+    """Read ``kind:number:...``; the number of numbers depends on the kind."""
     kind, *numbers = text.split(":")
     try:
         return (kind.strip(), *(float(number) for number in numbers))
@@ -271,7 +220,6 @@ def _table(path: Path) -> Any:
         raise Error("tables of members need pandas: run `pip install cotree[ensembles]`") from error
     text = read_text(path, _LARGEST_TABLE)
     try:
-        # Tables come with commas, semicolons and tabs.
         separator = max(",;\t", key=text.partition("\n")[0].count)
         table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
     except (ValueError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:

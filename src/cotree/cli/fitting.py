@@ -22,15 +22,13 @@ from cotree.cli.options import (
     complain,
     read_scene,
     with_options,
+    write_file,
 )
 from cotree.errors import ParameterError, SolveError, brief
 from cotree.estimation.conditions import MOST_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-
-_RANGE = "--estimate k=10:100:log"
 
 
 @with_options(
@@ -112,11 +110,12 @@ def fit_scene(
         typer.Option("--output", "-o", metavar="FILE", help="Write the result to this, as JSON."),
     ] = None,
 ) -> None:
-    """Estimate parameters of a scene from measurements, and say how far they can be trusted."""
+    """Estimate parameters of a scene from measurements, with their uncertainty."""
     from cotree.estimation.experiment import Experiment
     from cotree.estimation.fit import fit
+    from cotree.plot.files import save_figure
 
-    # Whatever can be refused is refused before anything is compiled.
+    # Arguments are checked before anything is compiled.
     check_picture(plot)
     check_folder(output)
     if not data:
@@ -149,17 +148,11 @@ def fit_scene(
         complain(str(error))
         raise typer.Exit(1) from None
     typer.echo(str(result))
-    if output is not None:
-        result.to_json(output)
-        typer.echo(f"wrote {output}")
-    if plot is not None:
-        from cotree.plot.files import save_figure
-
-        save_figure(result.plot(), plot)
-        typer.echo(f"wrote {plot}")
+    write_file(output, result.to_json)
+    write_file(plot, lambda path: save_figure(result.plot(), path))
     if any(row.message.startswith("interrupted") for row in result.starts):
         raise typer.Exit(INTERRUPTED)
-    # Estimates are printed all the same; the exit code tells that they may be none.
+    # The estimates are printed even if the optimiser did not converge.
     if not result.starts[0].is_converged:
         raise typer.Exit(1)
 
@@ -171,23 +164,24 @@ def _ranges(texts: Sequence[str]) -> dict[str, Any]:
         name, equals, bounds = (part.strip() for part in text.partition("="))
         if name in found:
             raise ParameterError(f"--estimate names '{brief(name)}' twice: name it once")
-        found[name] = None
-        if not equals:
-            continue
-        low, *rest = bounds.split(":")
-        try:
-            high, *scale = rest
-            found[name] = (float(low), float(high), *scale)
-        except ValueError:
-            raise ParameterError(
-                f"--estimate {brief(text)} has no bounds of the form low:high or low:high:scale: "
-                f"write it as {_RANGE}"
-            ) from None
-        if len(scale) > 1:
-            raise ParameterError(f"--estimate {brief(text)} has four parts: write {_RANGE}")
+        found[name] = _range("--estimate", name, bounds, "R=10:100:log") if equals else None
     if not found:
-        raise ParameterError(f"a fit needs something to estimate: give {_RANGE}")
+        raise ParameterError("a fit needs something to estimate: give --estimate k=10:100:log")
     return found
+
+
+def _range(option: str, name: str, text: str, example: str) -> tuple[Any, ...]:
+    """Read ``low:high`` or ``low:high:scale``."""
+    try:
+        low, high, *scale = text.split(":")
+        if len(scale) < 2:
+            return (float(low), float(high), *scale)
+    except ValueError:
+        pass  # there is one part only, or a bound is not a number
+    raise ParameterError(
+        f"{option} {brief(name)}={brief(text)} is not of the form NAME=LOW:HIGH or "
+        f"NAME=LOW:HIGH:SCALE: write it as {option} {example}"
+    )
 
 
 def _noise(texts: Sequence[str]) -> Any:
@@ -219,7 +213,7 @@ def optimise_scene(
         str,
         typer.Option(
             metavar="GOAL",
-            help="What is to be least, such as integral(x**2), maximum(P) or end(j.s) + L: a name "
+            help="What to minimise, such as integral(x**2), maximum(P) or end(j.s) + L: a name "
             "is a value at the end; at(TIME, x), start, mean, minimum and time(EVENT), too.",
         ),
     ],
@@ -246,18 +240,20 @@ def optimise_scene(
     csv: Csv = None,
     plot: Plot = None,
 ) -> None:
-    """Choose parameters such that a goal is least and conditions hold."""
+    """Choose parameters that minimise a goal subject to conditions."""
     from cotree.design.optimise import optimise
 
     check_folder(csv)
     check_picture(plot)
     described = read_scene(scene, settings)
+    pairs = read_pairs("--over", over).items()
+    ranges = {name: _range("--over", name, text, "L=0.5:2") for name, text in pairs}
     values, initial = settings.pop("parameters"), settings.pop("initial")
     method = settings.pop("method", None)
     found = optimise(
         described,
         minimise,
-        {name: _bounds(name, text) for name, text in read_pairs("--over", over).items()},
+        ranges,
         subject_to,
         t_span=None if t_end is None else (0.0, t_end),
         parameters={name: value for name, value in values.items() if name in described.parameters},
@@ -271,7 +267,9 @@ def optimise_scene(
     )
     typer.echo(found.summary())
     if csv is not None or plot is not None:
-        # The runs of the search hold the times that goals ask for; these have the solver's steps.
+        from cotree.cli.picture import draw_run
+
+        # The runs of the search are at the times of the goals, this one is at the solver's steps.
         settings |= {
             "parameters": {**values, **found.settings["parameters"]},
             "initial": {**initial, **found.settings["initial"]},
@@ -279,27 +277,7 @@ def optimise_scene(
         }
         model = described.compile()
         run = model.simulate((0.0, float(found.result.t[-1])), **settings)
-        if csv is not None:
-            run.to_csv(csv)
-            typer.echo(f"wrote {csv}")
-        if plot is not None:
-            from cotree.cli.picture import draw_run
-
-            draw_run(model, run, plot, settings)
-            typer.echo(f"wrote {plot}")
+        write_file(csv, run.to_csv)
+        write_file(plot, lambda path: draw_run(model, run, path, settings))
     if not found.success:
         raise typer.Exit(1)
-
-
-def _bounds(name: str, text: str) -> Any:
-    """Read ``low:high`` or ``low:high:log``."""
-    low, *rest = text.split(":")
-    try:
-        if len(rest) not in (1, 2):
-            raise ValueError
-        return (float(low), float(rest[0]), *rest[1:])
-    except ValueError:
-        raise ParameterError(
-            f"--over {brief(name)}={brief(text)} is not of the form NAME=LOW:HIGH or "
-            "NAME=LOW:HIGH:log: write it as --over L=0.5:2"
-        ) from None

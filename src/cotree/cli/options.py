@@ -52,18 +52,12 @@ Csv = Annotated[Path | None, typer.Option(help="Write all columns of the run to 
 
 
 def with_options(*leave: str, **helps: float | str) -> Callable[[_Command], _Command]:
-    """Return a command with the options of its arguments ``settings`` and ``tree``.
+    """Return a decorator that adds the options of a command's arguments ``settings`` and ``tree``.
 
-    In place of ``settings`` it has an option for each setting of runs that has a help text. The
-    command gets a dict of those that are given, and of parameters, initial values and inputs. In
-    place of ``tree`` it has ``--tree``, and gets the choice of a tree.
-
-    Parameters
-    ----------
-    *leave : str
-        Settings that have no option.
-    **helps
-        For the help: what the command takes if a setting is not given, or another help.
+    ``settings`` becomes an option for each setting of runs that has a help text, except those in
+    ``leave``; the command receives a dict of the settings that were given, and of parameters,
+    initial values and inputs. ``helps`` has another default or another help text of a setting.
+    ``tree`` becomes ``--tree``; the command receives the chosen tree.
     """
     rows = {name: row for name, row in ROWS.items() if row.option and name not in leave}
     shared = {"settings": [_parameter(name, row, helps.get(name)) for name, row in rows.items()]}
@@ -121,38 +115,27 @@ _READERS: dict[str, Callable[[str, Sequence[str]], dict[str, Any]]] = {
 
 
 def _read(name: str, value: Any) -> Any:
-    """Read a setting: of mappings each time that its option is given."""
+    """Read the value of a setting; an option of a mapping may be repeated."""
     read = _READERS.get(name)
     return read(ROWS[name].flag or f"--{name}", value) if read else value
 
 
-#: ``base`` and ``mimic`` of the command line that is being obeyed.
+#: ``base`` and ``mimic`` of the current command line.
 _ROBOT: ContextVar[tuple[str, bool]] = ContextVar("_ROBOT", default=("fixed", True))
 
 
 def read_robots_with(base: str, mimic: bool) -> None:
-    """Keep how the command line wants robots to be read, for :func:`read_scene`."""
+    """Store the options for reading robots, for :func:`read_scene`."""
     _ROBOT.set((base, mimic))
 
 
 def read_scene(
     source: str, settings: dict[str, Any] | None = None, swept: Iterable[str] = ()
 ) -> Scene:
-    """Read a shipped scene or a file; notes on what was not read go to standard error.
+    """Read a shipped scene or a file; notes on ignored elements go to standard error.
 
-    Parameters
-    ----------
-    source : str
-        Its name, or the path.
-    settings : dict, optional
-        Settings of a command; expressions of its inputs move into the scene.
-    swept : iterable of str
-        Names that members set: what is new in these expressions may be among them.
-
-    Raises
-    ------
-    ModelError
-        If there is no such scene, or it is wrong.
+    Expressions of inputs are moved from ``settings`` to the scene. New names in them are parameters
+    in ``settings``, or among the names ``swept`` that members set.
     """
     from cotree.api import load
     from cotree.readers import is_urdf
@@ -163,27 +146,31 @@ def read_scene(
         scene = read_urdf(source, *_ROBOT.get())
     else:
         scene = load(source)
-    # Notes go to standard error, so that output to a pipe stays as it is.
     for note in scene.origin.notes if scene.origin is not None else ():
         typer.echo(f"cotree: note: {' '.join(note.split())}", err=True)
     if settings is None or not (inputs := settings.pop("inputs")):
         return scene
-    # Imported here, since most commands need none of it.
     from cotree.scene.variants import new_names
 
-    # A parameter that only members set needs some value in the scene, which no member takes.
+    # Every member replaces the value one of a swept parameter.
     values = dict.fromkeys(swept, 1.0) | settings["parameters"]
     new = {name: values[name] for name in new_names(scene, inputs, values)}
     return scene.with_inputs(inputs, new)
 
 
-#: Exit code of a command that Ctrl-C ended, as shells have it.
+def write_file(path: Path | None, write: Callable[[Path], object]) -> None:
+    """Write the file of an option, if it is given, and print its name."""
+    if path is not None:
+        write(path)
+        typer.echo(f"wrote {path}")
+
+
+#: Exit code of a command that Ctrl-C ended, as in shells.
 INTERRUPTED = 130
 
 
 def complain(sentence: str) -> None:
-    """Print a sentence on standard error."""
-    # On one line, whatever a name or the compiler has put into the sentence.
+    """Print a sentence on standard error, on one line."""
     typer.echo(f"cotree: {' '.join(sentence.split())}", err=True)
 
 
@@ -195,7 +182,7 @@ def warnings_in_one_line() -> Iterator[None]:
         complain(f"warning: {message}")
 
     with warnings.catch_warnings():
-        # A warning is shown each time: by default Python shows those of one line of code once.
+        # By default Python shows repeated warnings of a line of code only once.
         warnings.simplefilter("always", RuntimeWarning)
         warnings.showwarning = show
         yield

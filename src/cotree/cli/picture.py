@@ -34,22 +34,14 @@ def draw_run(
     settings: Mapping[str, Any],
     names: Sequence[str] = (),
 ) -> None:
-    """Draw a run into a file.
+    """Draw the result of a model into a file.
 
-    Parameters
-    ----------
-    model, result : Model, Result
-        What ran, and how it went.
-    path : Path
-        The file.
-    settings : mapping of str to object
-        Arguments of :meth:`cotree.Model.simulate` that made the result.
-    names : sequence of str
-        What is drawn; see :func:`check_names`.
+    ``settings`` are the arguments of :meth:`cotree.Model.simulate`, and ``names`` the curves; see
+    :func:`check_names`.
     """
     chosen = check_names(model, names)
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
-    # A run that failed is drawn as far as it went; differences of it would fail as well.
+    # The runs of finite differences would fail as well.
     if result.success:
         overlay = _finite_differences(model, result, chosen.sensitivities, settings)
     save_figure(
@@ -58,17 +50,7 @@ def draw_run(
 
 
 def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
-    """Draw the curves of a run into a page or a GIF, in place of an animation.
-
-    Parameters
-    ----------
-    result : Result
-        The run.
-    path : Path
-        The file, ``.html`` or ``.gif``.
-    names : sequence of str
-        What is drawn; see :func:`check_names`.
-    """
+    """Draw the curves of a run into a file, ``.html`` or ``.gif``, in place of an animation."""
     figure = plot_result(result.smooth(), names or None)
     with written_whole(path, "the picture") as draft:
         if path.suffix.lower() == ".html":
@@ -83,8 +65,7 @@ def draw_curves(result: Result, path: Path, names: Sequence[str] = ()) -> None:
 
 
 def check_names(model: Model, names: Sequence[str]) -> Curves:
-    """Choose the curves of a run before it begins: those that are named, or all coordinates."""
-    # The model knows the names before a run has given a result.
+    """Return the named curves of a model, or all coordinates if there are no names."""
     followers = (*(row.name for row in model.kernels.layout.positions), *model.outputs)
     known = (model.states, followers, model.inputs, model.sensitivities)
     return choose_curves(names or None, *known)
@@ -96,9 +77,9 @@ def _finite_differences(
     pairs: Sequence[tuple[str, str]],
     settings: Mapping[str, Any],
 ) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """Form finite differences of two runs for each parameter, without those that have none."""
+    """Return finite differences by each parameter; those that fail are left out."""
     times = np.linspace(result.t[0], result.t[-1], _CIRCLES)
-    # The method is the one that the run took, even where it was chosen automatically.
+    # The method of the result, which may have been chosen automatically.
     tight = {"method": result.statistics.method, "rtol": _RTOL, "atol": _ATOL}
     experiment = Experiment(model, times, {**settings, **tight})
     overlay: dict[tuple[str, str], tuple[Array, Array]] = {}
@@ -109,7 +90,6 @@ def _finite_differences(
                 parameter, _STEP * experiment.size(parameter, result)
             )
         except Error as error:
-            # Curves without circles are better than no picture at all.
             warnings.warn(
                 f"no finite differences of '{parameter}' are drawn: {error}",
                 RuntimeWarning,

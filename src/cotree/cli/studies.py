@@ -1,4 +1,4 @@
-"""Commands that examine a scene: its lint, its sensitivities, and methods compared."""
+"""Commands that examine a scene: lint, check of sensitivities, comparison of methods."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from cotree.cli.options import (
     Sensitivity,
     read_scene,
     with_options,
+    write_file,
 )
 from cotree.report import Values
 
@@ -60,10 +61,10 @@ def lint_scene(
 
 
 def warn_of(scene: Scene) -> None:
-    """Print to stderr what is suspicious in a scene that is about to run."""
+    """Print the findings of lint on a scene that is about to run, to standard error."""
     from cotree.lint import lint
 
-    # What a run refuses is an error of its own, and names that nothing uses change no number.
+    # Errors are reported by the run itself, and unused names do not change results.
     found = [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
@@ -72,7 +73,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def finding_lines(found: Sequence[Finding]) -> list[str]:
-    """Write findings, each on a line, and how to say that they are on purpose."""
+    """Return a line for each finding, and one with the entry that allows them."""
     lines = [str(row) for row in found]
     entries = ", ".join(f'"{row.allow}"' for row in found if row.allow)
     if entries:
@@ -100,11 +101,10 @@ def check_scene(
 
     described = read_scene(scene, settings)
     values = settings.pop("parameters")
-    # Parameters that are folded into the code have no sensitivities.
+    # Constants in the code have no sensitivities.
     names = sensitivity or [row.name for row in described.parameters.values() if row.is_argument]
     _progress(f"compiling {described.name} with {len(names)} sensitivities, then without")
     model = described.compile(names, tree)
-    # The equations have been formed just now.
     for line in finding_lines(lint(described, is_formed=False)):
         typer.echo(line)
     if derived := derived_values(model, values).text():
@@ -144,13 +144,14 @@ def bench_scene(
     json: Annotated[Path | None, typer.Option(help="Write all numbers to this file.")] = None,
     plot: Plot = None,
 ) -> None:
-    """Measure speed against error of every method on a scene, and name the one to take."""
+    """Measure speed against error of every method on a scene, and recommend one."""
+    from cotree.plot import save_figure
     from cotree.studies import bench as study
 
     check_folder(json)
     check_picture(plot)
     tolerances = read_tolerances(tolerance)
-    # Options that are given count, also beside --quick.
+    # Given options take precedence over --quick.
     settings |= given(repeats=repeats, budget=budget)
     if quick:
         tolerances = tolerances or list(study.QUICK_TOLERANCES)
@@ -159,7 +160,6 @@ def bench_scene(
         report = study.bench(
             read_scene(scene),
             sensitivity,
-            # An option that is not given is an empty list: the study's own choice then holds.
             method or None,
             tolerances or study.TOLERANCES,
             t_end=t_end,
@@ -169,20 +169,13 @@ def bench_scene(
             **settings,
         )
     typer.echo(report.summary())
-    if json is not None:
-        report.to_json(json)
-        typer.echo(f"wrote {json}")
-    if plot is not None:
-        from cotree.plot import save_figure
-
-        save_figure(report.plot(), plot)
-        typer.echo(f"wrote {plot}")
+    write_file(json, report.to_json)
+    write_file(plot, lambda path: save_figure(report.plot(), path))
 
 
 @contextmanager
 def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show a bar at a terminal, which is gone at the end."""
-    # In files and pipes progress would mix with errors.
+    """Show a progress bar on standard error, if it is a terminal; it is removed at the end."""
     if not sys.stderr.isatty():
         yield lambda text, share: None
         return
@@ -195,8 +188,7 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
 
 
 def _progress(text: str) -> None:
-    """Report progress at a terminal."""
-    # In files and pipes progress would mix with errors.
+    """Print a line on standard error, if it is a terminal."""
     if sys.stderr.isatty():
         typer.echo(f"cotree: {text}", err=True)
 

@@ -21,6 +21,7 @@ from cotree.cli.options import (
     complain,
     read_scene,
     with_options,
+    write_file,
 )
 from cotree.errors import ParameterError, nearest
 from cotree.quiet import without_warnings
@@ -120,7 +121,7 @@ def sweep_scene(
     from cotree.plot.files import save_figure
     from cotree.solvers.engine import build_ahead
 
-    # Whatever can be refused is refused before the scene is compiled.
+    # Arguments are checked before the scene is compiled.
     check_xarray()
     check_options(grid, sample, members, seed=seed, sampling=sampling)
     if file is not None:
@@ -139,7 +140,7 @@ def sweep_scene(
     end = described.defaults.t_end if t_end is None else t_end
     begun = time.perf_counter()
     try:
-        # The table of failed members says it with their values.
+        # The report lists failed members.
         with without_warnings(message=r"\d+ of \d+ members failed"):
             runs = model.ensemble(
                 (0.0, end),
@@ -156,22 +157,19 @@ def sweep_scene(
         complain(str(error))
         raise typer.Exit(1) from None
     typer.echo(sweep_report(runs, time.perf_counter() - begun).text())
-    if file is not None:
-        write_dataset(runs, file)
-        typer.echo(f"wrote {file}")
+    write_file(file, lambda path: write_dataset(runs, path))
     status = np.asarray(runs["status"].values)
-    if plot is not None and (status == 0).any():
-        save_figure(picture(runs, show, of), plot)
-        typer.echo(f"wrote {plot}")
+    if (status == 0).any():
+        write_file(plot, lambda path: save_figure(picture(runs, show, of), path))
     if (status == -3).any():
         raise typer.Exit(INTERRUPTED)
-    # Some failures are results; if nothing came out, the sweep itself has failed.
+    # The sweep has failed if no member succeeded.
     if not (status == 0).any():
         raise typer.Exit(1)
 
 
 def _check_shown(model: Model, show: Sequence[str], outputs: Sequence[str]) -> None:
-    """Refuse names that --plot cannot draw, before anything runs."""
+    """Refuse unknown names of --plot and --output, before anything runs."""
     from cotree.plot import choose_curves
 
     for name in outputs:

@@ -1,4 +1,4 @@
-"""Report that a sweep prints: how it went, who failed, and the spread of the last values."""
+"""Report of a sweep: number of members, failed members, and quantiles of the last values."""
 
 from __future__ import annotations
 
@@ -19,15 +19,7 @@ _QUANTILES = (0.025, 0.5, 0.975)
 
 
 def sweep_report(runs: Any, seconds: float) -> Report:
-    """Describe the results of a sweep.
-
-    Parameters
-    ----------
-    runs : xarray.Dataset
-        As :meth:`cotree.Model.ensemble` gives it.
-    seconds : float
-        Time that it took, [s].
-    """
+    """Build the report of a sweep from the Dataset of an ensemble and the elapsed time, [s]."""
     status = np.asarray(runs["status"].values).ravel()
     n, dims = len(status), runs["status"].dims
     shape = " x ".join(f"{name} ({runs.sizes[name]})" for name in dims)
@@ -44,7 +36,7 @@ def sweep_report(runs: Any, seconds: float) -> Report:
 
 
 def _failed_lines(runs: Any, dims: Sequence[str], failed: Any) -> list[str]:
-    """List failed members with their values and sentences."""
+    """List failed members with their values and messages."""
     if not len(failed):
         return []
     names = [name for name, row in runs.coords.items() if row.dims and set(row.dims) <= set(dims)]

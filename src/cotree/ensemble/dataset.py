@@ -23,7 +23,7 @@ from cotree.ensemble.pattern import NotBatchable
 from cotree.ensemble.plan import FEW, Block, Plan
 from cotree.ensemble.reasons import Reasons
 from cotree.errors import Error, SceneError, SolveError
-from cotree.files import check_suffix, target_path, write_csv, written_whole
+from cotree.files import check_parent, check_suffix, target_path, write_csv, written_whole
 from cotree.quiet import without_warnings
 from cotree.scene.settings import SHARED
 from cotree.version import VERSION
@@ -251,10 +251,7 @@ SUFFIXES = (".nc", ".zarr", ".csv")
 def check_dataset_file(path: Path) -> None:
     """Refuse a file that cannot be written, before anything is run for it."""
     suffix = check_suffix(path, SUFFIXES, "write")
-    if not path.parent.is_dir():
-        raise SceneError(
-            f"cannot write '{path}': there is no folder '{path.parent}'; make it first"
-        )
+    check_parent(path)
     if path.is_dir() and not (suffix == ".zarr" and _is_zarr(path)):
         raise SceneError(f"cannot write '{path}': it is a folder of other things; name another")
 
