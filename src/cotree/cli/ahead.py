@@ -1,6 +1,6 @@
-"""The engine of a run, whose compilation begins before the command's own packages are imported.
+"""Compilation of the engine of a run, which begins before the command's packages are imported.
 
-At the first run on a machine the compiler works as long as Python imports and forms, beside it.
+At the first run on a machine, the compiler then works while Python imports and forms equations.
 """
 
 from __future__ import annotations
@@ -19,21 +19,16 @@ _OPTION = "--method"
 
 
 def begin_engine(arguments: Sequence[str]) -> None:
-    """Begin to build the engine that a command line asks for, if it is one that runs a scene.
+    """Begin to build the engine for a command line that runs a scene.
 
-    This only guesses: the command itself reads its arguments, says what is wrong with them, and
-    waits for the engine that it needs.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        What follows the program's name.
+    The scene and the method are guesses; the command itself checks the arguments and waits for the
+    engine that it needs.
     """
     if "run" not in arguments or "--help" in arguments:
         return
     rest = list(arguments[arguments.index("run") + 1 :])
     scene = next(filter(None, map(_scene_file, rest)), None)
-    if scene is None:  # a sentence must not wait for a compiler
+    if scene is None:  # the command will report an error
         return
     method = _method_given(rest) or _method_of(scene)
     if method is not None:
@@ -43,7 +38,7 @@ def begin_engine(arguments: Sequence[str]) -> None:
 
 
 def abandon_engine() -> None:
-    """End the compilation that was begun for a command that failed."""
+    """Stop the compilation for a command that failed."""
     engine = sys.modules.get("cotree.solvers.engine")
     if engine is not None:  # else nothing was begun
         engine.abandon_ahead()
@@ -54,13 +49,13 @@ def _scene_file(argument: str) -> Path | None:
     if argument.startswith("-"):
         return None
     places = (Path(argument), _SHIPPED / f"{argument}.toml")
-    with contextlib.suppress(OSError):  # a name that is too long, say
+    with contextlib.suppress(OSError):  # if the name is too long
         return next((place for place in places if place.is_file()), None)
     return None
 
 
 def _method_given(arguments: list[str]) -> str:
-    """Read the option that names a method; empty where it is absent."""
+    """Read the option of the method; empty if it is absent."""
     for place, argument in enumerate(arguments):
         if argument == _OPTION:
             return "".join(arguments[place + 1 : place + 2])
@@ -70,7 +65,7 @@ def _method_given(arguments: list[str]) -> str:
 
 
 def _method_of(scene: Path) -> str | None:
-    """Read the method of a scene's file; None where that cannot be told."""
+    """Read the method of a scene's file; None if the file cannot be read."""
     if scene.suffix != ".toml":
         return "auto"
     try:

@@ -1,4 +1,4 @@
-"""Commands for those who begin: what scenes are made of, and a scene to start from."""
+"""Commands for beginners: the catalogue of components, and scenes to start from."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def _list_components() -> str:
 
     rows = [(row.name, _graphs(row.domains), row.doc) for row in COMPONENTS.values()]
     parts = [(name, _about(_text(name))) for name in shipped_parts()]
-    told = "cotree components NAME shows nodes, fields and an example of one."
+    hint = "cotree components NAME shows nodes, fields and an example of one."
     tables = Table(("component", "graphs", "meaning"), rows), Table(("part", "meaning"), parts)
-    return Report("", *tables, told).text()
+    return Report("", *tables, hint).text()
 
 
 def _graphs(domains: Iterable[str]) -> str:
@@ -143,7 +143,7 @@ def new_scene(
 
 
 def _shipped(template: str) -> str:
-    """Return the shipped scene or part of a template, which may be named itself."""
+    """Return the shipped scene or part of a template, given by either name."""
     from cotree.scene.toml_file import shipped_parts, shipped_scenes
 
     known = (*shipped_scenes(), *shipped_parts())
@@ -165,7 +165,7 @@ def _about(text: str) -> str:
 
 
 def _renamed(text: str, name: str) -> str:
-    """Return the text of a scene another name; its comments stay."""
+    """Return the text of a scene with another name."""
     from cotree.naming import check_scene_name
 
     check_scene_name(name)

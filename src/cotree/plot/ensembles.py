@@ -1,7 +1,7 @@
 """Ensembles: bands over time, families of curves, and heat maps over grids.
 
-In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it, of which names, dimensions and
-arrays are read. Out: a matplotlib `Figure`. Members that failed are nan and are left out.
+In: a Dataset of :meth:`cotree.Model.ensemble`, or a part of it. Out: a matplotlib `Figure`. Members
+that failed are nan and are left out.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from cotree.arguments import check_names
 from cotree.errors import SceneError, brief, check_known, nearest
 from cotree.plot.figures import figure_for_people
-from cotree.plot.result import curve_colors, draw_grid, new_figure, sensitivity_pair
+from cotree.plot.result import curve_colors, draw_grid, sensitivity_pair
 from cotree.units import quotient
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cotree.plot.layout import Array
 
 
-#: What is no dimension of members.
+#: Dimensions that are not dimensions of members.
 _OTHERS = ("time", "parameter", "occurrence")
 
 _PER_MEMBER = ("status", "message", "steps", "seconds")
@@ -38,11 +38,10 @@ _PER_MEMBER = ("status", "message", "steps", "seconds")
 class Variable:
     """One quantity of all members."""
 
-    #: Its name as it was given, how pictures call it, and its unit.
-    name: str
-    label: str
+    name: str  # as given
+    label: str  # in pictures
     unit: str
-    array: Any  # its values, the dimensions of members first, then time, if it has that
+    array: Any  # its values: dimensions of members first, then time if it has any
     is_sensitivity: bool  # whether it is a derivative
 
     @property
@@ -69,14 +68,14 @@ class Variable:
         return _titled(dim, self.array[dim]), np.asarray(values, dtype=float)
 
     def column(self, name: str | None) -> tuple[str, Array]:
-        """Return the title and, for each member, the value of a column; the first where None."""
+        """Return the title of a column, by default the first, and its value for each member."""
         known = [
             str(title)
             for title, row in self.array.coords.items()
             if title not in _OTHERS and row.dtype.kind in "fiu" and row.dims
             if set(row.dims) <= set(self.dims)
         ]
-        # The number of a member says nothing where it has columns.
+        # The number of the member comes last.
         ordered = sorted(known, key=lambda title: title == "member")
         if name is not None:
             check_known([name], known, "members have no column")
@@ -88,13 +87,7 @@ class Variable:
         return _titled(chosen, self.array[chosen]), np.asarray(values, dtype=float).ravel()
 
     def summary(self, time: float | None, of: str) -> tuple[Array, str]:
-        """Return one value of each member, and which one that is.
-
-        Raises
-        ------
-        SceneError
-            If there is no such value.
-        """
+        """Return one value of each member, and its description."""
         if "time" not in self.array.dims:
             return np.asarray(self.array.values, dtype=float), ""
         times = self.times
@@ -109,12 +102,12 @@ class Variable:
             return np.asarray(self.array.values[..., -1]), f"at {times[-1]:g} s"
         if of not in ("max", "min", "mean"):
             raise SceneError(f"of is {of!r}: give 'last', 'max', 'min' or 'mean'")
-        # xarray leaves out what an event cut off, and leaves nan for members without any value.
+        # xarray skips nan after an event that ended the run.
         return np.asarray(getattr(self.array, of)("time").values), f"({of} over time)"
 
 
 def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[str]:
-    """Return the names to draw: those that are named, or all coordinates; SceneError if none."""
+    """Return the given names, or else the coordinates; raise SceneError if there are none."""
     if not hasattr(dataset, "data_vars"):
         raise SceneError(
             f"a {type(dataset).__name__} cannot be drawn: give the Dataset of an ensemble"
@@ -128,12 +121,12 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
     chosen = [name for name in known if not name.endswith("_dot")] or known
     if not chosen:
         raise SceneError("the dataset has nothing to draw")
-    # Modes and rates are left out where there are coordinates, which have units.
+    # Coordinates have units; modes do not.
     return [name for name in chosen if dataset[name].attrs.get("units")][:6] or chosen[:6]
 
 
 def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
-    """Return what a name stands for; SceneError if nothing does, or it is not over time."""
+    """Return the variable of a name; raise SceneError if it is unknown, or not over time."""
     pair = sensitivity_pair(name)
     title = name if pair is None else f"d({pair[0]})"
     if title not in dataset.data_vars:
@@ -171,7 +164,7 @@ def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
 
 
 def _known(dataset: Any) -> list[str]:
-    """List the variables over members and time alone."""
+    """List the variables whose only dimensions are those of members and time."""
     return [
         str(name)
         for name, row in dataset.data_vars.items()
@@ -187,19 +180,19 @@ def _titled(name: str, row: Any) -> str:
 if TYPE_CHECKING:
     Make = Callable[[float, float], Figure]
 
-# Shares of the members inside the bands, from the outer one to the inner one, and how they look.
+# Shares of the members inside the bands, from the outer to the inner one, with opacity and label.
 _BANDS = ((0.95, 0.18, "95 %"), (0.5, 0.38, "50 %"))
 
-# Panels side by side.
+# Panels in a row.
 _COLUMNS = 2
 
-# Ratio of the largest to the smallest positive value from which an axis is logarithmic: where the
-# values grow by the same factor, and in any case.
+# Ratio of the largest to the smallest positive value from which an axis is logarithmic: for values
+# that grow by a constant factor, and for any values.
 _LEAST_RATIO, _WIDE_RATIO = 3.0, 30.0
 
 _NOTHING = "all members failed: there is nothing to draw"
 
-#: What a heat map may show of each member: a value of its curve.
+#: Summaries of the curve of a member, for heat maps.
 SUMMARIES = ("last", "max", "min", "mean")
 
 
@@ -215,14 +208,14 @@ def bands(
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of :meth:`cotree.Model.ensemble`, or what its methods made of that.
+        Of :meth:`cotree.Model.ensemble`, or derived from it.
     names : str or sequence of str, optional
-        States, outputs, sensitivities as ``d(j1.s)/d(L)``, or variables of your own over time;
-        coordinates and outputs where absent.
+        States, outputs, sensitivities as ``d(j1.s)/d(L)``, or variables of your own over time; by
+        default coordinates and outputs.
     ax : Axes, optional
-        Axes to draw one of them into.
+        Axes for a single variable.
     make : callable, optional
-        Makes a figure of a width and a height, [in].
+        Function that makes a figure of a width and a height, [in].
 
     Returns
     -------
@@ -232,7 +225,7 @@ def bands(
     Raises
     ------
     SceneError
-        If there is nothing of a name.
+        If a name is unknown.
     """
 
     def draw(where: Axes, row: Variable, color: Any) -> None:
@@ -256,14 +249,14 @@ def curves(
     ax: Axes | None = None,
     make: Make = figure_for_people,
 ) -> Figure:
-    """Draw the curve of each member, coloured by what it sets.
+    """Draw the curve of each member, coloured by one of its values.
 
     Parameters
     ----------
     dataset, names, ax, make
         As of :func:`bands`.
     color_by : str, optional
-        Column of the members by which curves are coloured; the first one where absent.
+        Column of the members by which curves are coloured, by default the first.
 
     Returns
     -------
@@ -273,7 +266,7 @@ def curves(
     Raises
     ------
     SceneError
-        If there is nothing of a name, or members have no such column.
+        If a name is unknown, or members have no such column.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
@@ -306,19 +299,19 @@ def heat_map(
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of :meth:`cotree.Model.ensemble` with a grid; of one with more dimensions give
-        ``dataset.sel(...)``.
+        Of :meth:`cotree.Model.ensemble` with a grid of two dimensions; reduce one with more
+        dimensions by ``dataset.sel(...)``.
     name : str, optional
-        A state, output, sensitivity as ``d(j1.s)/d(L)``, or a variable of your own; the first
-        state where absent.
+        A state, output, sensitivity as ``d(j1.s)/d(L)``, or a variable of your own; by default the
+        first state.
     time : float, optional
-        When, [s]; the nearest time of the dataset is taken.
+        Time, [s]; the nearest time of the dataset is taken.
     of : {"last", "max", "min", "mean"}
-        What is taken of each curve where no time is given.
+        Summary of each curve, if no time is given.
     ax : Axes, optional
         Axes to draw into.
     make : callable, optional
-        Makes a figure of a width and a height, [in].
+        Function that makes a figure of a width and a height, [in].
 
     Returns
     -------
@@ -328,7 +321,7 @@ def heat_map(
     Raises
     ------
     SceneError
-        If there is nothing of the name, or the members are no grid of two dimensions.
+        If the name is unknown, or the members are not a grid of two dimensions.
     """
     chosen = chosen_variables(dataset, name)[0]
     row = read_variable(dataset, chosen, over_time=False)
@@ -347,14 +340,14 @@ def heat_map(
     ordered = values[np.ix_(upright.order, level.order)]
     style: dict[str, Any] = {"cmap": "viridis"}
     if row.is_sensitivity:
-        # Their sign says which way to go: both sides of zero have colours of their own.
+        # Positive and negative sensitivities have different colours.
         most = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
         style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
     if figure.get_layout_engine() is None:
-        # The title of a colour bar would lie on the labels of the axes beside it.
+        # Without a layout the title of a colour bar may overlap the labels of other axes.
         figure.set_layout_engine("constrained")
     where.set_facecolor("0.85")
-    where.grid(False)  # whatever the reader's own style says
+    where.grid(False)  # a style may have one
     mesh = where.pcolormesh(level.edges, upright.edges, ordered, **style)
     where.set(xlabel=level.title, xscale=level.scale, ylabel=upright.title, yscale=upright.scale)
     for axis in (where.xaxis, where.yaxis):
@@ -365,18 +358,15 @@ def heat_map(
 
 
 def picture(dataset: Any, names: Sequence[str] = (), of: str = "last") -> Figure:
-    """Draw what fits: heat maps of a grid of two dimensions, curves of one, or else bands.
-
-    ``of`` is what heat maps show: last, max, min or mean.
-    """
+    """Draw heat maps of a grid of two dimensions, curves of a grid of one, or else bands."""
     chosen = chosen_variables(dataset, names or None)
     dims = read_variable(dataset, chosen[0], over_time=False).dims
     if len(dims) == 1 and "member" not in dims:
-        return curves(dataset, chosen, make=new_figure)
+        return curves(dataset, chosen)
     if len(dims) != 2:
-        return bands(dataset, chosen, make=new_figure)
+        return bands(dataset, chosen)
     rows, columns = _layout(len(chosen))
-    figure = new_figure(6.0 * columns, 4.4 * rows)
+    figure = figure_for_people(6.0 * columns, 4.4 * rows)
     for name, ax in zip(chosen, np.ravel(figure.subplots(rows, columns)), strict=False):
         heat_map(dataset, name, of=of, ax=ax)
     for ax in figure.axes[len(chosen) : rows * columns]:
@@ -409,7 +399,7 @@ def _panels(
         where = figure.add_subplot(grid[divmod(i, columns)])
         draw(where, row, colors[i])
         draw_grid(where)
-        where.set_axisbelow(True)  # or the grid shows through the bands
+        where.set_axisbelow(True)  # otherwise the grid is visible through the bands
     return figure
 
 
@@ -440,7 +430,7 @@ def _quantiles(values: Array) -> tuple[list[Array], Array, list[Array]]:
         raise SceneError(_NOTHING)
     low = [(1.0 - share) / 2.0 for share, *_ in _BANDS]
     wanted = [*low, 0.5, *(1.0 - q for q in low)]
-    # Members that an event ended have nan behind it; the slower function is for those alone.
+    # Members that an event ended have nan after it, which only the slower function ignores.
     has_gaps = bool(np.isnan(there).any())
     columns = ~np.isnan(there).all(axis=0)
     found = np.full((len(wanted), there.shape[1]), np.nan)

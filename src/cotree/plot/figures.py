@@ -1,52 +1,47 @@
-"""Figures that pyplot knows, so that ``plt.show()`` shows them.
+"""Figures that pyplot manages, so that ``plt.show()`` shows them.
 
-A figure is made by pyplot where someone may ask pyplot for it: where the program has imported it,
-in a notebook, and at an interactive prompt. Other programs get a figure that belongs to nothing: it
-needs no window system, is not kept in memory, and is saved all the same.
+A figure is made by pyplot if the program has imported pyplot, in a notebook, and at an interactive
+prompt. In other programs it is a figure of its own, which needs no window system, is not kept in
+memory, and can be saved.
 """
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from functools import partial
 
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from cotree.plot.result import new_figure
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows once, although it is the value of a cell, too."""
+    """A figure that a notebook shows once, even if it is the value of a cell."""
 
     def _ipython_display_(self) -> None:
-        """Take it from pyplot, which would show all of its figures again when the cell ends."""
+        """Remove the figure from pyplot, which would show it again at the end of the cell."""
         pyplot = sys.modules.get("matplotlib.pyplot")
         number = getattr(self, "number", None)
         if pyplot is not None and number is not None and pyplot.fignum_exists(number):
             backend = pyplot.get_backend().lower()
             if "ipympl" in backend and pyplot.isinteractive():
-                return  # it was shown as it was made
+                return  # it is shown already
             if "inline" in backend:
                 pyplot.close(self)
-        # The notebook goes on as with any other figure, and shows it as a picture.
+        # The notebook then shows it as a picture, like any other figure.
         raise NotImplementedError
 
 
 def figure_for_people(width: float, height: float) -> Figure:
-    """Make a figure of a size, [in], that pyplot knows where it may be asked for it."""
-    layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
-    make: Callable[..., Figure] = ShownFigure
+    """Make a figure of a size, [in], by pyplot if the user may call ``plt.show()``."""
     if "matplotlib.pyplot" in sys.modules or _is_interactive():
         import matplotlib.pyplot as plt
 
-        make = plt.figure
-        return make(figsize=(width, height), layout=layout, FigureClass=ShownFigure)
-    return make(figsize=(width, height), layout=layout)
+        return new_figure(width, height, partial(plt.figure, FigureClass=ShownFigure))
+    return new_figure(width, height, ShownFigure)
 
 
 def _is_interactive() -> bool:
-    """Return whether a person types the statements, in a notebook or at a prompt."""
+    """Return whether Python runs in a notebook or at a prompt."""
     shell = sys.modules.get("IPython")
     return hasattr(sys, "ps1") or (shell is not None and shell.get_ipython() is not None)

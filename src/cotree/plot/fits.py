@@ -1,4 +1,4 @@
-"""Fits: data and what was computed, residuals, starts, profiles and correlations.
+"""Fits: measured and computed values, residuals, starts, profiles and correlations.
 
 In: arrays and names. Out: a matplotlib `Figure`.
 """
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
     from cotree.plot.layout import Array
 
-# Panels side by side, and how many courses an overview shows.
+# Panels in a row, and the colours of measured values, computed values and limits.
 _COLUMNS = 3
 _DATA, _CURVE, _LIMIT = "0.35", "C0", "C3"
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A quantity over time, its band, and what was measured of it."""
+    """A quantity over time, its band, and its measured values."""
 
     title: str  # the experiment
     band: Any  # see :class:`cotree.estimation.bands.Band`
-    #: What was measured, and its standard deviations.
+    #: Times, measured values and their standard deviations.
     t_measured: Array | None = None
     measured: Array | None = None
     sigma: Array | None = None
@@ -52,7 +52,7 @@ class Residuals:
 
 
 def draw_courses(courses: Sequence[Course], *, ax: Axes | None = None) -> Figure:
-    """Draw quantities over time with their bands and what was measured."""
+    """Draw quantities over time with their bands and measured values."""
     if ax is not None:
         draw_course(ax, courses[0])
         return cast("Figure", ax.figure)
@@ -73,14 +73,13 @@ def draw_course(ax: Axes, course: Course) -> None:
         else:
             ax.plot(course.t_measured, course.measured, ".", ms=3, color=_DATA, label="measured")
     label = f"{100 * band.level:g} % band"
-    # A curve of one member of the legend for each.
     if is_known.any():
         ax.fill_between(
             band.t, band.lower, band.upper, where=is_known.tolist(), color=_CURVE,
             alpha=0.25, lw=0.0, label=label, zorder=2,
         )  # fmt: skip
     ax.plot(band.t, band.value, color=_CURVE, lw=1.6, label="computed", zorder=3)
-    # A wide band is not to hide the data.
+    # The limits follow the data if the band is much wider.
     shown = [band.value] + ([] if course.measured is None else [course.measured])
     low, high = (f([float(f(np.asarray(x))) for x in shown]) for f in (min, max))
     room = 0.6 * ((high - low) or abs(high) or 1.0)
@@ -110,7 +109,7 @@ def draw_residuals_over_time(ax: Axes, parts: Sequence[Residuals]) -> None:
 
 
 def draw_observed(ax: Axes, parts: Sequence[Residuals]) -> None:
-    """Draw observed against computed values, each quantity between its own ends."""
+    """Draw measured against computed values, each quantity scaled to its range."""
     is_one = len({part.name.split(" · ")[0] for part in parts}) == 1
     for part, color in zip(parts, curve_colors(len(parts)), strict=True):
         low, high = (0.0, 1.0) if is_one else (part.measured.min(), part.measured.max())
@@ -129,7 +128,7 @@ def draw_normal(ax: Axes, parts: Sequence[Residuals]) -> None:
 
     values = np.sort(np.concatenate([part.values for part in parts]))
     n = len(values)
-    # Means of order statistics of a normal distribution, nearly (Blom 1958).
+    # Approximate means of the order statistics of a normal distribution (Blom 1958).
     expected = special.ndtri((np.arange(1, n + 1) - 0.375) / (n + 0.25))
     ax.plot(expected, values, "o", ms=3, color=_CURVE)
     ax.plot(expected[[0, -1]], expected[[0, -1]], color="0.5", lw=0.8, zorder=0)
@@ -155,7 +154,7 @@ def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
     if not done.all():
         ax.plot(rank[~done], above[~done], marker="o", mfc="none", color=_LIMIT,
                 label="not converged", **style)  # fmt: skip
-    # Differences of a hundredth tell nothing apart; below them the scale is linear.
+    # Differences below a hundredth are not significant, so the scale is linear there.
     ax.set_yscale("symlog", linthresh=1e-2)
     ax.set_ylim(-2e-3, max(1.0, 2.0 * float(above.max(initial=0.0))))
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -167,7 +166,7 @@ def draw_waterfall(starts: Sequence[Any], ax: Axes | None = None) -> Figure:
 
 
 def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
-    """Draw profiles, each with the parabola of its standard error, which is infinite for none.
+    """Draw profiles, each with the parabola of its standard error, if that is finite.
 
     ``curves`` are of the class :class:`cotree.estimation.profiles.Profile`.
     """
@@ -177,7 +176,7 @@ def draw_profiles(curves: Sequence[Any], errors: Mapping[str, float]) -> Figure:
         ax.plot(*curve.curve(), color=_CURVE, lw=1.6, label="profile")
         is_log, error = curve.scale != "lin", errors[curve.name]
         if math.isfinite(error) and error > 0.0:
-            # What the rise would be if the model were linear on the scale of the parameter.
+            # The rise of a model that is linear on the scale of the parameter.
             reach = np.linspace(-1.3, 1.3, 101) * math.sqrt(curve.limit)
             x = curve.estimate + reach * error
             if is_log:
@@ -233,8 +232,8 @@ def draw_overview(
     names: Sequence[str],
     correlation: Array,
 ) -> Figure:
-    """Draw all that tells whether a fit is good: courses first, then residuals and starts."""
-    # Courses fill their rows, whose panels may be wider than those of the last one.
+    """Draw courses, residuals, and starts or correlations in one figure."""
+    # Panels of courses may be wider than those of the last row.
     columns = 2 if len(courses) in (2, 4) else min(len(courses), _COLUMNS)
     n_rows = -(-len(courses) // columns)
     figure = figure_for_people(4.3 * _COLUMNS, 3.2 * (n_rows + 1) + 0.4)
@@ -260,8 +259,7 @@ def _distinct(ax: Axes) -> tuple[list[Any], list[str]]:
 
 
 def _panels(n: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with so many panels."""
-    # Four stand in a square.
+    """Make a figure with ``n`` panels; four are in a square."""
     columns = 2 if n == 4 else min(n, _COLUMNS)
     rows = -(-n // columns)
     figure = figure_for_people(1.0 + 4.0 * columns, 0.4 + 3.2 * rows)
@@ -280,9 +278,8 @@ def _label(ax: Axes, x: str, y: str, title: str) -> None:
 
 
 def _legend(ax: Axes, n: int) -> None:
-    """Explain colours, of few and of not too many."""
+    """Add a legend below the axes, for two to eight colours."""
     if 1 < n <= 8:
-        # Below, where it hides no residual.
         ax.legend(
             fontsize=7, frameon=False, markerscale=1.3, loc="upper center",
             bbox_to_anchor=(0.5, -0.2), ncols=2,

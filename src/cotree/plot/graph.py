@@ -46,13 +46,13 @@ def draw_graphs(
 ) -> Figure:
     """Draw several graphs side by side, each under the name of its domain.
 
-    ``make`` makes a figure of a width and a height, [in], by default one that pyplot does not know.
-    Edges of each of the ``parts`` are drawn on a ground of one colour.
+    ``make`` makes a figure of a width and a height, [in], by default one that pyplot does not
+    manage. Edges of each of the ``parts`` have a background of one colour.
     """
     pairs = list(graphs_with_trees)
     drawings = of_one_height([lay_out(graph) for graph, _ in pairs])
     figure = _new_figure(drawings, make)
-    # Panels are as wide as their graphs, which gives all of them one scale.
+    # Panels are as wide as their graphs, so that all have the same scale.
     axes = figure.subplots(
         1, len(drawings), squeeze=False, width_ratios=[drawing.size[0] for drawing in drawings]
     )
@@ -85,7 +85,7 @@ def _draw(drawing: GraphDrawing, tree: Tree | None, ax: Axes) -> None:
         _draw_edge(ax, curve, label, bold=tree is not None and tree.is_branch(curve.edge.name))
     for node, position in drawing.position_of.items():
         directions = [
-            # Directions a little way along the curves, which may bend.
+            # Curves may bend, so directions are taken near their ends.
             (curve.at(0.15) if curve.edge.tail == node else curve.at(0.85)) - position
             for curve in drawing.curves
             if node in (curve.edge.tail, curve.edge.head)
@@ -122,7 +122,7 @@ def _draw_curve(ax: Axes, curve: Curve, **style: Any) -> None:
 def _freest(directions: Sequence[Array], n: int) -> Array:
     """Choose one of `n` directions around a node, furthest from all edges; down first."""
     angles = -np.pi / 2 + 2 * np.pi / n * np.arange(n)
-    # Rounded, since directions that are equally free must tie: the first of them is taken.
+    # Rounding makes equivalent directions equal; the first is taken.
     candidates = np.round(np.column_stack([np.cos(angles), np.sin(angles)]), 12)
     if not directions:
         return np.asarray(candidates[0])

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-# Distance of parallel edges, distance that edges keep from foreign nodes, white around the picture.
+# Distance of parallel edges, clearance of edges from other nodes, margin of the picture.
 _FAN, _CLEARANCE, _MARGIN = 0.36, 0.22, 0.45
-# Width of a letter of an edge's name, and where on its edge the name may stand, best first.
+# Width of a letter of an edge's name, and possible places of the name on the edge, best first.
 _LETTER, _LABEL_PLACES = 0.068, (0.46, 0.4, 0.52, 0.34, 0.28, 0.58)
 # Nodes in a line of a long chain.
 _LINE = 7
-# A reference with less of an empty angle beside it gets its picture opened.
+# If the largest gap between directions from the reference is less, the picture is opened.
 _OPEN = np.radians(150)
 
 
@@ -48,7 +48,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class GraphDrawing:
-    """A graph on paper: nodes, edges, places of the edges' names, corners of the picture."""
+    """A drawn graph: nodes, edges, places of the edges' names, corners of the picture."""
 
     graph: LinearGraph
     position_of: dict[str, Array]
@@ -82,7 +82,7 @@ def of_one_height(drawings: Sequence[GraphDrawing]) -> list[GraphDrawing]:
 
 
 def _positions(graph: LinearGraph) -> dict[str, Array]:
-    """Place the nodes so that distances on paper follow those in the graph; no randomness."""
+    """Place the nodes so that distances in the picture approximate those in the graph."""
     if graph.n_nodes <= 2:
         others = [node for node in graph.nodes if node != graph.reference]
         return {graph.reference: np.zeros(2)} | {node: np.array([0.0, 2.2]) for node in others}
@@ -90,7 +90,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
 
     walk = walk_edges(graph, graph.edge_names, graph.reference)
     order = [graph.reference, *(step.child for step in walk)]
-    # A graph in pieces, drawn to see why, is held together for the layout.
+    # For the layout, nodes of other components are joined to the reference.
     floating = [node for node in graph.nodes if node not in order]
     order += floating
     index_of = {node: i for i, node in enumerate(order)}
@@ -101,8 +101,7 @@ def _positions(graph: LinearGraph) -> dict[str, Array]:
         points = _serpentine(len(order))
     else:
         angles = np.linspace(0, 2 * np.pi, len(order), endpoint=False)
-        # The same start on a circle, in the order of a walk from the reference, gives the same
-        # picture.
+        # The start, a circle in the order of a walk from the reference, is deterministic.
         start = dict(enumerate(np.column_stack([np.cos(angles), np.sin(angles)])))
         placed = networkx.kamada_kawai_layout(simple, pos=start)
         # The reference is the origin, about which the picture is turned.
@@ -121,9 +120,9 @@ def _serpentine(n: int) -> Array:
 
 
 def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
-    """Turn the picture about node 0, the reference, until its other nodes lie above it.
+    """Rotate the picture about node 0, the reference, until the other nodes are above it.
 
-    A picture that surrounds the reference is opened first, like a fan, where that stretches the
+    A picture that surrounds the reference is first opened like a fan, at the gap that stretches the
     fewest edges.
     """
     x, y = points[1:].T
@@ -135,21 +134,21 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
     def behind(gap: int) -> Array:
         """Angles of the nodes, counted from the one after the gap."""
         turned = np.mod(angles - angles[order[(gap + 1) % len(order)]], 2 * np.pi)
-        # The node itself must not come out as a whole turn by rounding.
+        # Rounding may turn the angle zero into a full turn.
         return np.where(turned > 2 * np.pi - 1e-9, 0.0, turned)
 
     def cost(gap: int) -> tuple[int, float]:
         turned = behind(gap)
-        # An edge whose ends lie more than half a turn apart would be stretched across the fan.
+        # An edge whose ends are more than half a turn apart is stretched across the fan.
         crossing = sum(abs(turned[i] - turned[j]) > np.pi for i, j in inner)
         return (crossing, -round(float(gaps[gap]), 6))
 
     gap = min(range(len(gaps)), key=cost) if gaps.max() < _OPEN else int(gaps.argmax())
     turned, spread = behind(gap), max(2 * np.pi - gaps[gap], 1e-9)
-    # Angles are pressed into the half plane above the reference; radii grow, so that arcs keep
+    # Angles are compressed into the half plane above the reference; radii grow, so that arcs keep
     # their length.
     shrink = min(1.0, np.pi / spread)
-    # Clockwise from the left, so that the walk from the reference tends to begin there.
+    # Clockwise from the left, where the walk from the reference usually begins.
     side = 1.0 if turned[0] <= spread / 2 else -1.0
     directions = np.pi / 2 + side * shrink * (spread / 2 - turned)
     radii = np.hypot(x, y) / shrink
@@ -158,7 +157,7 @@ def _reference_below(points: Array, pairs: Iterable[tuple[int, ...]]) -> Array:
 
 
 def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Curve]:
-    """Fan parallel edges out, and bend edges around nodes that are not their own."""
+    """Draw parallel edges as a fan, and bend edges around nodes that are not their ends."""
     parallel: dict[frozenset[str], list[GraphEdge]] = {}
     for edge in graph.edges:
         # Parallel edges join the same two nodes in either direction.
@@ -173,7 +172,7 @@ def _curves(graph: LinearGraph, position_of: Mapping[str, Array]) -> Iterator[Cu
             ]
             for shift in (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9)
         ]
-        # The first fan of the widest clearance, where more than enough counts as enough.
+        # The first fan with sufficient clearance, or else with the largest.
         yield from max(fans, key=lambda fan: min(_CLEARANCE, _clearance(fan, others)))
 
 

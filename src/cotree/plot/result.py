@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import RunRecord
 
 
-# Parameters to which sensitivities come along unnamed: each has a panel of its own.
+# Largest number of parameters whose sensitivities are drawn if none is named; each has a panel.
 _MOST_UNNAMED = 4
 
 _TITLE = re.compile(r"d\((.*)\)/d\((.*)\)\Z")
@@ -51,7 +51,7 @@ def choose_curves(
     *,
     is_alone: bool = False,
 ) -> Curves:
-    """Choose the curves that names stand for.
+    """Return the curves of given names.
 
     Names are of states, outputs, inputs, and of sensitivities as ``d(name)/d(parameter)`` or
     ``(name, parameter)``. If no sensitivity is named, those of the named states and outputs to the
@@ -59,12 +59,12 @@ def choose_curves(
     that are no rates. Raises SceneError if the result has nothing by a given name.
     """
     known = (*states, *outputs)
-    # Rates are told by their names alone: a result does not know its equations.
+    # A result has no equations, so rates are identified by their names.
     if names is None:
         names = [name for name in states if not name.endswith("_dot")] or known
         if not names:
             raise SceneError("the result has neither states nor outputs to plot")
-    # Dicts serve as sets that keep the order in which the curves were named.
+    # Dicts are ordered sets.
     values: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     for name in [names] if isinstance(names, str) else names:
@@ -84,7 +84,7 @@ def choose_curves(
 
 
 def sensitivity_pair(name: object) -> tuple[str, str] | None:
-    """Return name and parameter of a sensitivity; None for what names none."""
+    """Return name and parameter of a sensitivity; None for any other name."""
     if isinstance(name, str):
         found = _TITLE.match(name)
         return (found[1], found[2]) if found else None
@@ -101,18 +101,18 @@ def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequenc
 
 Color = tuple[float, ...]
 
-# Panels of sensitivities in a row, circles of an overlay, curves with a legend above them.
+# Largest numbers of panels in a row, of circles of an overlay, of curves with a legend above them.
 _COLUMNS = 3
 _OPEN_CIRCLES = 40
 _FEW = 4
-# Letters of a legend: what fits above a panel, and what a line before a label takes.
+# Widths of a panel and of the line before a label, in letters of a legend.
 _PANEL, _LINE = 66, 7
 _CIRCLES = "finite differences"
 
 
 @dataclass
 class _Row:
-    """The panels of quantities of one unit: themselves, and their sensitivities by parameter."""
+    """Panels of quantities of one unit, and of their sensitivities by parameter."""
 
     unit: str
     values: list[str] = field(default_factory=list)
@@ -120,7 +120,7 @@ class _Row:
 
     @property
     def height(self) -> int:
-        """Rows of panels that the sensitivities fill."""
+        """Number of rows of panels that the sensitivities need."""
         return max(1, -(-len(self.by_parameter) // _COLUMNS))
 
     @property
@@ -145,14 +145,15 @@ def plot_result(
         The result of a simulation.
     names : str, sequence of str or of (str, str), or None
         States, outputs, inputs, and sensitivities as ``d(name)/d(parameter)`` or
-        ``(name, parameter)``. Where no sensitivity is named, those of the states and outputs that
-        are, to the first four parameters, come with them. None plots the coordinates, the states
-        that are no rates.
+        ``(name, parameter)``. If no sensitivity is named, those of the named states and outputs to
+        the first four parameters are added. None plots the coordinates, the states that are not
+        rates.
     overlay : mapping of (name, parameter) to (t, values), or None
-        Sensitivities found in another way, by finite differences for example, of shape (n,) each;
-        drawn as open circles.
+        Other values of sensitivities, from finite differences for example, of shape (n,) each;
+        they are drawn as open circles.
     make : callable, optional
-        Makes a figure of a width and a height, [in]; one that pyplot does not know where absent.
+        Function that makes a figure of a width and a height, [in]; by default one that pyplot does
+        not manage.
 
     Returns
     -------
@@ -162,7 +163,7 @@ def plot_result(
     Raises
     ------
     SceneError
-        If there is nothing of a name in the result, or an overlay belongs to no curve.
+        If the result has no variable of a name, or an overlay belongs to no curve.
     """
     parameters = result.parameters_of_sensitivity
     curves = choose_curves(names, result.states, _followers(result), result.inputs, parameters)
@@ -172,7 +173,7 @@ def plot_result(
     for name in curves.values:
         rows.setdefault(result.unit(name), _Row(result.unit(name))).values.append(name)
     for name, parameter in curves.sensitivities:
-        # Sensitivities stand in the row of the quantity's unit, whose colours they share.
+        # Sensitivities are in the row of the unit of the quantity, and share its colour.
         row = rows.setdefault(result.unit(name), _Row(result.unit(name)))
         row.by_parameter.setdefault(parameter, []).append(name)
 
@@ -192,8 +193,8 @@ def plot_result(
         for j, (parameter, group) in enumerate(row.by_parameter.items()):
             down, right = divmod(j, _COLUMNS)
             ax = figure.add_subplot(grid[top + down, first + right])
-            # The colours of many curves are explained once, on the left: matplotlib leaves labels
-            # with an underscore out of legends.
+            # Many curves have one legend, on the left: matplotlib omits labels that begin with an
+            # underscore.
             is_explained = len(group) > _FEW and set(group) <= set(row.values)
             for name in group:
                 label = f"{'_' if is_explained else ''}∂ {name} / ∂ {parameter}"
@@ -207,16 +208,16 @@ def plot_result(
 
 
 def _followers(result: RunRecord) -> tuple[str, ...]:
-    """List what follows from the states: positions along f-circuits, and outputs."""
-    # Records of other programs need not have any.
+    """List the variables that follow from the states: positions along f-circuits, and outputs."""
+    # Records of other programs may have no positions.
     return (*(row.name for row in getattr(result, "positions", ())), *result.outputs)
 
 
 def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes) -> Figure:
-    """Draw curves of one unit into given axes, beside what they show already.
+    """Draw curves of one unit into given axes.
 
-    Names are those of :func:`plot_result`, but no sensitivity is added. Raises SceneError if there
-    is nothing of a name in the result, or the curves have several units.
+    Names are those of :func:`plot_result`, but no sensitivity is added. Raises SceneError if the
+    result has no variable of a name, or the curves have several units.
     """
     known = (result.states, _followers(result), result.inputs, result.parameters_of_sensitivity)
     curves = choose_curves(names, *known, is_alone=True)
@@ -233,7 +234,7 @@ def draw_curves(result: RunRecord, names: str | Sequence[Name] | None, ax: Axes)
     is_first = not ax.lines
     for label, _, values in drawn:
         ax.plot(result.t, values, lw=1.6, label=label)
-    # Axes that show something already keep their labels.
+    # Axes with earlier curves keep their labels.
     if is_first:
         _finish(ax, drawn[0][0] if len(drawn) == 1 else "", units[0])
     elif ax.get_legend() is not None:
@@ -252,13 +253,14 @@ def _check_overlay(
             )
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Make a figure of a size, [in], whose panels make room for their labels."""
+def new_figure(width: float, height: float, make: Callable[..., Figure] | None = None) -> Figure:
+    """Make a figure of a size, [in], by default one that pyplot does not manage."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+    # The layout reserves space for the labels of all panels.
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08)
-    return Figure(figsize=(width, height), layout=layout)
+    return (make or Figure)(figsize=(width, height), layout=layout)
 
 
 def draw_grid(ax: Axes) -> None:
@@ -281,7 +283,7 @@ def _draw_curve(ax: Axes, t: Array, values: Array, label: str, color: Color) -> 
 
 
 def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]) -> None:
-    """Draw overlays as open circles, few enough to be distinguished."""
+    """Draw overlays as a limited number of open circles."""
     style: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 5.5, "mfc": "none"}
     overlays = {color: overlay for color, overlay in by_color.items() if overlay is not None}
     for color, overlay in overlays.items():
@@ -289,14 +291,14 @@ def _draw_circles(ax: Axes, by_color: Mapping[Color, tuple[Array, Array] | None]
         times, values = (np.asarray(column)[::every] for column in overlay)
         ax.plot(times, values, color=color, **style)
     if overlays:
-        # One grey entry of the legend explains the circles of all colours.
+        # Circles of all colours have one grey entry in the legend.
         ax.plot([], [], color="0.3", label=_CIRCLES, **style)
 
 
 def _finish(ax: Axes, subject: str, unit: str) -> None:
-    """Add labels, grid and, where it says more than the label, the legend."""
+    """Add labels, a grid and, for several curves, a legend."""
     bracketed = f"[{unit}]" if unit else ""
-    # A long label takes two lines, since it is not to be longer than its axis.
+    # A label that is longer than its axis takes two lines.
     between = "\n" if len(subject) + len(bracketed) > 26 else " "
     ax.set_xlabel("time [s]", fontsize=11)
     ax.set_ylabel(between.join(filter(None, (subject, bracketed))), fontsize=11)
@@ -305,7 +307,7 @@ def _finish(ax: Axes, subject: str, unit: str) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if len(labels) < 2 and _CIRCLES not in labels:
         return
-    # Outside, where it hides no curve: above a few, beside many.
+    # Outside the axes, so that it hides no curve: above a few curves, beside many.
     columns = _legend_columns(labels)
     if len(labels) > _FEW + 1 or len(labels) > 2 * columns:
         columns = 1 + len(labels) // 15

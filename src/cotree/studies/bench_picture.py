@@ -1,14 +1,12 @@
-"""Time over error of methods, a curve for each over its tolerances.
-
-In: the report of a bench. Out: a matplotlib `Figure`.
-"""
+"""Plot of time over error, with a curve over the tolerances for each method."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from cotree.plot.result import curve_colors, draw_grid, new_figure
+from cotree.plot.figures import figure_for_people
+from cotree.plot.result import curve_colors, draw_grid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -16,23 +14,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from cotree.studies.accuracy import BenchRow, Reference
+    from cotree.studies.accuracy import BenchRow
+    from cotree.studies.bench_report import BenchReport
 
 _MARKERS = "osD^v<>Ph*X"
 
 
-def plot_bench(
-    scene: str,
-    sensitivities: Sequence[str],
-    rows: Sequence[BenchRow],
-    reference: Reference,
-    make: Callable[[float, float], Figure] = new_figure,
-) -> Figure:
-    """Plot seconds over error, of states and beside them of sensitivities.
+def plot_bench(report: BenchReport) -> Figure:
+    """Plot seconds over error, of states and of sensitivities.
 
-    Errors that the reference cannot tell lie in grey, with open markers at its border; rows without
-    a time or an error are left out. ``make`` makes a figure of a width and a height, [in].
+    Errors below the accuracy of the reference are open markers at the border of a grey region. Rows
+    without a time or an error are left out.
     """
+    sensitivities, rows, reference = report.sensitivities, report.rows, report.reference
     panels: list[tuple[str, Callable[[BenchRow], float], float]] = [
         ("states", lambda row: row.error_states, reference.agreement_states)
     ]
@@ -45,8 +39,7 @@ def plot_bench(
                 reference.agreement_sensitivities,
             )
         )
-    # Panels share the axis of seconds, so a method stands at the same height in both.
-    figure = make(1.6 + 4.8 * len(panels), 4.4)
+    figure = figure_for_people(1.6 + 4.8 * len(panels), 4.4)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, (what, error, agreement) in zip(axes, panels, strict=True):
         _draw_methods(ax, rows, error, agreement)
@@ -54,7 +47,7 @@ def plot_bench(
     axes[0].set_ylabel("seconds of a run", fontsize=11)
     if axes[-1].get_legend_handles_labels()[1]:
         axes[-1].legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False, fontsize=9)
-    figure.suptitle(scene, fontsize=11)
+    figure.suptitle(report.scene, fontsize=11)
     return figure
 
 
@@ -66,45 +59,29 @@ def _draw_methods(
 ) -> None:
     methods = list(dict.fromkeys(row.method for row in rows))
     for k, (method, color) in enumerate(zip(methods, curve_colors(len(methods)), strict=True)):
+        # Error, time, and whether the error is below the accuracy of the reference.
         found = [
-            # Errors that cannot be told are drawn at the border of what can be.
             (max(error(row), agreement), row.seconds, error(row) < agreement)
             for row in rows
             if row.method == method and math.isfinite(error(row)) and math.isfinite(row.seconds)
         ]
-        marker = _MARKERS[k % len(_MARKERS)]
-        # A method that never gave a point keeps its place in the legend and its colour.
-        ax.plot(
-            [x for x, _, _ in found],
-            [seconds for _, seconds, _ in found],
-            color=color,
-            lw=1.4,
-            label=method if found else f"{method}: no run",
-            marker="none" if not found else marker,
-            ms=5,
-        )
-        # A second set of open markers on top of the curve's own.
-        hidden = [(x, seconds) for x, seconds, is_below in found if is_below]
-        ax.plot(
-            [x for x, _ in hidden],
-            [seconds for _, seconds in hidden],
-            color=color,
-            ls="none",
-            marker=marker,
-            ms=5,
-            mfc="white",
-        )
+        style: dict[str, Any] = {"color": color, "marker": _MARKERS[k % len(_MARKERS)], "ms": 5}
+        # A method without points has an entry in the legend, too.
+        label = method if found else f"{method}: no run"
+        ax.plot([x for x, _, _ in found], [y for _, y, _ in found], lw=1.4, label=label, **style)
+        hidden = [(x, y) for x, y, is_below in found if is_below]
+        ax.plot([x for x, _ in hidden], [y for _, y in hidden], ls="none", mfc="white", **style)
 
 
 def _finish(ax: Axes, label: str, agreement: float) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     if ax.get_legend_handles_labels()[1] and agreement > 0.0:
-        # Limits are read before the span is drawn, which would widen them.
+        # The span would widen the limits, so these are read before.
         left, right = ax.get_xlim()
         ax.axvspan(min(left, 0.3 * agreement), agreement, color="0.92", zorder=0)
         ax.set_xlim(min(left, 0.3 * agreement), right)
-    # Small errors to the right, as in diagrams of work and precision.
+    # As in work-precision diagrams, errors decrease to the right.
     ax.invert_xaxis()
     ax.set_xlabel(label, fontsize=11)
     draw_grid(ax)

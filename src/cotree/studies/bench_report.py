@@ -180,12 +180,10 @@ class BenchReport(Reported):
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plot(self) -> Any:
-        """Draw time over error, for ``plt.show()``, too; see ``cotree.studies.bench_picture``."""
-        from cotree.plot.figures import figure_for_people
+        """Plot time over error, with a curve for each method."""
         from cotree.studies.bench_picture import plot_bench
 
-        parts = self.scene, self.sensitivities, self.rows, self.reference
-        return plot_bench(*parts, make=figure_for_people)
+        return plot_bench(self)
 
     def _cells(self, row: BenchRow) -> list[str]:
         pair, work = self.reference, row.statistics
