@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from c_programs import SANITIZE, STRICT, execute, need, run
 
-from cotree.codegen.integrators import integrator_files
+from cotree.codegen.integrators import method_files
+from cotree.codegen.runtime import with_runtime
 
 
 @pytest.fixture(scope="module", params=["gcc", pytest.param("clang", marks=pytest.mark.slow)])
@@ -24,7 +25,7 @@ def compiler(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def driver(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the cases of the integrator."""
     folder = tmp_path_factory.mktemp("driver")
-    for name, text in integrator_files("dopri5").items():
+    for name, text in with_runtime(method_files("dopri5")).items():
         (folder / name).write_text(text)
     shutil.copy(Path(__file__).with_name("dopri5_driver.c"), folder)
     sources = ["dopri5_driver.c", "cotree_dopri5.c", "cotree_integrator.c", "-lm"]

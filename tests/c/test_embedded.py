@@ -11,7 +11,8 @@ import pytest
 from c_programs import SANITIZE, STRICT, build, execute, need, printed, run
 
 from cotree import Scene, load
-from cotree.codegen.integrators import integrator_files
+from cotree.codegen.integrators import method_files
+from cotree.codegen.runtime import with_runtime
 from cotree.export.c_project import CProject, write_c_project
 from cotree.pipeline import formulate, generate
 from cotree.scene.description import SceneDescription
@@ -307,7 +308,7 @@ def test_other_integrators_end_as_in_python(compiler: str, tmp_path: Path, integ
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize("method", ["rodas4", "rodas5"])
 def test_points_between_steps_of_stiff_methods(compiler: str, tmp_path: Path, method: str) -> None:
-    for name, text in integrator_files(method).items():
+    for name, text in with_runtime(method_files(method)).items():
         (tmp_path / name).write_text(text)
     driver = Path(__file__).with_name("rodas4_driver.c").read_text()
     for old in ("rodas4", "RODAS4"):

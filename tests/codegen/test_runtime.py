@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from cotree.codegen.integrators import STEPPERS, SUNDIALS, engine_files, integrator_files
+from cotree.codegen.integrators import STEPPERS, SUNDIALS, engine_files, method_files
 from cotree.codegen.runtime import ALL, header_text, resolve, with_runtime
 from cotree.codegen.statuses import EVENT_STATUSES, STATUSES, TURNED
 from cotree.codegen.targets import DOUBLE, SINGLE
@@ -106,7 +106,7 @@ def test_single_precision_is_decided():
 
 
 def test_modules_come_with_what_they_include():
-    files = integrator_files("dopri5")
+    files = with_runtime(method_files("dopri5"))
     assert {"cotree_dopri5.c", "cotree_integrator.c", "cotree_real.h", "cotree_limits.h"} <= {
         *files
     }

@@ -1,9 +1,9 @@
 """Long kernels cut into blocks, and a bound of the stack that a function takes.
 
 In: the statements of one C function. Out: several functions, each of which keeps its temporaries
-to itself, and a short one that calls them. A compiler's time, and how well it allots registers,
-depend on the longest function; so cuts are made where few values cross. What crosses stands in
-arrays of the function that calls. Values and the order in which they are computed stay.
+to itself, and a short one that calls them. Compile time and register allocation depend on the
+longest function. Cuts are made where few values cross; these are passed in arrays of the calling
+function. Values and their order of evaluation do not change.
 """
 
 from __future__ import annotations
@@ -59,32 +59,31 @@ _SAVED = 16
 #: So many intermediate values wait for the results of other functions at most.
 _MOST_WAITING = 3
 
-# What gcc 12 measures (-O0 -mno-red-zone -fstack-usage) of the functions that come with a model.
-#: Of the elimination in loops, and of reading a table.
+# Stack use of the functions of every model by gcc 12 (-O0 -mno-red-zone -fstack-usage), in bytes.
+#: Elimination in loops, and table lookups.
 _HELPERS = {"cotree_factorise": 112, "cotree_table": 72, "cotree_cubic": 152, "cotree_plane": 192}
 _HELPERS |= {"cotree_held_table": 96, "cotree_held_plane": 256}
 #: Several sines at once, with the function that selects them by processor.
 _SINES = 1632
-#: The elimination of one to three unknowns that is written out.
+#: Elimination of one to three unknowns without loops.
 _SMALLEST_SYSTEMS = {1: 224, 2: 272, 3: 368}
 
 
 def n_bytes(blocks: Blocks, called: Mapping[str, int], n_arguments: int, real: int = NUMBER) -> int:
-    """Compute an upper bound of the stack that a function and those that it calls take, in bytes.
+    """Compute an upper bound of the stack of a function with its callees, in bytes.
 
-    The bound is of gcc on 64-bit machines without optimisation: every declared value has a place on
-    the stack, and so has each argument. An optimising compiler keeps many of them in registers, so
-    that its frames are smaller, mostly by a third. ``called`` are the bytes of functions that it
-    may call; functions of the C library and of users are not counted. A number takes ``real``
-    bytes.
+    The bound is that of gcc on 64-bit machines without optimisation, which stores every declared
+    value and every argument on the stack. Optimised frames are smaller, mostly by a third.
+    ``called`` has the bytes of functions that it may call; functions of the C library and of users
+    are not counted. A number takes ``real`` bytes.
     """
     inner = [(function.body, len(function.arguments)) for function in blocks.functions]
     own = [(blocks.statements, n_arguments), *inner]
-    # Functions are told by their names in the statements that call them.
+    # Statements contain the names of the functions that they call.
     names = {key for rows, _ in own for row in rows for key in uses(row)}
     sizes = [size for name, size in called.items() if name in names]
     sizes += [_of_helper(name) for name in names if isinstance(name, str)]
-    # Blocks are called one after another, so the largest of their frames counts.
+    # Blocks are called one after another, so only the largest frame counts.
     deepest = max((_frame(*rows, real) for rows in inner), default=0)
     return _frame(blocks.statements, n_arguments, real) + deepest + max(*sizes, 0, 0)
 
@@ -99,9 +98,9 @@ def _of_helper(name: str) -> int:
 
 
 def _frame(statements: Iterable[Statement], n_arguments: int, real: int) -> int:
-    """Count the bytes that one function takes."""
+    """Return the bytes of one stack frame."""
     rows = list(statements)
-    # Of loops, the number and parts of places.
+    # Loops take a counter and parts of indices.
     declared = _WORD * (n_arguments + 4 * any(isinstance(row, Loop) for row in rows))
     n_calls, is_aligned, is_computed = 0, False, False
     for row in simple(rows):
@@ -141,16 +140,16 @@ FRAMES = {REAL: "w", WHOLE: "ranks"}
 class Crossing:
     """Places of values that cross between groups of statements, which are run in order.
 
-    Blocks of a kernel and segments of a map keep their temporaries to themselves. A value that one
-    group computes and a later one reads also stands in an array (``places``), whose element is used
-    again as soon as the value is no longer read. ``lengths`` are those of the array of each kind.
+    Temporaries are local to a block of a kernel or a segment of a map. A value that a later group
+    reads is also stored in an array (``places``); its element is reused once the value is no longer
+    read. ``lengths`` are those of the array of each kind.
     """
 
     def __init__(self, groups: Sequence[Sequence[Statement]]) -> None:
         self.places: dict[Temporary, CExpression] = {}
         self.lengths = dict.fromkeys(FRAMES, 0)
         self._groups = groups
-        self._reads: list[set[str | Temporary]] = []  # of each group, but what a row declares
+        self._reads: list[set[str | Temporary]] = []  # of each group, without what its rows declare
         last: dict[str | Temporary, int] = {}
         for i, group in enumerate(groups):
             reads: set[str | Temporary] = set()
@@ -167,7 +166,7 @@ class Crossing:
                 # A temporary that only its own group reads needs no place.
                 if made is None or last[made] == i:
                     continue
-                if isinstance(row, Assign) and len(row.to) > 1:  # it is kept anyway
+                if isinstance(row, Assign) and len(row.to) > 1:  # it is stored in an array anyway
                     self.places[made] = row.to[1]
                     continue
                 kind = kind_of(made)
@@ -178,13 +177,13 @@ class Crossing:
                 slot = heappop(free[kind])
                 self.places[made] = element(FRAMES[kind], slot)
                 leaving.setdefault(last[made], []).append((kind, slot))
-            # A place is free behind the whole group, not behind the last reading statement: the
-            # group reads what crosses in from its array at any point.
+            # A place is free after the whole group, whose statements read their arguments from the
+            # array at any point.
             for kind, slot in leaving.pop(i, ()):
                 heappush(free[kind], slot)
 
     def written(self, number: int) -> list[Statement]:
-        """Write a group: it stores values that others read, and reads theirs from their places."""
+        """Return the statements of a group, with loads and stores of crossing values."""
         rows, reads = self._groups[number], self._reads[number]
         makes = set(map(declared_by, rows))
         places = {key: self.places[key] for key in reads - makes if key in self.places}
@@ -203,11 +202,11 @@ class Crossing:
         return found
 
 
-#: Operations of a block at most. Measured with gcc 12: longer blocks compile slower and run no
-#: faster, shorter ones pass more values through memory.
+#: Upper limit of the operations of a block. With gcc 12 longer blocks compile slower and run no
+#: faster; shorter ones pass more values through memory.
 LONGEST_BLOCK = 1_000
 
-#: The caller's status, by its pointer, whose star stands in the name.
+#: The caller's status, through a pointer; the name includes the star.
 _BY_POINTER = named("*status")
 _STATUS = Argument("*status", WHOLE, is_array=False, given="&status")
 
@@ -222,7 +221,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class _Item:
-    """A statement, the comment that it stands under, and all that is named in it."""
+    """A statement with its comment and all names in it."""
 
     row: Statement
     comment: str
@@ -236,7 +235,7 @@ class _Item:
 
     @property
     def is_kept(self) -> bool:
-        """Whether it stores what it declares in an array, too."""
+        """Whether it also stores the declared value in an array."""
         return isinstance(self.row, Assign) and len(self.row.to) > 1
 
     @property
@@ -258,21 +257,21 @@ def cut_into_blocks(
     Parameters
     ----------
     names : str
-        Name of each block in C, its number left open.
+        Name of each block in C, with ``{}`` for its number.
     statements, arguments : sequences of Statement, Argument
         Those of the kernel; loops and tables as :func:`cotree.codegen.loops.roll` writes them.
     results : collection of str
-        Arrays that no statement reads; each of their values is then written where it is known.
+        Arrays that no statement reads; their elements are written as soon as they are known.
     longest : int
-        Operations that a block has at most, but for loops and single statements that are longer.
+        Upper limit of the operations of a block, except for longer loops and single statements.
     """
     whole = Blocks([], list(statements))
     if n_operations(statements) <= longest:
         return whole
     writer = _BlockCutter(names, arguments, statements)
     items = list(_items(statements))
-    # Blocks return nothing, so statements that leave the kernel stay in the kernel itself, behind
-    # the calls. A kernel that may be left elsewhere than at its end is not cut.
+    # Blocks return nothing, so statements that return from the kernel stay in it, after the calls.
+    # A kernel that may return before its end is not cut.
     n_exits = sum(item.is_exit for item in items)
     body, exits = items[: len(items) - n_exits], items[len(items) - n_exits :]
     if any(item.is_exit for item in body):
@@ -287,13 +286,12 @@ def cut_into_blocks(
 
 
 def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
-    """List all but what only declares."""
+    """List all statements except pure declarations."""
     comment = ""
     for row in statements:
         if isinstance(row, Comment):
             comment = row.text
-        # Declarations are made anew where they are needed: in a block, or in the kernel for what
-        # several blocks use.
+        # Each block declares its own arrays and tables, the kernel those that several blocks use.
         elif not isinstance(row, ConstantTable) and not (isinstance(row, Array) and not row.values):
             yield _Item(row, comment, uses(row), n_operations((row,)))
 
@@ -301,16 +299,15 @@ def _items(statements: Iterable[Statement]) -> Iterable[_Item]:
 def _written_early(
     items: Sequence[_Item], results: Collection[str], arrays: Collection[str]
 ) -> list[_Item]:
-    """Move each result to where all that it reads is known."""
+    """Move each result to the point where all its arguments are known."""
     known: dict[str | Temporary, int] = {}
     moved: list[list[_Item]] = [[] for _ in items]
     for i, item in enumerate(items):
         if isinstance(item.row, Assign) and item.row.to[0].form.name in results:
-            # The last value that it reads to become known decides.
             place = max((known.get(name, 0) for name in item.names), default=0)
             moved[place].append(item)
             continue
-        # A statement stands before the results that were moved to it.
+        # Results that were moved to a statement follow it.
         moved[i].insert(0, item)
         if item.makes:
             known[item.makes] = i
@@ -321,15 +318,15 @@ def _written_early(
 def _choose_cuts(
     items: Sequence[_Item], exits: Sequence[_Item], arrays: Collection[str], longest: int
 ) -> list[int]:
-    """Choose where blocks begin and end: each as long as may be, then where fewest values cross."""
+    """Return the ends of blocks, from half to all of the longest length, by fewest crossings."""
     n = len(items)
-    # Counts of what is alive at each possible cut: plus one behind the first use of a name, minus
-    # one behind its last, summed up.
+    # The number of live names at each possible cut is the sum of plus one after the first use of a
+    # name and minus one after its last.
     crossing = np.zeros(n + 2, dtype=np.intp)
     last = {name: i for i, item in enumerate([*items, *exits]) for name in item.names}
     first = {name: i for i, item in reversed([*enumerate(items)]) for name in item.names}
-    # A temporary that is kept anyway takes no further place. An array that may be the block's own
-    # is better not shared.
+    # A temporary that is stored in an array anyway needs no place. An array counts, since it is
+    # shared if uses are cut apart.
     counted: list[str | Temporary] = [name for name in arrays if name in first]
     counted += [item.makes for item in items if item.makes and not item.is_kept]
     for name in counted:
@@ -339,8 +336,7 @@ def _choose_cuts(
     sums = np.array([0, *accumulate(item.n_operations for item in items)])
     cuts = [0]
     while sums[-1] - sums[cuts[-1]] > longest:
-        # A block has between half of the longest length and all of it. Among the cuts that
-        # fewest values cross, the latest is taken.
+        # Among the cuts that fewest values cross, the latest is taken.
         start = cuts[-1]
         end = max(start + 1, int(np.searchsorted(sums, sums[start] + longest, "right")) - 1)
         begin = int(np.searchsorted(sums, sums[start] + longest // 2))
@@ -365,7 +361,7 @@ class _BlockCutter:
         self._shared: list[str] = []  # arrays that several blocks use
 
     def write(self, blocks: Sequence[Sequence[_Item]], exits: Sequence[_Item]) -> Blocks:
-        # The statements that stay in the kernel read what crosses as a further group.
+        # The statements that stay in the kernel are the last group.
         groups = [*blocks, exits]
         users: dict[str | Temporary, set[int]] = {}
         for number, items in enumerate(groups):
@@ -375,8 +371,7 @@ class _BlockCutter:
         self._shared = [name for name in self.arrays if len(users.get(name, ())) > 1]
         crossing = Crossing([[item.row for item in items] for items in groups])
         frames = [Array(FRAMES[kind], n, kind) for kind, n in crossing.lengths.items() if n]
-        # Values come with assignments in the block that computes them, so the kernel declares
-        # arrays only.
+        # The block that computes the values of an array assigns them; the kernel only declares it.
         shared = [replace(self.arrays[name], values=(), is_constant=False) for name in self._shared]
         arguments = [
             *self._arguments,
@@ -395,7 +390,6 @@ class _BlockCutter:
     def _body(self, items: Sequence[_Item], rows: Sequence[Statement]) -> list[Statement]:
         """Write the statements of one block, after the arrays and tables that are its own."""
         names = {name for item in items for name in item.names}
-        # An array with values is declared by its own statement.
         filled = {item.row.name for item in items if isinstance(item.row, Array)}
         body: list[Statement] = [
             array
@@ -412,7 +406,7 @@ class _BlockCutter:
         return body
 
     def _own(self, row: Statement) -> list[Statement]:
-        """Fill arrays that the caller declared, and tell a status to it."""
+        """Replace declarations of shared arrays by assignments, and status by a pointer to it."""
         if isinstance(row, Report):
             return [replace(row, status=_BY_POINTER)]
         if isinstance(row, Array) and row.name in self._shared:

@@ -1,8 +1,8 @@
 """C text as data: its tokens, and its items at file scope.
 
-Texts follow one convention, which formatters keep: what begins at file scope begins in the first
-column, a comment stands above what it is about, and an empty line ends a paragraph. Bodies are
-indented.
+Texts follow a convention that formatters preserve: items at file scope begin in the first column,
+bodies are indented, a comment precedes the item that it describes, and an empty line ends a
+paragraph.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 
-#: Comments, strings, words, and what stands between them.
+#: Comments, strings, words, and the text between them.
 _TOKEN = re.compile(r'/\*.*?\*/|"(?:[^"\\\n]|\\.)*"|\w+|->|[^\w"/-]+|.', re.DOTALL)
 
 #: Qualifier of functions that other programs call.
@@ -29,7 +29,7 @@ class Item:
     """A comment, a directive or a declaration at file scope."""
 
     text: str
-    names: tuple[str, ...] = ()  # what it defines or declares, enumerators included
+    names: tuple[str, ...] = ()  # names that it defines or declares, including enumerators
 
     @property
     def is_comment(self) -> bool:
@@ -38,19 +38,19 @@ class Item:
 
     @property
     def is_directive(self) -> bool:
-        """Return whether the preprocessor reads it."""
+        """Return whether it is a preprocessor directive."""
         return self.text.startswith("#")
 
     @property
     def is_private(self) -> bool:
-        """Return whether no other file knows the names, if the item stands in a source."""
+        """Return whether the names are local to the file, if it is a source."""
         head = self.text.partition("{")[0].partition("(")[0].partition("=")[0]
         return not self.is_directive and bool({"static", "COTREE_PRIVATE", "typedef"} & words(head))
 
 
 @cache
 def tokens(text: str) -> tuple[str, ...]:
-    """Split a text into comments, strings, words and the rest."""
+    """Split a text into comments, strings, words and other text."""
     return tuple(_TOKEN.findall(text))
 
 
@@ -72,18 +72,18 @@ def squeezed(text: str) -> str:
 
 
 def included(line: str) -> str | None:
-    """Return the header beside a file that a line includes, if it does so."""
+    """Return the header that a line includes in quotes, or None."""
     begin = '#include "'
     return line.rstrip()[len(begin) : -1] if line.startswith(begin) else None
 
 
 def includes(text: str) -> list[str]:
-    """List the headers beside a file that it includes."""
+    """Return the headers that a text includes in quotes."""
     return [name for name in map(included, text.splitlines()) if name is not None]
 
 
 def unframed(header: str) -> tuple[str, str]:
-    """Return the first comment of a header, and the rest without its guard, if it has one."""
+    """Return the first comment of a header, and the text inside its include guard, if any."""
     comment, guard, body = header.partition("\n#ifndef ")
     if not guard or "#" in comment:
         return header, ""
@@ -154,16 +154,16 @@ def _declared(text: str) -> tuple[str, ...]:
 
 
 def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str, str]:
-    """Leave out what nothing uses of files that are the same for every model.
+    """Remove unused items from files that are the same for every model.
 
     Parameters
     ----------
     texts : mapping of str to str
         C text by file name, whose conditions are decided.
     shared : container of str
-        Names of those files. What is exported stays; so do conditions that a paragraph opens and
-        does not close, such as the guards of headers, and headers without one, whose names follow
-        from macros.
+        Names of those files. Exported items stay; so do conditions that a paragraph opens and does
+        not close, such as include guards, and headers without a guard, whose names follow from
+        macros.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def without_unused(texts: Mapping[str, str], shared: Container[str]) -> dict[str
 
 
 def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
-    """Return exported functions, some types, and what these need, without comments.
+    """Return exported functions, some types, and the items that these need, without comments.
 
     Parameters
     ----------
@@ -215,9 +215,9 @@ def exported(texts: Iterable[str], types: Sequence[str] = ()) -> str:
 def _reached(
     fresh: list[tuple[Item, str]], rows: Iterable[tuple[Item, str]]
 ) -> set[tuple[str, str]]:
-    """Return the names that items of files mention, directly or through what defines them.
+    """Return the names in items, and in the items that define these names, with their scopes.
 
-    Each comes with its scope: the source that a private name is of, or nothing.
+    The scope of a private name is its source, otherwise it is empty.
     """
     by_name: dict[str, list[tuple[Item, str]]] = {}
     for row in rows:
@@ -238,19 +238,19 @@ def _reached(
 
 
 def _scope(item: Item, file: str) -> str:
-    """Return the source that alone knows the names of an item, or nothing."""
+    """Return the source to which the names of an item are local, or an empty text."""
     is_private = item.is_private or item.text.startswith("#define")
     return file if is_private and file.endswith(".c") else ""
 
 
 def _is_reached(item: Item, file: str, reached: set[tuple[str, str]]) -> bool:
-    """Return whether a name that an item defines is among those that are mentioned."""
+    """Return whether any name that an item defines is reached."""
     scope = _scope(item, file)
     return any((name, scope) in reached for name in item.names)
 
 
 def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bool]]:
-    """Return what is kept or left out together, and whether it is kept in any case."""
+    """Return the parts that stay or go together, and whether each stays in any case."""
     levels = [_level(item) for item in paragraph]
     if not any(levels):
         found = [item for item in paragraph if not item.is_comment]
@@ -261,12 +261,12 @@ def _parts(paragraph: Sequence[Item], *, is_shared: bool) -> list[tuple[Item, bo
 
 
 def _level(item: Item) -> int:
-    """Return one for a directive that opens a condition, minus one for its end."""
+    """Return 1 for a directive that opens a condition, -1 for its end, and 0 otherwise."""
     return item.text.startswith("#if") - item.text.startswith("#endif")
 
 
 def _without(paragraph: Sequence[Item], file: str, reached: set[tuple[str, str]]) -> str:
-    """Write what of a paragraph is used; nothing if only comments would stay."""
+    """Return the used parts of a paragraph; an empty text if only comments would stay."""
     kept = {
         part.text
         for part, is_kept in _parts(paragraph, is_shared=True)

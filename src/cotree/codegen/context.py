@@ -1,4 +1,4 @@
-"""Kernels and models as typed, plain data. A template arranges text and decides nothing else."""
+"""Kernels and models as typed, plain data for templates, which only arrange text."""
 
 from __future__ import annotations
 
@@ -102,13 +102,13 @@ class KernelFile:
 
 
 def _written_table(table: Table | LookupData, name: str, target: Target) -> Iterator[Constants]:
-    """Write the arguments and the values of a table."""
+    """Return the arguments and the values of a table as constants."""
     for axis, values in table.arrays.items():
         yield constants(target.scalar, f"{name}_{axis}", map(target.literal, values))
 
 
 def name_tables(nodes: Iterable[Node]) -> dict[Table | LookupData, str]:
-    """Return each table among some values a name in C."""
+    """Return a C name for each table among some values."""
     tables = dict.fromkeys(node.data for node in nodes if node.op in ("table", "lookup"))
     return {table: f"table{i}" for i, table in enumerate(tables)}
 
@@ -120,7 +120,7 @@ def file_fields(
     further: Sequence[str] = (),
     target: Target = DOUBLE,
 ) -> dict[str, Any]:
-    """Gather the fields of :class:`KernelFile`; its digest follows the lines ``further``, too."""
+    """Return the fields of :class:`KernelFile`; its digest also depends on ``further`` lines."""
     lines = [line for kernel in kernels for line in (kernel.signature, *kernel.body.text)]
     solved = [node for node in nodes if node.op == "solve"]
     return {
@@ -143,7 +143,7 @@ def file_fields(
 
 
 def _is_call(node: Node) -> bool:
-    """Return whether C needs a function of its mathematics library for it."""
+    """Return whether a node calls a function of the mathematics library."""
     return node.op == "sines" or (node.op in OPERATIONS and OPERATIONS[node.op].is_call)
 
 
@@ -155,21 +155,21 @@ def kernel_context(
     called: Mapping[str, int],
     target: Target = DOUBLE,
 ) -> KernelContext:
-    """Gather what the templates need of one kernel of a program.
+    """Build the template data of one kernel of a program.
 
-    ``names`` are those of :func:`cotree.codegen.node_statements.print_nodes`, ``called`` the bytes
-    of the stack that functions take which it may call.
+    ``names`` are those of :func:`cotree.codegen.node_statements.print_nodes`; ``called`` has the
+    bytes of the stack of functions that it may call.
     """
     spec = kernel.spec
     guards = program.guards if spec.name == "prepare" else ()
     if spec.tail_of and kernel.results:
-        # The whole kernel is called: to compute its tail alone would save next to nothing.
+        # The other kernel is called: computing its tail alone would save next to nothing.
         whole_kernel = program.kernels[spec.tail_of]
         printed = Printed([_tail(prefix, kernel, whole_kernel)], [], 1, uses_status=True)
         unused, operations = [], whole_kernel.operations.total
     else:
         roots = [*kernel.results, *(guard.value for guard in guards)]
-        # Values of guards are computed in the kernel, too, and are not in its order of values.
+        # The order of values of a kernel does not include those of guards.
         order = None if guards else [kernel.order]
         places, has_groups = starts_of_maps(kernel), not kernel.is_by_need
         printed = print_nodes(roots, kernel.prepared, names, order, places, has_groups=has_groups)
@@ -177,8 +177,8 @@ def kernel_context(
     n_results = len(kernel.results)
     results, checks = printed.values[:n_results], printed.values[n_results:]
     statements = [*printed.statements, *_written(spec.result, results)]
-    # Guards come last, behind all results: cut_into_blocks relies on that. They are numbered from
-    # one, since zero means success; a condition that was checked before is not checked again.
+    # Guards follow all results, on which cut_into_blocks relies. They are numbered from one, since
+    # zero means success. Equal conditions are checked once.
     checked: dict[tuple[CExpression, bool], int] = {}
     for i, (guard, value) in enumerate(zip(guards, checks, strict=True), 1):
         checked.setdefault((value, guard.is_strict), i)
@@ -186,7 +186,6 @@ def kernel_context(
         LeaveUnless(value, whole(i), is_strict) for (value, is_strict), i in checked.items()
     ]
     name, arguments = f"{prefix}_{spec.name}", _arguments(kernel)
-    # An array of loops must not have the name of an argument.
     rolled = roll(statements, "z" if "v" in spec.arguments else "v")
     cut = cut_into_blocks(f"{name}_{{}}", rolled, arguments, (spec.result, *printed.filled))
     heads = [target.declared(argument) for argument in arguments]
@@ -205,21 +204,19 @@ def kernel_context(
 
 
 def _written(array: str, results: Sequence[CExpression]) -> Iterator[Statement]:
-    """Write the results that are not in their places already."""
+    """Yield assignments of the results, except those that a map has written already."""
     for i, value in enumerate(results):
         place = element(array, i)
-        # A map may have written this result directly.
         if value != place:
             yield Assign((place,), value)
 
 
 def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
-    """Call another kernel and keep its last results."""
+    """Return statements that call another kernel and copy its last results."""
     n, n_kept = len(whole_kernel.results), len(kernel.results)
     given = map(named, (*kernel.spec.arguments, "whole"))
     first, kept = element("whole", Affine(1, n - n_kept)), element(kernel.spec.result, Affine(1, 0))
     return [
-        # All results are computed, and the last ones are copied.
         Array("whole", n),
         Assign((named("status"),), call(f"{prefix}_{whole_kernel.spec.name}", *given)),
         Loop(n_kept, (Assign((kept,), first),)),
@@ -227,15 +224,14 @@ def _tail(prefix: str, kernel: Kernel, whole_kernel: Kernel) -> list[Statement]:
 
 
 def _arguments(kernel: Kernel) -> list[Argument]:
-    """List a kernel's arguments, the result last."""
-    # Time is the only argument that is no array.
+    """Return a kernel's arguments, the result last."""
     read = [Argument(key, is_array=key != "t") for key in kernel.spec.arguments]
     return [*read, Argument(kernel.spec.result, is_constant=False)]
 
 
 def _unused(kernel: Kernel, roots: Sequence[Node]) -> list[str]:
-    """List the arguments that no statement reads or writes."""
-    # Compilers warn of arguments that nothing reads; templates cast these to void.
+    """Return the arguments that no statement reads or writes."""
+    # Templates cast these to void, since compilers warn of unused arguments.
     nodes = reachable(roots, stop=kernel.prepared)
     read = {ARGUMENT_OF[node.data[0]] for node in nodes if node.op == "symbol"}
     if any(node in kernel.prepared for node in nodes):
@@ -255,7 +251,7 @@ class ModelContext(KernelFile):
     uses_vectors: bool
     packs_sines: bool
     maps: list[MapContext]
-    constants: list[Constants]  # of maps: what columns do not share, and where they begin
+    constants: list[Constants]  # of maps: values that columns do not share, and starts of columns
     clears_columns: bool
     kernel_pointers: dict[str, str]
     enums: dict[str, list[str]]  # enumerators by kind of quantity
@@ -266,7 +262,7 @@ class ModelContext(KernelFile):
         return self.prefix.upper()
 
     def features(self) -> Features:
-        """Return what the model uses of the runtime, with an explicit method and no helper."""
+        """Return the parts of the runtime that an explicit method without a helper uses."""
         layout = self.layout
         return Features(
             sensitivities=bool(layout.sensitivities),
@@ -290,7 +286,7 @@ class ModelContext(KernelFile):
 
 @without_collection()
 def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
-    """Gather what the templates of a model need, for numbers one at a time."""
+    """Build the template data of a model, for scalar numbers."""
     layout = program.layout
     prefix = c_identifier(layout.name)
     nodes = [node for kernel in program.kernels.values() for node in kernel.order]
@@ -300,7 +296,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     # Applications of one map with equal storage share a function.
     applied = {own_rows(node): node for node in maps}
     functions_of = {rows: f"cotree_map{i}" for i, rows in enumerate(applied)}
-    # Applications whose columns are all constants read a table of the file.
+    # Applications with constant columns read a table of the file.
     columns = {
         node: table
         for i, node in enumerate(maps)
@@ -310,19 +306,18 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
     packs_sines = any(node.op == "sines" for node in nodes)
     names: dict[Any, str] = {**tables, **functions_of}
     names |= {node: table.name for node, table in columns.items()}
-    # A kernel that keeps the tail of another writes no map itself.
+    # A kernel that copies the tail of another contains no map.
     starts = name_starts(kernel for kernel in present if not kernel.spec.tail_of)
     names |= {places: table.name for places, table in starts.items()}
     if packs_sines:
         names[SINES] = "cotree_sines"
     contexts = [map_context(applied[rows], name, target) for rows, name in functions_of.items()]
-    # Kernels come in the order of the registry: one that calls another comes behind it, and knows
-    # the bytes of its stack.
+    # In the order of the registry, a kernel follows those that it calls, whose stack is known then.
     kernels, called = [], {row.name: row.n_stack for row in contexts}
     for kernel in present:
         own = kernel_context(prefix, kernel, program, names, called, target)
         kernels.append(own)
-        called[f"{prefix}_{kernel.spec.name}"] = own.n_stack  # others may call it
+        called[f"{prefix}_{kernel.spec.name}"] = own.n_stack
     return ModelContext(
         **file_fields(layout.name, nodes, kernels, target=target),
         target=target,
@@ -333,7 +328,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
         packs_sines=packs_sines,
         maps=contexts,
         constants=[*columns.values(), *starts.values()],
-        # Columns that are no constants are filled at each call, between zeros that are set before.
+        # Columns that are not constant are filled at each call, after they were set to zero.
         clears_columns=any(node not in columns for node in maps),
         # The structure of a model has a place for each kernel of the registry.
         kernel_pointers={
@@ -345,7 +340,7 @@ def model_context(program: Program, target: Target = DOUBLE) -> ModelContext:
 
 
 def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
-    """Name the positions of what a model has, as the scene spells them."""
+    """Return an enumerator for each state, parameter, input, output and sensitivity."""
     rows = {
         "state": [row.name for row in layout.states],
         "parameter": [row.name for row in layout.parameters],
@@ -361,7 +356,7 @@ def _enums(upper: str, layout: Layout) -> dict[str, list[str]]:
 
 
 def _enumerators(prefix: str, names: Sequence[str]) -> list[str]:
-    """Turn names into enumerators; those that C cannot tell apart get a number."""
+    """Turn names into enumerators; a number makes equal ones distinct."""
     found: dict[str, None] = {}
     for name in names:
         own = first = f"{prefix}_{re.sub('[^A-Za-z0-9_]', '_', name)}"

@@ -1,8 +1,8 @@
 """Integrators as C text: for C projects, and for the engine that Python drives.
 
-SUNDIALS is called without its headers: the functions stand in
-``templates/runtime/sundials/cotree_sundials.h``, a conditional part for each library. CVODES and
-IDAS are CVODE and IDA with sensitivities, which have vectors of their own.
+SUNDIALS is called without its headers: ``templates/runtime/sundials/cotree_sundials.h`` declares
+the functions, in a conditional part for each library. CVODES and IDAS are CVODE and IDA with
+sensitivities, each of which has its own vector.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from cotree.tolerances import LIMITS
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
     from cotree.codegen.targets import Target
 
 
-#: Returns the version, before anything else is called.
+#: The function that returns the version, called before any other.
 VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
     "SUNDIALSGetVersionNumber": (
         "int",
@@ -41,18 +41,12 @@ VERSION_FUNCTION: Mapping[str, tuple[str, str]] = {
 }
 
 _HEADER = "cotree_sundials.h"
-#: Headers with the types of a job and of a start.
-_JOB_HEADERS = ("cotree_abi.h", "cotree_run.h", "cotree_start_tables.h")
+#: Modules with the types of a job and of a start.
+_JOB_MODULES = ("abi", "run", "start_tables")
 
 
 def sundials_files(library: str) -> dict[str, str]:
-    """Write the stepper that calls a library, by name of the file.
-
-    Parameters
-    ----------
-    library : str
-        A name in ``SUNDIALS``.
-    """
+    """Write the stepper that calls a library of ``SUNDIALS``."""
     is_ida = "ida" in library
     has_sensitivities = library in WITH_SENSITIVITIES
     known = {
@@ -66,7 +60,7 @@ def sundials_files(library: str) -> dict[str, str]:
 
 @cache
 def sundials_functions(library: str) -> dict[str, tuple[str, str]]:
-    """Return result and arguments of each function that is called of a library, by name."""
+    """Return result and arguments of each function of a library that is called, by name."""
     text = sundials_files(library)[_HEADER]
     members = text.partition("typedef struct cotree_sundials {")[2].partition("\n}")[0]
     found = {}
@@ -85,46 +79,18 @@ INTEGRATORS: dict[str, Tableau | RosenbrockTableau] = {**TABLEAUS, **ROSENBROCK}
 #: Every method that C takes the steps of, by name: cotree's own, and the libraries of SUNDIALS.
 STEPPERS = (*INTEGRATORS, *SUNDIALS)
 
-#: Modules that are the same in all engines and include none but each other: compiled once for all.
+#: Modules that all engines share and that include only each other; they are compiled once.
 SHARED_MODULES = ("assembly", "events", "job", "jumps", "least", "run")
+
+#: What templates of all methods read.
+_COMMON: dict[str, Any] = {"generator": VERSION, "limits": LIMITS}
 
 #: Sources that are compiled with a method's own, so that what is called often can be inlined.
 _INLINED = ("cotree_lu.c", "cotree_history.c")
 
 
-def integrator_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Write an integrator's own files and those that it shares with others.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``INTEGRATORS`` or ``FIXED``.
-    target : Target
-        The type of numbers.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
-    return with_runtime(method_files(name, target), target)
-
-
 def method_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Write an integrator's own files.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``INTEGRATORS`` or ``FIXED``.
-    target : Target
-        The type of numbers.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name; it includes files of the runtime.
-    """
+    """Write the own files of a method of ``INTEGRATORS`` or ``FIXED``, without the runtime."""
     # C projects take methods with steps of one length, too, which no engine does.
     method: Tableau | RosenbrockTableau | FixedStep = {**INTEGRATORS, **FIXED}[name]
     kind = "fixed" if isinstance(method, FixedStep) else "variable"
@@ -146,18 +112,7 @@ def conditions(method: Tableau | RosenbrockTableau | FixedStep) -> dict[str, boo
 
 
 def engine_files(name: str) -> Mapping[str, str]:
-    """Write the engine of a method: a job with the stepper that runs it, the same for every model.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``STEPPERS``.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name.
-    """
+    """Write the engine of a stepper of ``STEPPERS``: a job with it, the same for every model."""
     own = dict(stepper_files(name))
     if name in INTEGRATORS:
         own |= method_files(name)
@@ -168,30 +123,21 @@ def engine_files(name: str) -> Mapping[str, str]:
 
 def shared_files(files: Iterable[str]) -> frozenset[str]:
     """Return those files of an engine that are the same in all of them."""
-    sources = _sources(*(f"cotree_{module}.h" for module in SHARED_MODULES))
-    return frozenset(with_runtime(sources, has_sources=False).keys() & {*files})
+    shared = with_runtime(_sources(SHARED_MODULES), has_sources=False)
+    return frozenset(shared.keys() & {*files})
 
 
-def _sources(*headers: str) -> dict[str, str]:
+def _sources(modules: Iterable[str]) -> dict[str, str]:
     """Write the sources of modules."""
-    return {name: text for header in headers for name, text in source_texts(header).items()}
+    return {
+        name: text
+        for module in modules
+        for name, text in source_texts(f"cotree_{module}.h").items()
+    }
 
 
 def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
-    """Write what a job runs a method by.
-
-    Parameters
-    ----------
-    name : str
-        A name in ``STEPPERS``.
-    target : Target
-        The type of numbers, double for the libraries of SUNDIALS.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name; it includes files of the runtime.
-    """
+    """Write the stepper of ``STEPPERS`` that a job runs; libraries of SUNDIALS take doubles."""
     if name in INTEGRATORS:
         text = render("c/engine/own_stepper.c.jinja", target, method=INTEGRATORS[name], **_COMMON)
         return {f"cotree_{name}_stepper.c": text}
@@ -200,7 +146,7 @@ def stepper_files(name: str, target: Target = DOUBLE) -> Mapping[str, str]:
 
 def engine_declarations(files: Mapping[str, str], name: str) -> str:
     """Return the declarations of an engine and of the library functions that it calls, for cffi."""
-    headers = [*_JOB_HEADERS, "cotree_job.h"]
+    headers = [f"cotree_{module}.h" for module in (*_JOB_MODULES, "job")]
     types = ["cotree_start_tables"]
     functions: Mapping[str, tuple[str, str]] = {}
     stepper = f"const cotree_stepper *cotree_{name}_stepper(void);\n"
@@ -216,64 +162,24 @@ def engine_declarations(files: Mapping[str, str], name: str) -> str:
     )
 
 
-def sweep_files() -> Mapping[str, str]:
-    """Write the evaluation of outputs at many points, the same for every model."""
-    return with_runtime(_sources("cotree_sweep.h"), has_sources=False)
-
-
-def sweep_declarations(files: Mapping[str, str]) -> str:
-    """Return the declarations of a sweep that cffi reads."""
-    return declarations([files["cotree_abi.h"], files["cotree_sweep.h"]])
-
-
-def columns_files() -> Mapping[str, str]:
-    """Write the evaluation of one kernel at many points, the same for every model."""
-    return with_runtime(_sources("cotree_columns.h"), has_sources=False)
-
-
-def columns_declarations(files: Mapping[str, str]) -> str:
-    """Return the declarations of these that cffi reads."""
-    return declarations([files["cotree_abi.h"], files["cotree_columns.h"]])
-
-
-def batch_files() -> Mapping[str, str]:
-    """Write the loop over many runs of a model, the same for every model and method.
-
-    Returns
-    -------
-    mapping of str to str
-        Text by file name. Jobs run in the engine of a method, whose functions it is given.
-    """
-    return with_runtime(_sources("cotree_batch.h", "cotree_sweep.h"), has_sources=False)
-
-
-def batch_declarations(files: Mapping[str, str]) -> str:
-    """Return the declarations of a batch that cffi reads."""
-    headers = (*_JOB_HEADERS, "cotree_start.h", "cotree_job.h", "cotree_batch.h")
-    return declarations(map(files.__getitem__, headers))
-
-
-def start_files() -> Mapping[str, str]:
-    """Write the start as files of a library, the same for every model."""
-    return with_runtime(source_texts("cotree_start.h"))
-
-
-def start_declarations(files: Mapping[str, str]) -> str:
-    """Return the declarations of the start that cffi reads."""
-    return declarations(map(files.__getitem__, (*_JOB_HEADERS, "cotree_start.h")))
-
-
-#: Functions that return the files and the declarations of each library that serves all models.
-LIBRARIES: Mapping[str, tuple[Callable[..., Mapping[str, str]], Callable[..., str]]] = {
-    "engine": (engine_files, engine_declarations),
-    "sweep": (sweep_files, sweep_declarations),
-    "columns": (columns_files, columns_declarations),
-    "batch": (batch_files, batch_declarations),
-    "start": (start_files, start_declarations),
+#: Libraries that are the same for every model: the modules whose sources they have, and those whose
+#: headers cffi reads. Jobs of a batch run in the engine of a method.
+LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "batch": (("batch", "sweep"), (*_JOB_MODULES, "start", "job", "batch")),
+    "columns": (("columns",), ("abi", "columns")),
+    "start": (
+        ("start", "assembly", "run", "iteration", "least", "lu"),
+        (*_JOB_MODULES, "start"),
+    ),
+    "sweep": (("sweep",), ("abi", "sweep")),
 }
 
 
-_COMMON: dict[str, Any] = {
-    "generator": VERSION,
-    "limits": LIMITS,
-}
+def library_texts(name: str, *stepper: str) -> tuple[Mapping[str, str], str]:
+    """Return the files and the declarations of a library, or of a stepper's ``engine``, for cffi."""
+    if name == "engine":
+        files = engine_files(*stepper)
+        return files, engine_declarations(files, *stepper)
+    sources, headers = LIBRARIES[name]
+    files = with_runtime(_sources(sources), has_sources=False)
+    return files, declarations(files[f"cotree_{module}.h"] for module in headers)

@@ -1,10 +1,9 @@
 """Expressions and statements as data: the small language between a program and its text.
 
 An expression is a form and numbers. The form is the tree of its operations, arrays and names, and
-leaves out the numbers: constants, indices and the numbers of temporaries. Statements that do the
-same to other numbers therefore have equal forms, which is what loops are found by; and whatever
-depends on the form alone (names, operations, text) is derived once for all of them. Only
-:mod:`cotree.codegen.printing` knows how C spells a statement.
+leaves out the numbers: constants, indices and the numbers of temporaries. Statements that differ in
+their numbers only have equal forms, by which loops are found, and properties of the form (names,
+operations, text) are derived once. Only :mod:`cotree.codegen.printing` writes statements as C.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ Temporary = tuple[str, Any]
 
 #: Names, calls and elements, which bind tightest.
 _ATOM = 9
-#: Precedence of an operation, and the least one of its arguments. The right operand binds
-#: tighter, so that values are computed in the program's order and not regrouped.
+#: Precedence of an operation, and the least one of its arguments. The right operand needs a higher
+#: one, so that values are computed in the order of the program.
 _BINDING: dict[str, tuple[int, tuple[int, ...]]] = {
     "add": (1, (1, 2)),
     "sub": (1, (1, 2)),
@@ -50,7 +49,7 @@ _COUNTS = {"sign": 3, "real": 0, "not": 0, "fails": 0} | dict.fromkeys(_SLOTS, 0
 
 
 def fields_of(spelling: str) -> list[int]:
-    """List the arguments of a format in the order in which its text has them."""
+    """Return the numbers of the arguments of a format, in the order of its text."""
     return [int(name) for _, name, _, _ in Formatter().parse(spelling) if name is not None]
 
 
@@ -74,17 +73,17 @@ class Form:
     name: str  # of a name, an array or a function; the prefix of a temporary; a tolerance's value
     args: tuple[Form, ...]  # the arguments of an operation or a function
     level: int  # its precedence
-    #: For each number, in the order of the text, what it is: ``r`` a constant, ``w`` a whole
-    #: number, ``i`` an index, ``t`` the number of a temporary.
+    #: The kind of each number, in the order of the text: ``r`` for a constant, ``w`` for a whole
+    #: number, ``i`` for an index, ``t`` for the number of a temporary.
     slots: str
     n_operations: int  # operations in it
-    width: int  # characters in C that are not of a number
-    names: frozenset[str]  # all names in it but those of temporaries
+    width: int  # characters in C, without those of numbers
+    names: frozenset[str]  # all names in it, without those of temporaries
     #: Place among the numbers, and prefix, of each temporary.
     temporaries: tuple[tuple[int, str], ...]
     _hash: int
 
-    # Forms are equal by value: those that a cache dropped and made again are the same as before.
+    # Forms are compared by value, since a cache may drop one and build an equal one later.
     def __hash__(self) -> int:
         return self._hash
 
@@ -100,7 +99,7 @@ class Form:
 
     @property
     def needs(self) -> tuple[int, ...]:
-        """The precedence that each argument needs in order to stand without parentheses."""
+        """The precedence from which on each argument needs no parentheses."""
         return _BINDING[self.op][1] if self.op in _BINDING else (0,) * len(self.args)
 
 
@@ -115,7 +114,7 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
         width += _WIDTHS.get(op, len(name) + 2 * (op == "element"))
     names = frozenset(chain.from_iterable(arg.names for arg in args))
     temporaries: list[tuple[int, str]] = [(0, name)] if op == "temporary" else []
-    # Numbers of an argument stand behind those of all arguments before it.
+    # The numbers of an argument follow those of the arguments before it.
     start = 0
     for arg in args:
         temporaries += [(start + place, prefix) for place, prefix in arg.temporaries]
@@ -136,20 +135,20 @@ def _form(op: str, name: str, args: tuple[Form, ...] = ()) -> Form:
 
 @dataclass(frozen=True, slots=True)
 class Affine:
-    """A number of a loop that grows by the same amount each time: ``step * i + first``."""
+    """A number of a loop that grows by a constant step: ``step * i + first``."""
 
     step: int
     first: int
 
     @property
     def n_operations(self) -> int:
-        """Operations of integers that it takes."""
+        """Number of integer operations."""
         return (abs(self.step) != 1) + (self.step < 0 or self.first != 0)
 
 
 @dataclass(frozen=True, slots=True)
 class TableEntry:
-    """A number of a loop that stands in a table, one for each time."""
+    """A number of a loop that is read from a table, one entry for each iteration."""
 
     table: str
 
@@ -159,7 +158,7 @@ Number = int | float | Affine | TableEntry
 
 @dataclass(frozen=True, slots=True)
 class CExpression:
-    """A form, the numbers in it, and how many characters it has as C text."""
+    """A form, its numbers, and the number of characters of its C text."""
 
     form: Form
     numbers: tuple[Number, ...]
@@ -170,8 +169,8 @@ _ZERO = CExpression(_form("zero", ""), (), 4)
 
 
 def number(value: float) -> CExpression:
-    """Write a constant; the sign of a negative one is an operation."""
-    # With its sign as an operation, precedence decides on parentheses: -(-2.0), never --2.0.
+    """Build a constant; the sign of a negative one is an operation."""
+    # Precedence then decides on parentheses: -(-2.0), never --2.0.
     value = float(value)
     if value < 0.0:
         return apply("neg", number(-value))
@@ -179,35 +178,35 @@ def number(value: float) -> CExpression:
 
 
 def tolerance(value: float) -> CExpression:
-    """Write a tolerance, a share of the digits of the type that statements compute with."""
+    """Build a tolerance for doubles, which is scaled to the precision of the target type."""
     text = repr(float(value))
     form = _form("tolerance", text)
     return CExpression(form, (), form.width)
 
 
 def whole(value: Number) -> CExpression:
-    """Write a whole number that is not negative."""
+    """Build a whole number that is not negative."""
     return CExpression(_form("whole", ""), (value,), len(str(value)))
 
 
 def zero() -> CExpression:
-    """Write a zero of the type that statements compute with."""
+    """Return a zero of the type that statements compute with."""
     return _ZERO
 
 
 def named(text: str) -> CExpression:
-    """Write a name: of an argument, an array or a constant."""
+    """Build the name of an argument, an array or a constant."""
     return CExpression(_form("name", text), (), len(text))
 
 
 def element(array: str, index: Number) -> CExpression:
-    """Write an element of an array."""
+    """Build an element of an array."""
     form = _form("element", array)
     return CExpression(form, (index,), form.width + len(str(index)))
 
 
 def temporary(prefix: str, value: int) -> CExpression:
-    """Write a temporary."""
+    """Build a temporary."""
     return CExpression(_form("temporary", prefix), (value,), len(prefix) + len(str(value)))
 
 
@@ -217,14 +216,13 @@ def apply(op: str, *args: CExpression) -> CExpression:
     The latter are ``real``, a conversion; ``not``; and ``fails``, a comparison with 0.
     """
     if op in _ARRANGED:
-        # Numbers are listed in the order of the text, so arguments are, too, repeated ones as often
-        # as they are spelt.
+        # Arguments are listed in the order of the text, repeated ones several times.
         args = tuple(args[i] for i in _ARRANGED[op])
     return _joined(_form(op, "", tuple([arg.form for arg in args])), args)
 
 
 def call(function: str, *args: CExpression, op: str = "call") -> CExpression:
-    """Call a function, which may be a ``part`` of the one that calls."""
+    """Build a call of a function; ``op`` is ``part`` for a function that is part of the caller."""
     return _joined(_form(op, function, tuple([arg.form for arg in args])), args)
 
 
@@ -233,13 +231,13 @@ def _joined(form: Form, args: Sequence[CExpression]) -> CExpression:
     width = form.width
     for arg in args:
         numbers += arg.numbers
-        # The width of the form is in that of the whole already; its numbers' widths are added.
+        # The width of the form is included already.
         width += arg.width - arg.form.width
     return CExpression(form, numbers, width)
 
 
 def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) -> CExpression:
-    """Read temporaries from their places in arrays, where they have one."""
+    """Replace temporaries that have a place in an array by that element."""
     form, numbers = expression.form, expression.numbers
     if not form.temporaries:
         return expression
@@ -259,11 +257,10 @@ def read_from(expression: CExpression, places: Mapping[Temporary, CExpression]) 
 
 @lru_cache(maxsize=1 << 14)
 def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
-    """Put other forms, of one number each, in the place of some temporaries."""
+    """Replace some temporaries by other forms of one number each."""
     if form.op == "temporary":
         return found[0][1]
     args: list[Form] = []
-    # The numbers of each argument have places of their own, counted from its start.
     start = 0
     for arg in form.args:
         end = start + len(arg.slots)
@@ -273,8 +270,8 @@ def _replaced(form: Form, found: tuple[tuple[int, Form], ...]) -> Form:
     return _form(form.op, form.name, tuple(args))
 
 
-#: Types of values. A target says what they are in C: ``REAL`` is what its statements compute with,
-#: which may hold several numbers at a time, ``SCALAR`` is one number.
+#: Types of values, which a target maps to types of C. Statements compute with ``REAL``, which may
+#: be a vector of numbers; ``SCALAR`` is one number.
 REAL, SCALAR, WHOLE = "real", "scalar", "whole"
 
 #: Temporaries that are whole numbers, by their prefix; all others are real.
@@ -282,25 +279,25 @@ _WHOLE_PREFIXES = frozenset({"rank", "accepted"})
 
 
 class Simple:
-    """A statement that is made of expressions, in the fields that ``parts`` names."""
+    """A statement of expressions, which are the fields in ``parts``."""
 
     __slots__ = ()
     parts: ClassVar[tuple[str, ...]] = ("value",)
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All expressions that it is made of, in the order of its text."""
+        """Its expressions in the order of the text."""
         return tuple([getattr(self, part) for part in self.parts])
 
     def of(self, expressions: Sequence[CExpression]) -> Self:
-        """Make the same statement of other expressions."""
+        """Return the statement with other expressions."""
         new: Any = dict(zip(self.parts, expressions, strict=True))
         return replace(self, **new)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, slots=True)
 class Assign(Simple):
-    """``to`` becomes ``value``; a temporary, which comes first there, is declared by that."""
+    """Assign ``value`` to all of ``to``; a temporary comes first there and is declared."""
 
     to: tuple[CExpression, ...]
     value: CExpression
@@ -308,23 +305,23 @@ class Assign(Simple):
     @property
     def declares(self) -> Temporary | None:
         """The temporary that it declares, if any."""
-        # A second place, if any, is an element of an array that keeps the same value.
+        # A second place is an element of an array that stores the same value.
         first = self.to[0]
         return (first.form.name, first.numbers[0]) if first.form.op == "temporary" else None
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All expressions that it is made of, in the order of its text."""
+        """Its expressions in the order of the text."""
         return (*self.to, self.value)
 
     def of(self, expressions: Sequence[CExpression]) -> Assign:
-        """Make the same statement of other expressions."""
+        """Return the statement with other expressions."""
         return Assign(tuple(expressions[:-1]), expressions[-1])
 
 
 @dataclass(frozen=True, slots=True)
 class LeaveUnless(Simple):
-    """Leave the function with minus ``number`` unless ``value`` is above zero, or at least zero."""
+    """Return minus ``number`` unless ``value > 0``, or ``value >= 0`` if not strict."""
 
     parts = ("value", "number")
     value: CExpression
@@ -334,7 +331,7 @@ class LeaveUnless(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Report(Simple):
-    """Set the function's status to ``code`` where ``condition`` holds."""
+    """Set the function's status to ``code`` if ``condition`` holds."""
 
     parts = ("condition", "status")
     condition: CExpression
@@ -344,7 +341,7 @@ class Report(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Call(Simple):
-    """Call a function; ``loop`` is a macro that does so for each of several vectors, if any."""
+    """Call a function; ``loop`` is a macro that repeats the call for several vectors, or empty."""
 
     value: CExpression
     loop: str = ""
@@ -352,7 +349,7 @@ class Call(Simple):
 
 @dataclass(frozen=True, slots=True)
 class Array(Simple):
-    """Declare an array, with values or without."""
+    """Declare an array, optionally with values."""
 
     name: str
     length: int
@@ -363,11 +360,11 @@ class Array(Simple):
 
     @property
     def expressions(self) -> tuple[CExpression, ...]:
-        """All expressions that it is made of, in the order of its text."""
+        """Its expressions in the order of the text."""
         return (named(self.name), *self.values)
 
     def of(self, expressions: Sequence[CExpression]) -> Array:
-        """Make the same statement of other expressions."""
+        """Return the statement with other expressions."""
         return replace(self, values=tuple(expressions[1:]))
 
 
@@ -382,14 +379,14 @@ class ConstantTable:
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """Words about the statements that follow."""
+    """A comment on the statements that follow."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """Run statements for ``i`` from 0 on."""
+    """Run statements for ``i`` from 0 to ``times - 1``."""
 
     times: int
     body: tuple[Statement, ...]
@@ -397,7 +394,7 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """Run some statements where a condition holds, and others where it does not."""
+    """Run ``body`` if a condition holds, and ``otherwise`` if not."""
 
     condition: CExpression
     body: tuple[Statement, ...]
@@ -415,8 +412,8 @@ class Argument:
     kind: str = SCALAR  # ``REAL``, ``SCALAR``, ``WHOLE``, or a type of C
     is_array: bool = True  # whether it is an array
     is_constant: bool = True  # whether the function only reads it
-    is_restricted: bool = True  # whether the array is the only way to what it holds
-    given: str = ""  # the caller's expression, if it does not have the same name
+    is_restricted: bool = True  # whether no other pointer leads to its elements
+    given: str = ""  # the caller's expression, if it differs from the name
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,7 +428,7 @@ class FunctionPart:
 def function_of(
     name: str, body: Sequence[Statement], arguments: Iterable[Argument]
 ) -> tuple[FunctionPart, CExpression]:
-    """Make a function of statements, with those of the arguments that it uses, and its call."""
+    """Build a function of statements with the arguments that it uses, and its call."""
     used = set().union(*map(uses, body))
     taken = [argument for argument in arguments if argument.name in used]
     given = [named(argument.given or argument.name) for argument in taken]
@@ -444,24 +441,24 @@ def kind_of(key: Temporary) -> str:
 
 
 def simple(statements: Iterable[Statement]) -> Iterator[Simple]:
-    """List the statements that are made of expressions, those inside of others included."""
+    """List the statements of expressions, including those in loops and conditions."""
     for row in statements:
         if isinstance(row, Simple):
             yield row
         elif isinstance(row, Loop):
             yield from simple(row.body)
         elif isinstance(row, When):
-            # The condition is made of one expression, as a call is.
+            # The condition is one expression, like a call.
             yield from simple((Call(row.condition), *row.body, *row.otherwise))
 
 
 def declared_by(statement: Statement) -> Temporary | None:
-    """Return which temporary a statement declares."""
+    """Return the temporary that a statement declares, if any."""
     return statement.declares if isinstance(statement, Assign) else None
 
 
 def uses(statement: Statement) -> set[str | Temporary]:
-    """List all names and temporaries in a statement."""
+    """Return all names and temporaries in a statement."""
     found: set[str | Temporary] = set()
     is_loop = isinstance(statement, Loop)
     for row in simple((statement,)):
@@ -469,14 +466,13 @@ def uses(statement: Statement) -> set[str | Temporary]:
             form, numbers = expression.form, expression.numbers
             found |= form.names
             found.update([(prefix, numbers[at]) for at, prefix in form.temporaries])
-            # Only loops read tables of numbers.
             if is_loop:
                 found.update(number.table for number in numbers if isinstance(number, TableEntry))
     return found
 
 
 def changed(statement: Statement, change: Callable[[CExpression], CExpression]) -> Statement:
-    """Make the same statement of other expressions, inside of loops and conditions, too."""
+    """Apply a change to all expressions of a statement, including loops and conditions."""
     if isinstance(statement, Simple):
         return statement.of([change(expression) for expression in statement.expressions])
     if isinstance(statement, Loop):
@@ -489,7 +485,7 @@ def changed(statement: Statement, change: Callable[[CExpression], CExpression]) 
 
 
 def n_operations(statements: Iterable[Statement]) -> int:
-    """Count the operations that stand in statements: those of loops, and of indices, once."""
+    """Count the operations in the text of statements: those of loops and indices once."""
     found = 0
     for row in statements:
         for part in simple((row,)):

@@ -1,9 +1,9 @@
 """Repeated statements to loops.
 
-Statements that follow one another and differ in their numbers only (the stages of a ladder, the
-nonzeros of a Jacobian) become the body of a loop: places that grow by the same amount each time
-are computed, others are read from a table. The order of evaluation stays. Temporaries that a loop
-makes or reads live in an array; all others stay as they are.
+Consecutive statements that differ in their numbers only (the stages of a ladder, the nonzeros of a
+Jacobian) become the body of a loop: indices with a constant step are computed, others are read from
+a table. The order of evaluation does not change. Temporaries that a loop computes or reads are
+elements of an array.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from cotree.codegen.ir import Number, Statement, Temporary
 
 
-LONGEST_BODY = 150  # statements of a loop's body: a link's in space
-FEWEST_LINES = 64  # that a loop replaces; below, statements are as short and read better
-_FEWEST_EVEN = 24  # the same of one without tables
+LONGEST_BODY = 150  # statements of a loop's body: those of a spatial link
+FEWEST_LINES = 64  # that a loop replaces; fewer statements are as short and read better
+_FEWEST_EVEN = 24  # the same for loops without tables
 _FEWEST_TIMES = 8
 
 
@@ -52,23 +52,20 @@ _FEWEST_TIMES = 8
 class StatementRow:
     """A statement, split into its form and its numbers."""
 
-    #: Equal for statements that differ in their numbers only; None where it is never part of a
-    #: loop.
+    #: Equal for statements that differ in their numbers only; None for those outside of loops.
     form: Hashable
     whole: tuple[int, ...] = ()  # its whole numbers, in order
     real: tuple[float, ...] = ()  # its constants, in order
 
 
 def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]:
-    """Cut statements into pieces: start, length of the body, number of repetitions.
+    """Cut statements into consecutive pieces: start, length of the body, number of iterations.
 
-    In even loops every number grows by the same amount each time; the numbers of others need
-    tables. An even loop is preferred if it covers about as many statements. Pieces follow one
-    another; those that are no loops are repeated once.
+    Numbers of even loops have constant steps; other loops need tables. An even loop is preferred if
+    it covers about as many statements. Pieces that are no loops have one iteration.
     """
     n = len(statements)
-    # From each place on: the statements of the longest loop whatever its numbers, and those of the
-    # longest even loop.
+    # For each start: lengths of the longest loop and of the longest even loop.
     labels = _labels([row.form for row in statements])
     reach = _form_reach(labels)
     even, period_of = _even_reach(statements, labels)
@@ -76,9 +73,9 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
     start = plain = 0
     while start < n:
         period, length = 0, int(reach[start])
-        # A run may begin one line late, where it is then longer.
+        # A loop that begins one statement later may be longer.
         is_longest = length > 0 and reach[start + 1] <= length
-        # Tables are taken only where even loops would cover less than half of these statements.
+        # Tables are used only if even loops cover less than half of these statements.
         if is_longest and 2 * (covered[start + length] - covered[start]) < length:
             period = _shortest_period(labels, start, length)
             length -= length % period
@@ -96,7 +93,7 @@ def pieces(statements: Sequence[StatementRow]) -> Iterator[tuple[int, int, int]]
 
 
 def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
-    """Return each form a number; a statement without one is like no other."""
+    """Return a number for each distinct form; statements without a form are all distinct."""
     numbers: dict[Hashable, int] = {}
     return np.array(
         [-1 - i if f is None else numbers.setdefault(f, len(numbers)) for i, f in enumerate(forms)],
@@ -105,12 +102,12 @@ def _labels(forms: Sequence[Hashable]) -> npt.NDArray[np.intp]:
 
 
 def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Count the statements of the longest loop that begins at each place, whatever its numbers."""
+    """Return the number of statements of the longest loop from each place on, with any numbers."""
     n = len(labels)
     reach = np.zeros(n + 1, dtype=np.intp)
     for period in range(1, min(LONGEST_BODY, n - 1) + 1):
-        # So many statements agree with those one period later. The repetition that they agree with
-        # counts, too.
+        # Number of statements that equal those one period later; the last iteration is not among
+        # them.
         agreed = _run_lengths(labels[:-period] == labels[period:])
         part = reach[: n - period]
         np.maximum(part, _worth(agreed // period + 1, period, FEWEST_LINES), out=part)
@@ -118,7 +115,7 @@ def _form_reach(labels: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> int:
-    """Choose the shortest body that covers about as many statements."""
+    """Return the length of the shortest body that covers about as many statements."""
     part = labels[start : start + length]
     for period in range(1, LONGEST_BODY + 1):
         differing = np.flatnonzero(part[:-period] != part[period:])
@@ -132,38 +129,35 @@ def _shortest_period(labels: npt.NDArray[np.intp], start: int, length: int) -> i
 def _even_reach(
     statements: Sequence[StatementRow], labels: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Count the statements of the longest even loop at each place, and of its body."""
+    """Return the number of statements of the longest even loop at each place, and of its body."""
     n = len(labels)
     best, period_of = np.zeros(n + 1, dtype=np.intp), np.zeros(n + 1, dtype=np.intp)
     whole = _padded([row.whole for row in statements])
-    # Constants of an even loop must be equal: each is replaced by a number of its own, so that
-    # whole numbers are compared.
+    # Constants of an even loop must be equal: distinct ones are numbered.
     names: dict[float, int] = {}
     real = _padded([tuple(names.setdefault(r, len(names)) for r in row.real) for row in statements])
     for period in range(1, min(LONGEST_BODY, (n - 1) // 2) + 1):
         is_same = labels[:-period] == labels[period:]
         agreed = _run_lengths(is_same)
         hoped = _worth(agreed // period + 1, period, _FEWEST_EVEN)
-        # Only runs that may beat what was found already are looked at further.
+        # Only runs that may be longer than the best one are examined.
         rows = np.flatnonzero(hoped > best[: n - period])
         if not len(rows):
             continue
-        # All places of the runs that are long enough.
-        # Plus one at the start of a run and minus one behind it, summed up, mark the places within.
+        # Sums of plus one at the start of a run and minus one after its end mark its places.
         ends = np.zeros(n + 1, dtype=np.intp)
         ends[rows] += 1
         np.subtract.at(ends, rows + agreed[rows], 1)
         rows = np.flatnonzero(np.cumsum(ends)[: n - 2 * period] > 0)
         rows = rows[is_same[rows] & is_same[rows + period]]
         a, b, c = rows, rows + period, rows + 2 * period
-        # Whole numbers are in an even loop if their second differences over three repetitions
-        # vanish.
+        # The second differences of whole numbers over three iterations vanish in an even loop.
         is_even = np.all(whole[b] - whole[a] == whole[c] - whole[b], axis=1)
         is_even &= np.all((real[a] == real[b]) & (real[b] == real[c]), axis=1)
         holds = np.zeros(n - 2 * period, dtype=np.bool_)
         holds[rows[is_even]] = True
         length = _run_lengths(holds)
-        # A place that holds speaks for three repetitions, hence two more than periods in the run.
+        # Each place stands for three iterations, hence two more than periods in the run.
         found = _worth(np.where(length > 0, length // period + 2, 0), period, _FEWEST_EVEN)
         part = best[: n - 2 * period]
         is_better = found > part
@@ -173,7 +167,7 @@ def _even_reach(
 
 
 def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Mark the statements that even loops would take, from the first on."""
+    """Mark the statements that even loops would cover, chosen from the first on."""
     marked = np.zeros(len(even) - 1, dtype=np.intp)
     start = 0
     begins = np.flatnonzero(even)
@@ -181,7 +175,7 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
         at = int(np.searchsorted(begins, start))
         if at == len(begins):
             return marked
-        # A run may begin late, where it is then longer.
+        # A loop that begins later may be longer.
         start = int(begins[at])
         while even[start + 1] > even[start]:
             start += 1
@@ -190,14 +184,14 @@ def _covered_by_even(even: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
 
 
 def _worth(times: npt.NDArray[np.intp], period: int, fewest: int) -> npt.NDArray[Any]:
-    """Count the statements of a loop; none where it is not worth it."""
+    """Return the number of statements of a loop; zero if it is too short."""
     is_worth = (times >= _FEWEST_TIMES) & (times * period >= fewest)
     return np.where(is_worth, times * period, 0)
 
 
 def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """Count the consecutive places, from each one on, where something holds."""
-    # From the next place where it does not hold, found backwards.
+    """Return the number of consecutive true values from each place on."""
+    # The next false value, found backwards.
     places = np.arange(len(holds))
     breaks = np.where(holds, len(holds), places)
     nexts = np.minimum.accumulate(breaks[::-1])[::-1]
@@ -205,7 +199,7 @@ def _run_lengths(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
 
 
 def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
-    """Make a matrix of rows of any length, with zeros behind the shorter ones."""
+    """Build a matrix of rows, padded with zeros."""
     lengths = np.array([len(row) for row in rows], dtype=np.intp)
     width = int(lengths.max(initial=0))
     matrix = np.zeros((len(rows), width), dtype=np.int64)
@@ -213,16 +207,13 @@ def _padded(rows: Sequence[tuple[int, ...]]) -> npt.NDArray[np.int64]:
     return matrix
 
 
-#: A compiler takes little time for up to so many statements. Loops run a fifth slower than these,
-#: unless they leave less than this share of them.
+#: Up to so many statements compile fast. Loops run a fifth slower, so they replace these only if
+#: they leave less than this share.
 _SHORT, _MUCH_SHORTER = 8000, 0.25
 
 
 def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
-    """Turn repeated statements into loops; tables and the array of temporaries come first.
-
-    Statements that loops would not shorten much, and that are not too many, stay as they are.
-    """
+    """Turn repeated statements into loops if that shortens them; tables come first."""
     rows, comments = _apart(statements)
     if len(rows) < FEWEST_LINES:
         return list(statements)
@@ -236,14 +227,13 @@ def roll(statements: Sequence[Statement], array: str = "v") -> list[Statement]:
             writer.plain(rows[start:end], comments[start:end])
         else:
             writer.loop(rows[start:end], comments[start:end], period)
-    # Loops pay in long functions, or where they leave less than a quarter of the lines.
     if len(statements) <= _SHORT and writer.n_lines > _MUCH_SHORTER * len(statements):
         return list(statements)
     return writer.written()
 
 
 def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]:
-    """Return the statements, and the comment before each."""
+    """Return the statements without comments, and the comment before each."""
     rows: list[Statement] = []
     comments: list[str] = []
     comment = ""
@@ -258,13 +248,13 @@ def _apart(statements: Sequence[Statement]) -> tuple[list[Statement], list[str]]
 
 
 def _row(statement: Statement) -> StatementRow:
-    """Separate the form of a statement from its numbers, if it may stand in a loop."""
+    """Separate the form of a statement from its numbers."""
     form: Hashable
     if isinstance(statement, Assign):
         declared = statement.declares
         is_temporary = declared is not None and kind_of(declared) == REAL
-        # Results of a node with several are left alone, too: a loop that fills them is short, and
-        # would move temporaries that long straight lines read into an array.
+        # Results of a node with several stay outside: a loop that fills them is short, and would
+        # move temporaries of long straight lines into an array.
         array = statement.to[0].form.name
         is_place = declared is None and not (array[0] == "v" and array[1:].isdigit())
         if len(statement.to) > 1 or not (is_temporary or is_place):
@@ -280,8 +270,7 @@ def _row(statement: Statement) -> StatementRow:
         numbers += expression.numbers
     if "r" not in slots:
         return StatementRow(form, numbers)
-    # Whole numbers may grow from one repetition to the next, constants are the same or stand in a
-    # table: they are kept apart.
+    # Whole numbers may have a step; constants are the same or in a table.
     pairs = list(zip(numbers, slots, strict=True))
     whole, real = ([n for n, slot in pairs if (slot == "r") == is_real] for is_real in (0, 1))
     return StatementRow(form, tuple(whole), tuple(real))
@@ -290,14 +279,13 @@ def _row(statement: Statement) -> StatementRow:
 def _kept_in_array(
     rows: Sequence[Statement], found: Sequence[tuple[int, int, int]], array: str
 ) -> dict[Temporary, CExpression]:
-    """Return the temporaries that loops make or read a place, in the order of their numbers."""
+    """Return array elements for the temporaries of loops, in the order of their numbers."""
     kept: set[Temporary] = set()
     for start, period, times in found:
         if times > 1:
             for row in rows[start : start + period * times]:
                 kept.update(_temporaries(row))
-    # In the order of numbers: temporaries that are evenly spaced mostly have places that are, too,
-    # which a loop then computes instead of reading a table.
+    # Places of evenly spaced temporaries are then mostly evenly spaced, too.
     return {key: element(array, place) for place, key in enumerate(sorted(kept))}
 
 
@@ -324,7 +312,7 @@ class _LoopWriter:
         return [*array, *self._tables, *self._statements]
 
     def plain(self, rows: Sequence[Statement], comments: Sequence[str]) -> None:
-        """Write statements that stand alone."""
+        """Write statements outside of loops."""
         for row, comment in zip(rows, comments, strict=True):
             if comment:
                 self._statements.append(Comment(comment))
@@ -332,7 +320,7 @@ class _LoopWriter:
             self.n_lines += 1 + bool(comment)
 
     def loop(self, rows: Sequence[Statement], comments: Sequence[str], period: int) -> None:
-        """Write a loop of statements that repeat after a period, with comments between them."""
+        """Write a loop of statements that repeat after a period, with their comments."""
         body: list[Statement] = []
         for i in range(period):
             comment = _of_all(comments[i::period])
@@ -356,11 +344,11 @@ class _LoopWriter:
         return rows[0].of(merged)  # type: ignore[union-attr]
 
     def _number(self, column: Sequence[Number], slot: str) -> Number:
-        """Write a number that may change each time."""
+        """Return a number of a loop, which may change in each iteration."""
         first = column[0]
         if all(number == first for number in column):
             return first
-        # Constants are never computed from each other: that would round.
+        # Computing constants from each other would round.
         if slot != "r":
             step = column[1] - first  # type: ignore[operator]
             if all(number == first + step * i for i, number in enumerate(column)):  # type: ignore[operator]

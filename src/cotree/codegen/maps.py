@@ -1,11 +1,11 @@
-"""Maps of many columns to C: the statements of one column, which a vector holds several of.
+"""Maps of many columns to C: statements of one column, run for several columns in a vector.
 
-Statements that vanish in the same blocks of columns form segments, which C runs only where they
-do not vanish. A value that crosses from one segment to another stands in an array, and is set to
-zero where its segment is skipped. Long maps are cut into functions.
+Statements that vanish in the same blocks of columns form a segment, which C skips in these blocks.
+A value that crosses from one segment to another is stored in an array, and is set to zero if its
+segment is skipped. Long maps are cut into functions.
 
-Values are those of all statements: what is skipped is a sum of products with zeros. Only the sign
-of a zero could differ, which a sum with zero takes away from each result.
+Skipping does not change values, since skipped sums are sums of products with zeros. Only the sign
+of a zero could differ, which adding zero to each result removes.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ if TYPE_CHECKING:
 class Segments:
     """A map as segments."""
 
-    parts: list[list[Statement]]  # its statements; more than one part where it is long
-    #: For each block of columns, which of the guarded segments are run: one or zero.
+    parts: list[list[Statement]]  # its statements; several parts if it is long
+    #: For each block of columns, 1 for each guarded segment that is run there, else 0.
     live: list[list[int]]
-    n_crossing: int  # values that segments hand over at a time
+    n_crossing: int  # length of the array of crossing values
 
 
 @dataclass
 class _Segment:
-    """Statements that vanish in the same blocks."""
+    """Statements that vanish in the same blocks, which have a zero bit in ``blocks``."""
 
     blocks: int
     nodes: list[Node]
@@ -75,8 +75,7 @@ def cut_into_segments(
     """
     segments = _shorter(_segments(linear), longest)
     number = {node: i for i, segment in enumerate(segments) for node in segment.nodes}
-    # A value that another segment reads gets a statement, even if it is read once: expressions do
-    # not reach across segments.
+    # A value that another segment reads gets a statement, even if it is read once.
     crossing = {arg for node, i in number.items() for arg in node.args if number.get(arg, i) != i}
     leaves = [node for node in linear.order if not node.args]
     printed = print_nodes(
@@ -91,7 +90,7 @@ def cut_into_segments(
     groups = printed.parts[1:]  # leaves take no statement
     for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True)):
         if root in number:
-            # A sum with zero: what is minus zero in some widths of vectors is skipped in others.
+            # Adding zero gives all widths of vectors the same sign of zero.
             total = Assign((element("result", i),), apply("add", value, zero()))
             groups[number[root]].append(total)
     parts, live, n_crossing = _joined(segments, groups, linear.n_columns, longest)
@@ -106,20 +105,19 @@ def cut_into_segments(
 def _joined(
     segments: Sequence[_Segment], groups: Sequence[list[Statement]], n_columns: int, longest: int
 ) -> tuple[list[list[Statement]], list[list[int]], int]:
-    """Join segments to parts, each with a guard if it is not always run."""
+    """Join segments to parts; segments that some blocks skip get a guard."""
     crossing = Crossing(groups)
     blocks = range(-(-n_columns // BLOCK))
     everywhere = (1 << len(blocks)) - 1
     guarded: list[int] = []
     parts: list[list[Statement]] = []
-    length = longest  # so that the first segment begins a part
+    length = longest  # the first segment begins a part
     for number, segment in enumerate(segments):
         if length + len(segment.nodes) > longest:
             parts.append([])
             length = 0
         length += len(segment.nodes)
         rows = crossing.written(number)
-        # A segment that is run in all blocks needs no guard.
         if segment.blocks == everywhere:
             parts[-1] += rows
             continue
@@ -131,18 +129,18 @@ def _joined(
 
 
 def _vanishing(rows: Sequence[Statement]) -> list[Statement]:
-    """Set to zero what a segment leaves behind: places of what crosses, then results."""
+    """Return assignments of zero to the crossing values and results of a segment."""
     places = [row.to[-1] for row in rows if isinstance(row, Assign)]
     left = [place for place in places if place.form.op == "element"]
     return [Assign((place,), zero()) for place in left]
 
 
 def _segments(linear: LinearMap) -> list[_Segment]:
-    """Order statements into segments: the next that is ready, with all that vanish alike."""
+    """Order statements into segments of statements that vanish in the same blocks."""
     readers: dict[Node, list[Node]] = {node: [] for node in linear.statements}
     waiting = {}
     for node in linear.statements:
-        # Topological order by counting: a statement is ready when none of its arguments is awaited.
+        # Topological order: a statement is ready once all its arguments are computed.
         awaited = {arg for arg in node.args if arg in readers}
         waiting[node] = len(awaited)
         for arg in awaited:
@@ -156,8 +154,8 @@ def _segments(linear: LinearMap) -> list[_Segment]:
         heapify(heap)
     found = []
     while ready:
-        # The class whose next statement came first originally is taken, with all of it that is
-        # ready or gets ready meanwhile: segments are then few and long.
+        # The class with the first statement in the original order comes next, with all its
+        # statements that are ready or become ready: segments are then few and long.
         chosen = min(ready, key=lambda key: ready[key][0][0])
         heap, nodes = ready[chosen], []
         while heap:
@@ -173,14 +171,14 @@ def _segments(linear: LinearMap) -> list[_Segment]:
 
 
 def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -> dict[Node, int]:
-    """Choose the blocks in which each value is computed: at least those where it may not vanish.
+    """Return the blocks in which each value is computed, including all where it may be nonzero.
 
-    A product goes with the sums that read it, where these are of the same blocks: one value crosses
-    to them either way, and compilers turn both into one operation.
+    A product has the blocks of the sums that read it if these are the same: compilers then fuse
+    them, and the number of crossing values does not change.
     """
     blocks: dict[Node, int] = {}
     roots = set(linear.results)
-    # Backwards, so that the readers of each value have their blocks already.
+    # Backwards, so that the blocks of all readers are known.
     for node in reversed(linear.statements):
         around = {blocks[reader] for reader in readers[node]}
         moves = (
@@ -194,9 +192,9 @@ def _where_computed(linear: LinearMap, readers: Mapping[Node, Sequence[Node]]) -
 
 
 def _depth_first(nodes: Sequence[Node]) -> list[Node]:
-    """Compute each value where it is first needed: few are then waiting at a time."""
+    """Order values by depth first, so that few are live at a time."""
     left = set(nodes)
-    # Values that no other of the segment reads are its ends, from which arguments are followed.
+    # The search starts from the values that no statement of the segment reads.
     read = {arg for node in nodes for arg in node.args}
     found: list[Node] = []
     stack = [node for node in reversed(nodes) if node not in read]
@@ -214,7 +212,7 @@ def _depth_first(nodes: Sequence[Node]) -> list[Node]:
 
 
 def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
-    """Cut what is longer than a function is to be."""
+    """Cut segments that are longer than a function."""
     return [
         _Segment(segment.blocks, segment.nodes[at : at + longest])
         for segment in segments
@@ -222,19 +220,19 @@ def _shorter(segments: Sequence[_Segment], longest: int) -> list[_Segment]:
     ]
 
 
-#: Segments leave out at least this share of the work, or loops are looked for in place of them.
+#: Least share of the work that segments skip; otherwise the map is written with loops.
 _SKIPPED = 0.15
-#: Operations of a block of statements at most. Measured with gcc 12 on a map of 2261: 500 compile
-#: with a third of the instructions, and four numbers at a time run a fifth faster.
+#: Upper limit of the operations of a block. With gcc 12, a map of 2261 operations in blocks of 500
+#: compiles with a third of the instructions and runs a fifth faster in vectors of four.
 _LONGEST_BLOCK = 500
-#: The same of segments that wait for each other: two vectors then go through each block in turn,
-#: and one is worked at while the other waits.
+#: The same if latency limits the map: two vectors then run through each block in turn, which hides
+#: the latency of either.
 _LONGEST_IN_TURN = 80
-_FEWEST_IN_TURN = 300  # statements; of fewer, what crosses between blocks is too much
+_FEWEST_IN_TURN = 300  # statements; with fewer, too many values cross between blocks
 
-#: Vectors of the macro that turns rows into columns, of the widest: one for each lane and stage.
+#: Vectors of the macro that transposes, at the largest width: one for each lane and stage.
 _TURNING = 8 * 4
-#: Arguments of a map and names that it counts by, as its template has them.
+#: Number of arguments and loop counters in the template of a map.
 _MAP_ARGUMENTS = 24
 
 #: The names in statements, as arguments of a function.
@@ -263,21 +261,21 @@ class MapContext:
     n_shared: int
     n_sensitive: int
     reads_own: bool
-    places: list[str]  # of what columns do not share, for each eight columns
+    places: list[str]  # of values that columns do not share, for each eight columns
     n_own: int  # rows of these
     n_results: int
     block: int
     body: Body
     n_crossing: int
-    n_together: int  # vectors
+    n_together: int  # vectors that run in turn
     n_guards: int
-    live: list[str]  # for each block of columns, which guarded segments are run
-    n_stack: int  # bytes that it takes at most
+    live: list[str]  # for each block of columns, the flags of the guarded segments that are run
+    n_stack: int  # upper bound of its stack, [byte]
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """The statements of a map, in functions where they are long."""
+    """The statements of a map, in several functions if they are long."""
 
     blocks: Blocks
     live: list[list[int]] = field(default_factory=list)
@@ -286,20 +284,19 @@ class _Cut:
 
 
 def map_context(node: Node, name: str, target: Target) -> MapContext:
-    """Gather what the templates need of an application of a map."""
+    """Build the template data of an application of a map."""
     linear: LinearMap = node.data
     own = own_rows(node)
     n_blocks = -(-linear.n_columns // BLOCK)
-    # Segments pay where many statements are skipped in some blocks of columns.
+    # Segments pay if many statements are skipped in some blocks of columns.
     skips = linear.n_times < (1.0 - _SKIPPED) * n_blocks * len(linear.statements)
     cut = _in_segments(own, name) if skips else _in_blocks(own, name)
     n_guards = len(cut.live[0]) if cut.live else 0
-    # Vectors wider than a block read two rows, so zeros follow the last of an odd number.
+    # Vectors wider than a block read two rows, so an odd number is padded.
     rows = [*cut.live, *([[0] * n_guards] * (len(cut.live) % 2))]
     blocks, n_results = cut.blocks, len(linear.results)
     bodies = [blocks.statements, *(function.body for function in blocks.functions)]
-    # The arrays that the template declares besides, and vectors that turn rows into columns: those
-    # of the inputs, if there are any, and those of the results.
+    # Arrays that the template declares, and vectors of the transposition of inputs and results.
     n_turning = _TURNING * ((own.first > 0) + 1)
     n_vectors = cut.n_together * (own.first + n_results + cut.n_crossing) + n_turning
     vectors = Array("column", n_vectors, is_aligned=True)
@@ -327,7 +324,7 @@ def map_context(node: Node, name: str, target: Target) -> MapContext:
 
 
 def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
-    """Write the values that columns do not share as a table; None where one must be computed."""
+    """Return a table of the values that columns do not share; None if any is not constant."""
     rows = own_rows(node)
     numbers = {i: value.value for i, value in rows.values(node).items()}
     if None in numbers.values():
@@ -337,22 +334,21 @@ def constant_columns(node: Node, name: str, target: Target) -> Constants | None:
 
 
 def _is_waiting(linear: LinearMap) -> bool:
-    """Return whether the longest path of one vector takes longer than starting all operations."""
+    """Return whether the critical path of one vector, and not throughput, limits a long map."""
     started, longest = bounds(linear.statements)
     return longest > started and len(linear.statements) > _FEWEST_IN_TURN
 
 
 def _in_segments(own: OwnRows, name: str) -> _Cut:
-    """Write statements with many zeros as segments, each run only where it is not all zero."""
+    """Write statements with many zeros as segments, which vanishing blocks skip."""
     linear = own.linear
     longest, together = (_LONGEST_IN_TURN, 2) if _is_waiting(linear) else (_LONGEST_BLOCK, 1)
-    # If one vector waits for its own values, two go through each part in turn, and parts are short.
     cut = cut_into_segments(linear, _symbols(own), longest)
     if len(cut.parts) == 1:
         return _Cut(Blocks([], cut.parts[0]), cut.live, cut.n_crossing)
     given = {}
     if together > 1:
-        # Each of the vectors that are taken in turn has its own share of these arrays.
+        # Each of the vectors has its own part of these arrays.
         sizes = {"column": own.first, "w": cut.n_crossing, "result": len(linear.results)}
         given = {key: f"OF({key}, {size})" for key, size in sizes.items()} | {
             "here": "HERE(turn)",
@@ -367,16 +363,15 @@ def _in_segments(own: OwnRows, name: str) -> _Cut:
 
 
 def _in_blocks(own: OwnRows, name: str) -> _Cut:
-    """Write statements that are run for all columns, repeated ones as loops."""
+    """Write statements that all columns run, with loops for repeated ones."""
     linear = own.linear
-    # All columns run the same statements, so their order follows the longest path alone.
     order = by_need(linear.order)
     printed = print_nodes(linear.results, {}, {}, [order], has_groups=False, symbols=_symbols(own))
     statements = printed.statements + [
         Assign((element("result", i),), zero() if root.is_zero else value)
         for i, (root, value) in enumerate(zip(linear.results, printed.values, strict=True))
     ]
-    # Blocks have an array of their own for what crosses.
+    # Blocks have their own array of crossing values.
     arguments = [row for key, row in _ARGUMENTS.items() if key != "w"]
     return _Cut(
         cut_into_blocks(f"{name}_{{}}", roll(statements), arguments, ("result",), _LONGEST_BLOCK)
@@ -391,7 +386,7 @@ def _symbols(own: OwnRows) -> Callable[[str, int], CExpression]:
             return symbol(kind, i)
         place = i - own.first
         row = whole(own.width * place) if own.is_whole else element("at", place)
-        # As long as other inputs, so that the same expressions are written out.
+        # The width of other inputs, so that the same expressions are inlined.
         return replace(call("OWN", named("here"), row), width=symbol(kind, i).width)
 
     return read

@@ -1,7 +1,7 @@
 """Nodes to statements, and where the results of maps are stored.
 
-A value that is used once stands where it is used; the others become constants in the order of
-evaluation. Comments name the group that a statement belongs to.
+A value that is used once is inlined; the others become constants in the order of evaluation.
+Comments name the group of the statements.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 #: Numbers in a vector, on any machine.
 _WIDEST = 8
-#: Numbers in rows that are kept whole, at most: half of the nearest cache.
+#: Upper limit of the numbers in rows that are stored whole: half of the level-1 cache.
 _MOST_WHOLE = 2048
 
 
@@ -54,23 +54,22 @@ def padded(n: int) -> int:
 
 @dataclass(frozen=True)
 class OwnRows:
-    """Places in C of the inputs of a map that follow its sensitivities: rows of mostly zeros.
+    """Places in C of the inputs of a map that follow its sensitivities: sparse rows.
 
-    Rows are kept in pieces of eight columns, as many as the widest vectors hold. All pieces that
-    are entirely zero share one copy, the first; a table gives the places of the pieces of each row.
-    Rows that are known beforehand need not be filled at each call, and are whole if they are short.
+    Rows are stored in pieces of eight columns, the length of the widest vectors. Pieces of zeros
+    share one copy, the first; a table has the places of the pieces of each row. Short rows of
+    constants are stored whole.
     """
 
     linear: LinearMap  # the map
     first: int  # the first of these inputs
-    is_whole: bool  # whether zeros are written out, and each row follows the one before
+    is_whole: bool  # whether rows are contiguous, with all their zeros
 
     @cached_property
     def _pieces(self) -> dict[tuple[int, int], int]:
-        """Number the pieces that are not all zeros, by their columns and row, from one on."""
+        """Number the nonzero pieces, by their columns and row, from one on."""
         given = self.linear.given
-        # Piece zero is the common copy of zeros, so that a place of 0 serves every row that
-        # vanishes.
+        # Piece zero is the common copy of zeros.
         found = (
             (at, i)
             for at in range(0, len(given), _WIDEST)
@@ -121,11 +120,10 @@ class OwnRows:
 
 
 def own_rows(node: Node) -> OwnRows:
-    """Assign places to the inputs that columns do not share, for one application of a map."""
+    """Assign places to the inputs of a map application that columns do not share."""
     linear: LinearMap = node.data
     first = linear.n_sensitive(node.args)
     rows = OwnRows(linear, first, is_whole=True)
-    # Short rows of constants need neither filling nor a table of places.
     if rows.length <= _MOST_WHOLE and all(
         value.value is not None for value in rows.values(node).values()
     ):
@@ -142,13 +140,13 @@ class Starts:
 
     def place(self, i: int, n_rows: int) -> CExpression:
         """Return the element that holds a result of the map."""
-        # Nodes number the results of a map column by column.
+        # Nodes number the results column by column.
         column, row = divmod(i, n_rows)
         return element(self.array, self.places[column] + row)
 
 
 def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
-    """Find maps whose columns are all results of the kernel unchanged, and their places there."""
+    """Return the maps whose columns are results of the kernel, with their places there."""
     first: dict[Node, int] = {}
     for i, root in enumerate(kernel.results):
         first.setdefault(root, i)
@@ -157,7 +155,7 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
         if node.op != "map":
             continue
         n, own = len(node.data.results), results_of(node, node.data.n_results)
-        # The first result of each column; the others must follow it in the kernel's results.
+        # Places of the first results of columns, which the others must follow.
         places = tuple(first.get(root, 0) for root in own[::n])
         if all(
             kernel.results[place : place + n] == own[n * j : n * (j + 1)]
@@ -168,22 +166,22 @@ def starts_of_maps(kernel: Kernel) -> dict[Node, Starts]:
 
 
 def name_starts(kernels: Iterable[Kernel]) -> Mapping[tuple[int, ...], Constants]:
-    """Return each table of places a name."""
+    """Return each table of places of maps as constants."""
     tables = dict.fromkeys(
         starts.places for kernel in kernels for starts in starts_of_maps(kernel).values()
     )
     return {places: int_table(f"cotree_starts{i}", places) for i, places in enumerate(tables)}
 
 
-_LARGEST_SYSTEM = 12  # that is written out: 300 statements
-_LONGEST_INLINE = 72  # characters of an expression that may stand inside another
+_LARGEST_SYSTEM = 12  # unknowns of a system that is solved without loops: 300 statements
+_LONGEST_INLINE = 72  # characters of an expression that is inlined
 
-#: The key of the function that takes several angles.
+#: The key of the function that computes several sines.
 SINES = "sines"
 
 
 def symbol(kind: str, position: int) -> CExpression:
-    """Name an argument of a kernel, or an element of one."""
+    """Return an argument of a kernel, or an element of one."""
     array = ARGUMENT_OF.get(kind, kind)
     return named(array) if kind == TIME else element(array, position)
 
@@ -192,17 +190,17 @@ def symbol(kind: str, position: int) -> CExpression:
 class Printed:
     """Statements that compute some values."""
 
-    #: The statements, with comments; in one part, or in those that were asked for.
+    #: The statements, with comments, in one part or in the requested ones.
     parts: list[list[Statement]]
-    values: list[CExpression]  # an expression for each value asked for
-    n_statements: int  # number of values that have a statement
+    values: list[CExpression]  # an expression for each requested value
+    n_statements: int  # number of values with a statement
     uses_status: bool  # whether a statement may set ``status``
-    #: Arrays that statements fill and only maps read.
+    #: Arrays that only maps read.
     filled: list[str] = field(default_factory=list)
 
     @property
     def statements(self) -> list[Statement]:
-        """All of them."""
+        """The statements of all parts."""
         return [statement for part in self.parts for statement in part]
 
 
@@ -217,26 +215,24 @@ def print_nodes(
     has_groups: bool = True,
     symbols: Callable[[str, int], CExpression] = symbol,
 ) -> Printed:
-    """Form the statements that some values need.
+    """Build the statements that compute some values.
 
     Parameters
     ----------
     roots : sequence of Node
-        The values wanted.
+        The values.
     prepared : mapping of Node to int
         Values to read from ``k``, with their place there.
     names : mapping of Table, OwnRows or tuple of int to str
-        C name of each table, of each map by what its columns do not share, and of each table of
-        places where columns of results begin.
+        C names of tables, of maps by their rows of inputs, and of tables of places of columns.
     parts : sequence of sequence of Node, optional
-        All nodes that the values depend on, in order of evaluation, cut into the parts that are
-        wanted; one part if absent.
+        All nodes that the values depend on, in order of evaluation, in parts; one part by default.
     places : mapping of Node to Starts
-        Places for the results of a map, if they do not go to an array of its own.
+        Places of the results of maps without an array of their own.
     kept : collection of Node
         Nodes that get a statement even if they are used once.
     has_groups : bool
-        Whether values of a group stand together, so that comments name it.
+        Whether values of a group are consecutive, and comments name it.
     symbols : callable
         The expression of a symbol, from its kind and its position.
     """
@@ -253,7 +249,7 @@ def print_nodes(
 
 
 def is_written_out(node: Node) -> bool:
-    """Return whether a linear system, if it is definite, is solved by statements without loops."""
+    """Return whether a definite linear system is solved by statements without loops."""
     return (
         node.op == "solve"
         and node.data.size <= _LARGEST_SYSTEM
@@ -284,17 +280,16 @@ class _StatementWriter:
         """Count how often each value is read."""
         uses = self._uses
         for node in order:
-            # A prepared value is read, and nothing that it depends on is.
+            # The arguments of a prepared value are not read.
             if node not in self.prepared:
                 for arg in node.args:
                     uses[arg] = uses.get(arg, 0) + 1
-        # A value that is wanted counts as read: what is read elsewhere, too, gets a statement of
-        # its own.
+        # A root that another value reads gets a statement.
         for root in roots:
             uses[root] = uses.get(root, 0) + 1
 
     def printed(self, roots: Sequence[Node], parts: list[list[Statement]]) -> Printed:
-        """Return all that was found, for those values."""
+        """Return the statements and the expressions of some values."""
         values = [self._known[root] for root in roots]
         return Printed(parts, values, len(self._number), self.uses_status, self.filled)
 
@@ -315,21 +310,19 @@ class _StatementWriter:
             self._scalar(node)
 
     def _result(self, owner: Node, i: int) -> CExpression:
-        """Read a result of a node with several."""
-        # A map that writes into the results of the kernel has no array.
+        """Return a result of a node with several results."""
         if owner in self.places:
             return self.places[owner].place(i, len(owner.data.results))
         if owner.op == "sines" and i >= owner.data:
-            i += padded(owner.data) - owner.data  # cosines begin with a vector of their own
-        # C stores results row by row, each row padded to whole vectors; nodes number them column by
-        # column.
+            i += padded(owner.data) - owner.data  # cosines begin at a new vector
+        # C stores results by padded rows; nodes number them by columns.
         if owner.op == "map":
             column, row = divmod(i, len(owner.data.results))
             i = row * padded(owner.data.n_columns) + column
         return element(f"v{self._number[owner]}", i)
 
     def _declare(self, node: Node) -> int:
-        """Return a statement its number, after a comment where a group begins."""
+        """Return the number of a new statement; add a comment if a group begins."""
         if self.has_groups and node.section and node.section != self._section:
             self.statements.append(Comment(node.section))
         self._section = node.section
@@ -338,7 +331,7 @@ class _StatementWriter:
 
     def _scalar(self, node: Node) -> None:
         value = apply(node.op, *[self._known[arg] for arg in node.args])
-        # A value that is read once stands there, unless the expression gets too long to follow.
+        # A value that is read once is inlined, unless the expression is too long to read.
         if self._uses[node] == 1 and value.width <= _LONGEST_INLINE:
             self._known[node] = value
             return
@@ -350,11 +343,11 @@ class _StatementWriter:
         return tuple(self._known[arg] for arg in args)
 
     def _solve(self, node: Node) -> None:
-        """Solve a system; a matrix that several solutions share is factorised once."""
+        """Solve a system; a matrix of several solutions is factorised once."""
         n, at = node.data.size, self._declare(node)
         matrix, rhs = node.args[: n * n], node.args[n * n : n * n + n]
         sizes, is_apart = sizes_of(node), is_written_out(node)
-        # Solutions share factors only if the decisions on rank are the same as well.
+        # Solutions share factors only if the decisions on rank are the same.
         key = (matrix, sizes, node.args[-1], node.data)
         if key not in self._factors:
             self._factors[key] = at
@@ -364,9 +357,8 @@ class _StatementWriter:
         rank, accepted = temporary("rank", f), temporary("accepted", f)
         given = [named(f"s{f}")] if is_apart else []
         read = [rank, named(f"a{f}"), *given, named(f"r{f}"), named(f"c{f}"), x]
-        # Rows and columns are divided by the roots of the sizes: S A S y = S b and x = S y. The
-        # right-hand side is scaled before the substitution, the solution after it. Systems that are
-        # written out do both themselves.
+        # Rows and columns are divided by the roots of the sizes: S A S y = S b and x = S y. Systems
+        # without loops scale the right-hand side and the solution themselves.
         scaling = [Call(call("cotree_multiply", whole(n), named(f"s{f}"), x))]
         scaling = scaling if sizes and not is_apart else []
         values = (*self._values(rhs), apply("real", rank), apply("real", accepted))
@@ -424,11 +416,11 @@ class _StatementWriter:
         self.uses_status = True
 
     def _sines(self, node: Node) -> None:
-        """Take sines and cosines, one after the other where no function takes them together."""
+        """Compute sines and cosines, by one call if there is a function of several angles."""
         at, n, width = self._declare(node), node.data, padded(node.data)
         angles, v = self._values(node.args), f"v{at}"
         if SINES in self.names:
-            # Vectors read whole widths: the padding must hold numbers with a harmless sine.
+            # Vectors read the padding, too.
             filled = (*angles, *[number(0.0)] * (width - n))
             cosines = apply("add", named(v), whole(width))
             given = [whole(n), named(f"a{at}"), named(v), cosines]
@@ -444,7 +436,7 @@ class _StatementWriter:
             self.statements.append(Assign((element(v, width + i),), apply("cos", angle)))
 
     def _map(self, node: Node) -> None:
-        """Gather what the columns share and what each has of its own, row by row, and call it."""
+        """Fill the arrays of shared inputs and of rows of inputs, and call the map."""
         linear: LinearMap = node.data
         at = self._declare(node)
         rows, width = own_rows(node), padded(linear.n_columns)
@@ -453,7 +445,7 @@ class _StatementWriter:
             Array(shared, max(1, linear.n_shared)), dict(enumerate(node.args[: linear.n_shared]))
         )
         if node not in self.names:
-            # An array of constants is written once, as a table of the file.
+            # Arrays of constants are tables of the file.
             self.statements.insert(0, Call(call("cotree_clear", named(given), whole(rows.length))))
             self._fill(Array(given, rows.length, is_aligned=True), rows.values(node))
         to, starts = f"v{at}", "NULL"
@@ -461,13 +453,13 @@ class _StatementWriter:
             to, starts = self.places[node].array, self.names[self.places[node].places]
         else:
             self.statements.append(Array(to, max(1, width * len(linear.results))))
-        # Sensitivities that stand in order in ``s`` are read in place.
+        # Sensitivities in order are read from ``s``.
         own = "s" if rows.first else given
         args = map(named, (shared, own, given, starts, to))
         self.statements.append(Call(call(self.names[rows], *args)))
 
     def _fill(self, array: Array, values: Mapping[int, Node]) -> None:
-        """Declare an array at the top, and fill it here."""
+        """Declare an array at the top of the function, and fill it here."""
         self.filled.append(array.name)
         self.statements.insert(0, array)
         self.statements += [

@@ -38,10 +38,10 @@ def single_file(texts: Mapping[str, str], prefix: str) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        The header and the source. The main program is compiled where ``<PREFIX>_MAIN`` is defined.
+        The header and the source. The main program is compiled if ``<PREFIX>_MAIN`` is defined.
     """
     seen: set[str] = set()
-    # A program of one's own may include what the main program includes.
+    # Other programs may include the headers that the main program includes.
     public = [f"{prefix}.h", *includes(texts["main.c"])]
     header = _inlined("".join(f'#include "{name}"\n' for name in public), texts, seen)
     hidden = {*texts} - seen
@@ -83,17 +83,17 @@ def _with_names(text: str, taken: Set[str], prefix: str) -> str:
 
 
 def _prefixed(word: str, taken: Set[str], prefix: str) -> str:
-    """Write a name of the runtime so that it begins with the prefix."""
+    """Replace ``cotree`` at the beginning of a name of the runtime by the prefix."""
     for own, new in (("cotree_", prefix), ("COTREE_", prefix.upper())):
         if word.startswith(own):
             name = f"{new}_{word.removeprefix(own)}"
-            # A kernel, or a list of names, may have the name already.
+            # A kernel or an enumeration may have the same name.
             return f"{name}_type" if name in taken else name
     return word
 
 
 def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
-    """Write headers in the place of the first lines that include them."""
+    """Replace the first inclusion of each header by its text, and drop the others."""
     found = []
     for line in text.splitlines(keepends=True):
         name = included(line)
@@ -102,7 +102,7 @@ def _inlined(text: str, texts: Mapping[str, str], seen: set[str]) -> str:
         elif name in texts and name not in seen:
             comment, body = unframed(texts[name])
             if body:
-                seen.add(name)  # others are meant to be included several times
+                seen.add(name)  # headers without a guard are included several times
             found.append(_inlined(f"{comment}\n\n{body}", texts, seen))
     return "".join(found)
 
@@ -114,13 +114,13 @@ def _private(source: str) -> set[str]:
 
 
 def _undefined(text: str) -> str:
-    """End the macros of a text."""
+    """Return directives that undefine the macros of a text."""
     macros = {name for item in items(text) if item.is_directive for name in item.names}
     return "".join(f"#undef {macro}\n" for macro in sorted(macros))
 
 
 def _renamed(part: str, names: Mapping[str, str]) -> str:
-    """Write names of a part anew; members of structures keep theirs."""
+    """Replace names of a part, except members of structures."""
     found = [*tokens(part), "", ""]
     for i, is_member in enumerate(_are_members(found)):
         if not is_member:

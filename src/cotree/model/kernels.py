@@ -342,25 +342,19 @@ class SharedCode(NamedTuple):
     shared: frozenset[str]  # files that several libraries have
 
 
-def shared_code(library: str, *arguments: str) -> SharedCode:
-    """Render C, or take it from the cache.
+def shared_code(library: str, *stepper: str) -> SharedCode:
+    """Render a library of :data:`cotree.codegen.integrators.LIBRARIES`, or take it from the cache.
 
-    Parameters
-    ----------
-    library : str
-        A name in :data:`cotree.codegen.integrators.LIBRARIES`.
-    *arguments : str
-        Arguments of its functions.
+    It is ``engine`` for the engine of a stepper.
     """
 
     def render() -> SharedCode:
-        from cotree.codegen.integrators import LIBRARIES, shared_files
+        from cotree.codegen.integrators import library_texts, shared_files
 
-        files_of, declarations_of = LIBRARIES[library]
-        files = files_of(*arguments)
-        return SharedCode(files, declarations_of(files, *arguments), shared_files(files))
+        files, declared = library_texts(library, *stepper)
+        return SharedCode(files, declared, shared_files(files))
 
-    return kept((library, arguments), render)
+    return kept((library, stepper), render)
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:
