@@ -1,168 +1,63 @@
-"""Endings of jobs in C: one table for C's headers and main programs, and for messages in Python."""
+"""Endings of jobs in C, for messages in Python."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-
-@dataclass(frozen=True)
-class Status:
-    """One way to end."""
-
-    name: str  # in C, after ``COTREE_``
-    number: int  # its value there
-    sentence: str  # the event in words, without a capital and a full stop
-    meaning: str = ""  # a remark that the header adds; may be empty
-
-
-#: Endings of integrators and jobs: ``cotree_status``.
-STATUSES = (
-    Status("OK", 0, "all is well"),
-    Status("BAD_ARGUMENT", 1, "a size, time, tolerance or initial value is out of range"),
-    Status(
-        "TOO_MANY_STEPS",
-        2,
-        "too many steps are needed",
-        "max_steps were tried in one call of integrate",
+#: Sentences of ``cotree_status`` in C, in the order of its numbers, without a capital and a full
+#: stop. Names follow ``COTREE_``.
+SENTENCES = {
+    "OK": "all is well",
+    "BAD_ARGUMENT": "a size, time, tolerance or initial value is out of range",
+    "TOO_MANY_STEPS": "too many steps are needed",
+    "STEP_TOO_SMALL": "the step size fell to rounding level",
+    "RATE_FAILED": "the right-hand side fails",
+    "RATE_NOT_FINITE": "the right-hand side is not finite",
+    "RATE_STOPPED": "the right-hand side stopped the integration",
+    "PROJECTION_FAILED": (
+        "the projection onto the constraints fails, or moves a step by many tolerances"
     ),
-    Status(
-        "STEP_TOO_SMALL",
-        3,
-        "the step size fell to rounding level",
-        "the tolerances ask for steps below the resolution of t",
-    ),
-    Status("RATE_FAILED", 4, "the right-hand side fails", "however small the step"),
-    Status("RATE_NOT_FINITE", 5, "the right-hand side is not finite", "however small the step"),
-    Status(
-        "RATE_STOPPED",
-        6,
-        "the right-hand side stopped the integration",
-        "it returned a negative number",
-    ),
-    Status(
-        "PROJECTION_FAILED",
-        7,
-        "the projection onto the constraints fails, or moves a step by many tolerances",
-        "however small the step",
-    ),
-    Status("NO_MEMORY", 8, "SUNDIALS got no memory"),
-    Status("NOT_FINITE", 9, "the solution is no longer finite"),
-    Status("NOT_SOLVED", 10, "the algebraic unknowns cannot be solved for", "or what needs them"),
-    Status("NOT_PROJECTED", 11, "the constraints cannot be met", "where a point is kept"),
-    Status("CANNOT_START", 12, "it cannot start"),
-    Status("TOO_TIGHT", 13, "the tolerances are too tight for double precision"),
-    Status(
-        "ERROR_TEST_FAILED",
-        14,
-        "the error test fails again and again, or the step size fell to its least",
-    ),
-    Status(
-        "NOT_CONVERGED",
-        15,
-        "Newton's method fails again and again, or the step size fell to its least",
-    ),
-    Status("SENSITIVITIES_FAILED", 16, "the rates of sensitivities fail"),
-    Status("FLAGGED", 17, "the integrator gives a flag of its own"),
-)
+    "NO_MEMORY": "SUNDIALS got no memory",
+    "NOT_FINITE": "the solution is no longer finite",
+    "NOT_SOLVED": "the algebraic unknowns cannot be solved for",
+    "NOT_PROJECTED": "the constraints cannot be met",
+    "CANNOT_START": "it cannot start",
+    "TOO_TIGHT": "the tolerances are too tight for double precision",
+    "ERROR_TEST_FAILED": "the error test fails again and again, or the step size fell to its least",
+    "NOT_CONVERGED": "Newton's method fails again and again, or the step size fell to its least",
+    "SENSITIVITIES_FAILED": "the rates of sensitivities fail",
+    "FLAGGED": "the integrator gives a flag of its own",
+}
 
-#: Failures of events, in ``cotree_events_status``. Python says more of them, by their names, in
+#: Numbers of ``cotree_status`` by name.
+NUMBERS = {name: number for number, name in enumerate(SENTENCES)}
+
+#: Failures of events by number, those of ``cotree_events_status``. Their sentences are in
 #: :mod:`cotree.solvers.messages`.
-EVENT_STATUSES = (
-    Status(
-        "EVENTS_FAILED",
-        20,
-        "its equations cannot be evaluated",
-        "a kernel or an algebraic equation",
-    ),
-    Status("EVENTS_NOT_FINITE", 21, "its event function is not finite"),
-    Status("EVENTS_SET_NOT_FINITE", 22, "its new values are not finite"),
-    Status("EVENTS_CONTRADICT", 23, "its new values contradict the constraints"),
-    Status(
-        "EVENTS_UNDERDETERMINED",
-        24,
-        "its new values leave states undetermined, which have no sensitivities",
-    ),
-    Status(
-        "EVENTS_REST_AT_ZERO",
-        25,
-        "it leaves no speed away from zero, and the motion goes on through it",
-    ),
-    Status("EVENTS_GRAZING", 26, "it only just touches zero, where nothing has sensitivities"),
-    Status(
-        "EVENTS_ACCUMULATE",
-        27,
-        "it happens ever faster, and accumulates",
-        "at the time detail",
-    ),
-    Status(
-        "EVENTS_CHATTER",
-        28,
-        "it happens too often: it chatters",
-        "COTREE_EVENT_CROWD times in detail seconds",
-    ),
-    Status(
-        "EVENTS_CASCADE",
-        29,
-        "it and others trigger each other without end",
-        "has_fired: the events",
-    ),
-    Status(
-        "EVENTS_SLIDING",
-        40,
-        "the motion is driven to a jump from both sides, and slides along it",
-        "CASCADE with jumps only",
-    ),
-    Status("EVENTS_LEAVES_JUMP", 41, "a value that rested at a jump leaves it to either side"),
-    Status(
-        "EVENTS_NOT_COMMUTING",
-        42,
-        "simultaneous jumps do not commute, so that no sensitivities exist",
-    ),
-    Status(
-        "EVENTS_NO_MODES",
-        43,
-        "no modes of dry friction and rigid stops are consistent",
-        "has_fired: their events",
-    ),
-    Status(
-        "EVENTS_INDETERMINATE",
-        51,
-        "the forces of sticking friction are indeterminate, and losses depend on them",
-        "has_fired: their events",
-    ),
-    Status("EVENTS_LOCKED_DIRECTION", 44, "a one-way clutch turns in its locked direction"),
-    Status("EVENTS_NEGATIVE_GAP", 45, "a rigid stop begins beyond its limit"),
-    Status(
-        "EVENTS_NO_IMPULSES",
-        46,
-        "no impulses of rigid stops are consistent",
-        "has_fired: their events",
-    ),
-    Status(
-        "EVENTS_COUPLED_IMPACTS",
-        47,
-        "gaps that close simultaneously interact, so that sensitivities depend on their order",
-    ),
-    Status("EVENTS_ENERGY_GAIN", 49, "the impact would gain energy"),
-    Status("EVENTS_NOT_UNIQUE", 50, "friction allows a contact both to stay closed and to open"),
-    Status(
-        "EVENTS_LOSSY_IMPACT", 52, "an impact passes a gear with losses, which has no law of impact"
-    ),
-    Status(
-        "EVENTS_LEAVES_ROOT",
-        53,
-        "a value rests at zero, and a root with an infinite slope drives it away",
-    ),
-    Status("EVENTS_BELOW_TOLERANCE", 48, "its impacts are too small for the tolerance"),
-)
+EVENT_FAILURES = {
+    20: "EVENTS_FAILED",
+    21: "EVENTS_NOT_FINITE",
+    22: "EVENTS_SET_NOT_FINITE",
+    23: "EVENTS_CONTRADICT",
+    24: "EVENTS_UNDERDETERMINED",
+    25: "EVENTS_REST_AT_ZERO",
+    26: "EVENTS_GRAZING",
+    27: "EVENTS_ACCUMULATE",
+    28: "EVENTS_CHATTER",
+    29: "EVENTS_CASCADE",
+    40: "EVENTS_SLIDING",
+    41: "EVENTS_LEAVES_JUMP",
+    42: "EVENTS_NOT_COMMUTING",
+    43: "EVENTS_NO_MODES",
+    51: "EVENTS_INDETERMINATE",
+    44: "EVENTS_LOCKED_DIRECTION",
+    45: "EVENTS_NEGATIVE_GAP",
+    46: "EVENTS_NO_IMPULSES",
+    47: "EVENTS_COUPLED_IMPACTS",
+    49: "EVENTS_ENERGY_GAIN",
+    50: "EVENTS_NOT_UNIQUE",
+    52: "EVENTS_LOSSY_IMPACT",
+    53: "EVENTS_LEAVES_ROOT",
+    48: "EVENTS_BELOW_TOLERANCE",
+}
 
-#: A sensitivity that does not exist behind a corner; ``turned`` of the job says which one.
+#: A sensitivity that does not exist after a breakpoint; the field ``turned`` of a job is its entry.
 TURNED = 60
-
-#: Numbers and sentences by name.
-NUMBERS: Mapping[str, int] = {row.name: row.number for row in STATUSES}
-SENTENCES: Mapping[str, str] = {row.name: row.sentence for row in STATUSES}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from cotree.codegen.statuses import NUMBERS, STATUSES, TURNED
+from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
 from cotree.errors import Error
 from cotree.model.kernels import SINGULAR, Newton
 from cotree.model.start_in_c import filled_tables
@@ -19,7 +19,7 @@ from cotree.solvers.augmented import Tolerances, as_tested, is_integrated
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
-from cotree.solvers.messages import BY_STATUS, blamed, undefined_ahead, verdict
+from cotree.solvers.messages import blamed, undefined_ahead, verdict
 from cotree.solvers.problem import (
     Native,
     Problem,
@@ -182,7 +182,7 @@ def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool
 _MOST_CROSSINGS = 5
 
 # Sentences by status.
-_SENTENCES = {row.number: row.sentence for row in STATUSES}
+_SENTENCES = dict(enumerate(SENTENCES.values()))
 
 
 # Members of the structure that times and the longest step decide.
@@ -402,8 +402,8 @@ class Job:
     def reason(self, problem: Problem) -> str:
         """Describe why the job failed."""
         c, status = self.job, int(self.job.status)
-        if status in BY_STATUS:
-            return self._verdict(problem, BY_STATUS[status])
+        if status in EVENT_FAILURES:
+            return self._verdict(problem, EVENT_FAILURES[status])
         if status == TURNED:
             return turning(problem, float(c.t), int(c.turned))
         reasons = []

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.codegen.statuses import EVENT_STATUSES, SENTENCES
+from cotree.codegen.statuses import SENTENCES
 from cotree.errors import listed
 from cotree.solvers.augmented import RTOL_FLOOR, tested_rtol
 from cotree.solvers.callbacks import Rescue
@@ -254,10 +254,6 @@ VERDICTS = {
 
 #: Impacts that a message lists.
 _MOST_RESTS = 3
-
-#: Names by the results of C.
-BY_STATUS = {row.number: row.name for row in EVENT_STATUSES}
-
 
 #: Sentences that name edges.
 _OF_EDGES = (
