@@ -41,9 +41,9 @@ def lint(
     scene : SceneDescription
         The scene.
     allow : sequence of str
-        Findings that are on purpose, ``rule`` or ``rule:name``, besides those of the scene.
+        Findings that are intended, ``rule`` or ``rule:name``, besides those of the scene.
     is_formed : bool
-        Whether to form the equations, too, and report what refuses them.
+        Whether to form the equations, too, and report errors.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _refused(scene: SceneDescription) -> Iterable[Finding]:
                 if model.backend != "none":
                     check_start(model)
                 return
-            # Imported for large scenes only: every run lints, and forms nothing here.
+            # Imported here, since every run lints without forming equations.
             from cotree.formulation.early import check_numbers, within_range
             from cotree.pipeline import formulate
             from cotree.scene.jumps import lower_discontinuities

@@ -282,12 +282,16 @@ _LARGEST = {"capacitor": 1e4, "inductor": 1e4}
 
 def value_findings(scene: SceneDescription) -> Iterator[Finding]:
     """Find contradicting dimensions, unusual magnitudes, constants, and values without effect."""
+    try:
+        known = parameter_values(scene.parameters)
+    except Error:
+        known = {}  # another rule reports it
     yield from _dimensions(scene)
     yield from _shared(scene)
-    yield from _magnitudes(scene)
-    yield from _inertias(scene)
+    yield from _magnitudes(scene, known)
+    yield from _inertias(scene, known)
     yield from _constants(scene)
-    yield from _without_effect(scene)
+    yield from _without_effect(scene, known)
 
 
 def _expressions(scene: SceneDescription) -> Iterator[tuple[str, str, str, str, Expression]]:
@@ -390,13 +394,6 @@ def _shared(scene: SceneDescription) -> Iterator[Finding]:
                 break
 
 
-def _values(scene: SceneDescription) -> dict[str, float]:
-    try:
-        return parameter_values(scene.parameters)
-    except Error:
-        return {}  # another rule reports it
-
-
 def _number(value: Expression, known: dict[str, float]) -> float:
     """Return the value of an expression of parameters; nan for others."""
     if value.number is not None:
@@ -411,8 +408,7 @@ def _number(value: Expression, known: dict[str, float]) -> float:
     return math.nan if found is None else found
 
 
-def _magnitudes(scene: SceneDescription) -> Iterator[Finding]:
-    known = _values(scene)
+def _magnitudes(scene: SceneDescription, known: dict[str, float]) -> Iterator[Finding]:
     gravity = math.hypot(*(_number(item, known) for item in scene.gravity))
     if gravity > _LARGEST_GRAVITY:
         message = f"gravity is {gravity:.4g} m/s^2: is its unit correct?"
@@ -446,13 +442,12 @@ def _edge_magnitudes(edge: Edge, known: dict[str, float]) -> Iterator[Finding]:
             return
 
 
-def _inertias(scene: SceneDescription) -> Iterator[Finding]:
+def _inertias(scene: SceneDescription, known: dict[str, float]) -> Iterator[Finding]:
     try:
         for name, message in (*inertia_faults(scene), *tiny_masses(scene)):
             yield Finding("inertia", "edge", name, message)
     except Error:
         return  # another rule reports it
-    known = _values(scene)
     for edge in scene.edges.values():
         if edge.component.role is not Role.BODY:
             continue
@@ -478,8 +473,7 @@ def _constants(scene: SceneDescription) -> Iterator[Finding]:
             yield Finding("constant", kind, name, message)
 
 
-def _without_effect(scene: SceneDescription) -> Iterator[Finding]:
-    known = _values(scene)
+def _without_effect(scene: SceneDescription, known: dict[str, float]) -> Iterator[Finding]:
     for edge in scene.edges.values() if scene.origin is None else ():
         sources = edge.component.ports and all(
             port.kind is Kind.THROUGH_SOURCE for port in edge.component.ports

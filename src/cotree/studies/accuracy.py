@@ -1,7 +1,7 @@
 """Errors of runs against a reference on which two methods agree.
 
-In: a model and times. Out: a ``Reference``, with the two methods that made it and how far they are
-apart, which bounds the errors that it can resolve.
+In: runs of several methods. Out: a ``Reference``: the solutions of two methods and their
+difference, below which errors cannot be measured.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-#: What an error is, for tables and pictures.
+#: Definition of an error, for tables and plots.
 ERROR = "largest |y - ref| / max(1, max |ref|)"
-#: The same relative to the own size of each quantity, however small.
+#: Definition of an error relative to the magnitude of each quantity.
 OWN_ERROR = "largest |y - ref| / max |ref|"
 
-# A quantity whose two references differ by more than this share of it has no digits to judge by.
-_TOLD = 1e-2
+# Relative errors are measured if the two solutions of a reference differ by at most this share.
+_MEASURABLE = 1e-2
 
-# Where the ends of two methods agree to this, no further method is asked: it is a tenth of the
-# tightest error that a method is recommended for.
+# If two methods agree to this, no further method is run: it is below the errors for which methods
+# are recommended.
 _ENOUGH = 1e-10
-# Beyond this nothing can be said of any method.
+# Largest difference of the two solutions of a reference.
 _TOO_FAR = 1e-6
 
-# Methods, best first: formulas of different families, of high order. Events, constraints and
-# algebraic unknowns are taken by cvode, dop853 and rodas5 alone.
+# Methods of a reference, best first: methods of high order, of different families. Only cvode,
+# dop853 and rodas5 support events, constraints and algebraic unknowns.
 _EXPLICIT_FIRST = ("DOP853", "Radau", "LSODA", "cvode", "dop853", "rodas5")
 _IMPLICIT_FIRST = ("Radau", "cvode", "BDF", "LSODA", "DOP853", "rodas5", "dop853")
 
-# Relative tolerances of explicit methods, and of the others, which lose digits to rounding in their
-# many steps at one as tight as that.
+# Relative tolerances of explicit methods of high order, and of the others, in which rounding errors
+# would dominate at the tighter one.
 _TIGHTEST, _TIGHT = 1e-13, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """States and sensitivities that one method gives, to compare."""
+    """States and sensitivities computed by one method."""
 
     method: str
     rtol: float  # its relative tolerance
@@ -69,7 +69,7 @@ class Solution:
         return _error(other.y, self.y), _error(other.s, self.s)
 
     def __str__(self) -> str:
-        """Name the method with its tolerance."""
+        """Return the method and its tolerance."""
         return f"{self.method} at rtol {self.rtol:.0e}"
 
 
@@ -80,11 +80,11 @@ class Reference:
     Attributes
     ----------
     solution : Solution
-        The solution that errors are taken against.
+        The solution to which runs are compared.
     other : Solution
         The solution that confirms it.
     agreement_states, agreement_sensitivities : float
-        The error of one against the other. Smaller errors cannot be told apart from it.
+        Their difference, below which errors cannot be measured.
     """
 
     solution: Solution
@@ -99,17 +99,17 @@ class Reference:
 
     @property
     def own_agreement(self) -> float:
-        """Return the agreement relative to the own sizes of quantities."""
+        """Return the agreement relative to the magnitudes of quantities."""
         return worse(*self.own_distance(self.other))
 
     def own_distance(self, other: Solution | Result) -> tuple[float, float]:
-        """Return the error of a solution relative to the own size of each quantity.
+        """Return the error of a solution relative to the magnitude of each quantity.
 
         Returns
         -------
         states, sensitivities : float
-            max |y - ref| / max |ref| over points and states, and the same of sensitivities. What
-            both references are too far apart to tell is left out; nan where nothing is left.
+            max |y - ref| / max |ref| over points and states, and the same of sensitivities, without
+            quantities on which both solutions disagree; nan if there are no others.
         """
         return (
             _own_error(other.y, self.solution.y, self.other.y),
@@ -117,7 +117,7 @@ class Reference:
         )
 
     def summary(self) -> str:
-        """Describe in a line which methods agree, and to what."""
+        """Return a sentence with the methods and their agreement."""
         sensitivities = (
             ""
             if math.isnan(self.agreement_sensitivities)
@@ -129,15 +129,15 @@ class Reference:
 
 
 def worse(*errors: float) -> float:
-    """Return the largest error, without those that are nan since there is nothing to compare."""
+    """Return the largest error that is not nan; nan if there is none."""
     return max((error for error in errors if not math.isnan(error)), default=math.nan)
 
 
 def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Reference:
-    """Solve by different methods at tight tolerances until two agree to 1e-10, or best of all.
+    """Run methods at tight tolerances until two agree to 1e-10; else return the best pair.
 
-    ``run(method, rtol)`` returns a result at the points to compare; ``is_stiff`` begins with
-    implicit methods.
+    ``run(method, rtol)`` returns a result at the points to compare. If ``is_stiff``, implicit
+    methods are run first.
     """
     solutions: list[Solution] = []
     pairs: list[Reference] = []
@@ -149,16 +149,14 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
         except Error as error:
             notes.append(f"{method}: {error}")
             continue
-        # A part of a trajectory has not all the points to compare.
         if not result.success:
             notes.append(f"{method}: {result.message}")
             continue
         found = Solution(method, rtol, result.y, result.s)
-        # Any two methods may be the first to agree, so each new solution meets all earlier ones.
+        # Each new solution is compared with all earlier ones.
         pairs += _pairs(solutions, found)
         solutions.append(found)
         best = min(pairs, key=lambda pair: pair.agreement, default=None)
-        # Further methods would only cost time.
         if best is not None and best.agreement <= _ENOUGH:
             return best
     best = min(pairs, key=lambda pair: pair.agreement, default=None)
@@ -175,23 +173,23 @@ def find_reference(run: Callable[[str, float], Result], is_stiff: bool) -> Refer
 def _pairs(earlier: list[Solution], found: Solution) -> Iterator[Reference]:
     """Pair each earlier solution, whose method ranks higher, with a new one."""
     for solution in earlier:
-        # The earlier solution is the reference, whose size errors are divided by.
+        # Errors are relative to the earlier solution.
         pair = Reference(solution, found, *solution.distance(found))
         if math.isfinite(pair.agreement):
             yield pair
 
 
 def starts_implicit(method: str) -> bool:
-    """Return whether a method that was chosen for a problem shows it to be stiff."""
+    """Return whether a method that was chosen for a problem is implicit."""
     return method in METHODS and METHODS[method].implicit
 
 
 def _own_error(found: Array, reference: Array, other: Array) -> float:
-    """Return the largest difference, relative to the own size of each quantity that is known."""
+    """Return the largest difference relative to the magnitude of each measurable quantity."""
     if reference.size == 0:
         return math.nan
     size = np.max(np.abs(reference), axis=-1)
-    is_told = (size > 0.0) & (np.max(np.abs(other - reference), axis=-1) <= _TOLD * size)
+    is_told = (size > 0.0) & (np.max(np.abs(other - reference), axis=-1) <= _MEASURABLE * size)
     if not np.any(is_told):
         return math.nan
     largest = float(np.max(np.max(np.abs(found - reference), axis=-1)[is_told] / size[is_told]))
@@ -202,16 +200,16 @@ def _error(found: Array, reference: Array) -> float:
     """Return the largest difference, scaled row by row; points lie along the last axis."""
     if reference.size == 0:
         return math.nan
-    # Where a quantity never reaches one, its own unit is the scale.
+    # Quantities below one are compared absolutely.
     scale = np.maximum(1.0, np.max(np.abs(reference), axis=-1, keepdims=True))
     largest = float(np.max(np.abs(found - reference) / scale))
-    # A value that is not finite is as wrong as can be; nan says that there is nothing to compare.
+    # The error of a value that is not finite is infinite.
     return largest if math.isfinite(largest) else math.inf
 
 
-# Times that differ by less are called equal: compilers and the layout of memory decide on as much.
+# Times that differ by less are equal: compilers and memory layout have effects of this size.
 _LEAST_GAIN = 0.1
-# Least times whose ratio is beyond two differ, however noisy a few runs of one of them were.
+# Least times with a ratio above two are different, whatever their noise.
 _MOST = 1.0
 
 
@@ -226,16 +224,15 @@ class BenchRow:
     rtol, atol : float
         Its tolerances.
     times : list of float
-        Times of runs on the clock, states and sensitivities together, [s]; empty where the run
-        failed, and where another method stood in.
+        Elapsed times of runs, [s]; empty if the run failed, or another method replaced this one.
     first : float
-        How long the first run took, [s].
+        Elapsed time of the first run, [s].
     error_states, error_sensitivities : float
-        See :data:`cotree.studies.accuracy.ERROR`; nan where there is nothing to compare.
+        See :data:`cotree.studies.accuracy.ERROR`; nan if there are none.
     own_error_states, own_error_sensitivities : float
         See :data:`cotree.studies.accuracy.OWN_ERROR`.
     statistics : Statistics or None
-        Work done; None where the run could not start.
+        Numbers of steps and evaluations; None if the run could not start.
     status : int
         0 for success, else negative, as in a result.
     message : str
@@ -257,18 +254,18 @@ class BenchRow:
 
     @property
     def seconds(self) -> float:
-        """Median of the times, [s], which passes over runs that the machine has delayed, or nan."""
+        """Median of the times, [s]; nan if there are none."""
         return statistics.median(self.times) if self.times else math.nan
 
     @property
     def least(self) -> float:
-        """The shortest of the times, [s], or nan."""
+        """The shortest of the times, [s]; nan if there are none."""
         return min(self.times, default=math.nan)
 
     @property
     def noise(self) -> float:
-        """How far the lower quartile of the times lies above the least, as a share of that."""
-        # What disturbs a run only makes it longer: quick ones say how well the least is known.
+        """Lower quartile of the times relative to the least, minus one."""
+        # Disturbances only make runs longer, so the short ones show the accuracy of the least time.
         times, n = sorted(self.times), len(self.times)
         return times[max(1, n // 4) if n > 1 else 0] / times[0] - 1.0 if times else math.nan
 
@@ -289,40 +286,39 @@ class BenchRow:
 
     @property
     def own_error(self) -> float:
-        """Return the larger of both errors that are relative to own sizes."""
+        """Return the larger of both errors relative to the magnitudes of quantities."""
         return worse(self.own_error_states, self.own_error_sensitivities)
 
     @property
     def stand_in(self) -> str:
-        """Return the method that computed the row in place of the one that it names, or nothing."""
+        """Return the method that replaced the one of the row; empty if none did."""
         ran = self.method if self.statistics is None else self.statistics.method
         return "" if ran == self.method else ran
 
     @property
     def note(self) -> str:
-        """Describe why there are no numbers, or who stood in; nothing where the row is complete."""
+        """Return why there are no numbers or times; empty if the row is complete."""
         if not self.success:
             return self.message
         return f"{self.stand_in} stood in: not timed" if self.stand_in else ""
 
     @property
     def spread(self) -> float:
-        """Return how far the median lies above the least time, as a share of that."""
+        """Return the median of the times relative to the least, minus one."""
         return self.seconds / self.least - 1.0
 
 
 def fastest(rows: Iterable[BenchRow]) -> tuple[BenchRow, ...]:
-    """Return the fastest row, with those that are within its noise, one of each method.
+    """Return the fastest row and those within its noise, one of each method, in their order.
 
     Least times that differ by less than a tenth, or by less than the noise of either, are equal.
-    Rows stay in their order, whatever the noise.
     """
     best_of: dict[str, BenchRow] = {}
     for row in rows:
         held = best_of.get(row.method)
         if held is None or row.least < held.least:
             best_of[row.method] = row
-    # What disturbs a run makes it longer, never shorter: least times tell most of the methods.
+    # Disturbances only make runs longer, so least times are compared.
     best = min(best_of.values(), key=lambda row: row.least, default=None)
     if best is None:
         return ()

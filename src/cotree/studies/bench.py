@@ -1,7 +1,7 @@
-"""Speed against error on a scene of the user's own: every method at every tolerance.
+"""Speed against error of every method at every tolerance, on one scene.
 
 In: a scene, or a compiled model. Out: a :class:`BenchReport`: time and error of each method at each
-tolerance against a reference of the scene's own, and the method to take for an error.
+tolerance, and the recommended methods.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ def time_in_rounds(
     spent: Callable[[], float] = time.process_time,
     tell: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Run each row once in each round, and take the time of a success; each begins with another.
+    """Run each row once in each round, and append the time of a success; the first row rotates.
 
-    A row whose times sum to more than ``longest`` seconds is left out of further rounds, and no run
-    begins after ``until`` by the processor time ``spent``: beside other processes as many rounds
-    are made. ``tell`` is called with the number of each round.
+    A row whose times sum to more than ``longest`` seconds is omitted from further rounds. No run
+    begins after the processor time ``until``, so that other processes do not change the number of
+    rounds. ``tell`` is called with the number of each round.
     """
     for k in range(repeats):
         tell(k)
@@ -73,7 +73,7 @@ def time_in_rounds(
 
 
 def machine(backend: str) -> dict[str, str]:
-    """Return processor, compiler and versions; ``backend`` is how the kernels are evaluated."""
+    """Return processor, compiler and versions by name; ``backend`` is that of the kernels."""
     import scipy
 
     toolchain = find_toolchain()
@@ -82,7 +82,7 @@ def machine(backend: str) -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        # Engines open no other version.
+        # The only version that engines load.
         "sundials": ".".join(map(str, SUNDIALS_VERSION)) if is_available("cvode") else "none",
         "system": f"{platform.system()} {platform.machine()}",
         "processor": processor_name(),
@@ -93,37 +93,37 @@ def machine(backend: str) -> dict[str, str]:
 
 
 def machine_load() -> str:
-    """Return how many processes have run or waited in the last minute; "unknown" on Windows."""
+    """Return the mean load of the last minute; "unknown" on Windows."""
     return f"{os.getloadavg()[0]:.2f}" if hasattr(os, "getloadavg") else "unknown"
 
 
 if TYPE_CHECKING:
     Progress = Callable[[str, float], None]
 
-#: Relative tolerances of a bench that names none.
+#: Default relative tolerances.
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 N_POINTS = 101
-# The longest run, [s].
+# Default time limit of a run, [s].
 _TIME_LIMIT = 5.0
-# The ratio of the library's defaults.
+# The same as for the default tolerances of runs.
 _RTOL_PER_ATOL = 100.0
-# A reference may take this many times the limit of a run: it is made once, at tight tolerances.
+# Time limit of the reference, which has tight tolerances, relative to that of a run.
 _PATIENCE = 12.0
-# What engines are built with.
+# Tolerances of the first run of each method, which builds its engine.
 _LOOSE = (1e-3, 1e-5)
-#: Seconds that a bench takes beside compilation and its reference.
+#: Default processor time of all runs, without compilation and reference, [s].
 BUDGET = 20.0
-#: The same, tolerances and runs of a quick look.
+#: Budget, tolerances and numbers of runs of a quick bench.
 QUICK_BUDGET, QUICK_TOLERANCES, QUICK_REPEATS = 4.0, (1e-3, 1e-6, 1e-9), 9
-# The part of the budget that may go into trying each row.
+# Share of the budget for the first run of each row.
 _TRIES = 0.6
-# Runs shorter than this are tried this many times more, [s].
+# Runs shorter than this, [s], are repeated this many times in the first round.
 _SHORT, _TRIES_OF_SHORT = 0.02, 3
-# Parts of the way, for progress: engines and the reference, and tries.
+# Shares of the progress: engines and the reference, and first runs.
 _TO_BUILD, _TO_TRY = 0.2, 0.5
-# Rows this many times as slow as another one that is as accurate are timed last.
+# Rows that are slower by this factor than a row of equal accuracy are timed last.
 _FAR = 3.0
-# The status of a run that has spent its budget.
+# Status of a run that exceeded its time limit.
 _SPENT = -2
 
 
@@ -148,29 +148,30 @@ def bench(
     source : str, Path, Scene or Model
         A scene, the name of a shipped one, a TOML file, or a compiled model.
     sensitivities : sequence of str
-        Parameters and states to take sensitivities to; a model has its own.
+        Parameters and states for sensitivities; a model has its own.
     methods : sequence of str, optional
-        All of them where absent.
+        Methods; by default all that are installed.
     tolerances : sequence of float or (float, float)
-        Relative tolerances, or pairs with the absolute ones, which else are a hundredth.
+        Relative tolerances, or pairs of relative and absolute ones; by default an absolute
+        tolerance is a hundredth of the relative one.
     repeats : int
-        Timed runs of each, as far as the budget goes.
+        Number of timed runs of each row, within the budget.
     t_end : float, optional
-        End of the runs, [s]; the scene's where absent.
+        End of the runs, [s]; by default that of the scene.
     budget : float
-        Processor time for all runs beside compilation and the reference, [s]. Tight tolerances of
-        slow methods are left out first, then repeated runs of what is far slower than another
-        method. Infinity for no limit.
+        Processor time of all runs, without compilation and reference, [s]; it may be infinite.
+        Tight tolerances of slow methods are omitted first, then repeated runs of methods that are
+        far slower than others.
     values : mapping of str to float, optional
         Parameter values in place of the scene's.
     tree : None, sequence of str, or mapping of domain to sequence of str
         As for :meth:`cotree.Scene.compile`.
     progress : callable, optional
-        Is told in a few words what runs next, and the share of the way that is done.
+        Called with a description of the next run and the share of the work that is done.
     **settings
         Budgets and others of all runs, as of :meth:`cotree.Model.simulate`. ``time_limit`` is 5 s
-        by default: a run that takes longer is a row without numbers, and the same method at tighter
-        tolerances is not run. All timed runs of a row together take little more.
+        by default: a longer run gives a row without numbers, and the same method is not run at
+        tighter tolerances. The timed runs of a row together take little more.
 
     Returns
     -------
@@ -188,18 +189,17 @@ def bench(
     -----
     The error of a run is the largest |y - ref| / max(1, max |ref|) over 101 points, of states and
     of sensitivities; max |ref| is the largest over the points, of each state and each sensitivity
-    on its own. So quantities below one are compared absolutely, in their units; ``own_error`` is
-    relative to max |ref| of each, however small, and decides on recommendations, too.
+    on its own. Quantities below one are thus compared absolutely, in their units; ``own_error`` is
+    relative to max |ref| of each, however small, and is a criterion of recommendations, too.
 
     The reference is the solution of one method that another confirms, both at tolerances of 1e-12
-    or 1e-13. What they differ by is the least error that can be told.
+    or 1e-13. Errors below their difference cannot be measured.
 
-    Each run is made once to take its error and to warm up. Then all are timed in turn, again and
-    again, so that what else the machine does hits all alike. A time holds everything between the
-    call and the result. A method is recommended alone where its least time is shorter than those of
-    all others by more than a tenth, and by more than the lower quartile of either lies above its
-    least; else the tie is told. Rows that another method computed are not
-    timed.
+    A first run of each row gives its error. All rows are then timed in turn, in several rounds, so
+    that the load of the machine affects all of them equally. A time is that of the whole call. A
+    single method is recommended if its least time is shorter than those of all others by more than
+    a tenth, and by more than the distance of the lower quartile from the least time of either; else
+    methods are tied. Rows that another method computed are not timed.
 
     Examples
     --------
@@ -209,7 +209,8 @@ def bench(
     """
     if not budget > 0.0:  # nan, too
         raise ParameterError(f"budget is {budget}: give a positive number of seconds")
-    names = _installed() if methods is None else [method_row(name).name for name in methods]
+    chosen = filter(is_available, METHODS) if methods is None else methods
+    names = [method_row(name).name for name in chosen]
     pairs = [_pair(entry) for entry in tolerances]
     for text in filter(None, (loose_rtol(rtol) for rtol, _ in pairs)):
         warnings.warn(text, RuntimeWarning, stacklevel=2)
@@ -221,7 +222,7 @@ def bench(
     tell = progress or (lambda text, share: None)
     load_before = machine_load()
     model = _model(source, sensitivities, tree)
-    with without_warnings(category=RuntimeWarning):  # what a run warns of stands in its row
+    with without_warnings(category=RuntimeWarning):  # rows have the messages of their runs
         own = {**settings, "parameters": dict(values or {})}
         runner = _Runs(model, t_end, own, limit)
         expected = _warm_up(runner, names, tell)
@@ -248,11 +249,6 @@ def bench(
     )
 
 
-def _installed() -> list[str]:
-    """List the methods whose libraries are there."""
-    return [name for name in METHODS if is_available(name)]
-
-
 class _Runs:
     """Runs of one model over the same points."""
 
@@ -264,7 +260,7 @@ class _Runs:
                 f"'{model.kernels.layout.name}' has no states: there is nothing to integrate"
             )
         self.model, self.settings, self.time_limit = model, settings, time_limit
-        # A loose run, to learn where the scene ends and what is chosen for it.
+        # A run at loose tolerances gives the end time and the method chosen for the scene.
         probe = model.simulate(
             None if t_end is None else (0.0, t_end),
             method="auto",
@@ -275,7 +271,6 @@ class _Runs:
             **self.settings,
         )
         self.t_end = float(probe.t[-1])
-        # A reference then begins with implicit methods.
         self.is_stiff = starts_implicit(probe.statistics.method)
         # The same points for all methods, so that errors are compared without interpolation.
         self.points: npt.NDArray[np.float64] = np.linspace(0.0, self.t_end, N_POINTS)
@@ -299,7 +294,7 @@ class _Runs:
 
 
 def _warm_up(runner: _Runs, methods: Sequence[str], tell: Progress) -> dict[str, float]:
-    """Run each method once, so that no engine is compiled later; give the times, [s]."""
+    """Run each method once, which builds its engine; return the times, [s]."""
     seconds = {}
     for k, method in enumerate(methods):
         tell(f"building {method}", _TO_BUILD * k / len(methods))
@@ -316,12 +311,12 @@ def _try_all(
     until: float,
     tell: Progress,
 ) -> None:
-    """Make each run once, cheap ones first; of a method that is too slow, none at a tighter one."""
+    """Run each row once, fast methods first; omit tighter tolerances of slow methods."""
     waiting = {
         method: sorted((t for t in trials if t.method == method), key=lambda trial: -trial.rtol)
         for method in dict.fromkeys(trial.method for trial in trials)
     }
-    # A method's next run is expected to take as long as the one before, at a looser tolerance.
+    # The expected time of a run is that of the same method at the previous, looser tolerance.
     n_tried = 0
     while any(waiting.values()):
         method = min((m for m in waiting if waiting[m]), key=lambda m: expected[m])
@@ -358,7 +353,7 @@ def _try(runner: _Runs, trial: BenchRow, reference: Reference) -> None:
         trial.error_states, trial.error_sensitivities = reference.solution.distance(result)
         own = reference.own_distance(result)
         trial.own_error_states, trial.own_error_sensitivities = own
-    # A first time decides what is timed more often: of short runs one alone says little.
+    # A single time of a short run is not accurate enough to find the contenders.
     for _ in range(_TRIES_OF_SHORT if trial.first < _SHORT else 0):
         trial.first = min(trial.first, _timed(runner, trial)[1])
 
@@ -370,7 +365,7 @@ def _timed(runner: _Runs, trial: BenchRow) -> tuple[Result | None, float]:
 
 
 def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
-    """Run a trial; an exception becomes its message, so that the others go on."""
+    """Run a trial; the message of an exception becomes that of the trial."""
     try:
         return runner.run(trial.method, trial.rtol, trial.atol)
     except (Error, ArithmeticError, ValueError, RuntimeError) as error:
@@ -381,12 +376,12 @@ def _attempt(runner: _Runs, trial: BenchRow) -> Result | None:
 def _time_all(
     runner: _Runs, trials: Sequence[BenchRow], repeats: int, until: float, tell: Progress
 ) -> None:
-    """Time the runs that succeed: those that may be recommended first, then the others."""
+    """Time the successful rows: those that may be recommended first, then the others."""
 
     def run(trial: BenchRow) -> bool:
         result = _attempt(runner, trial)
         if result is not None and not result.success and not trial.times:
-            # It was just below the limit before.
+            # The first run was just within the time limit.
             trial.status, trial.message = result.status, result.message
         return result is not None and result.success
 
@@ -412,7 +407,7 @@ def _time_all(
 
 
 def _contenders(trials: Sequence[BenchRow]) -> list[BenchRow]:
-    """List the trials that are not far slower than another one that is as accurate."""
+    """List the trials that are not far slower than another one of at least equal accuracy."""
 
     def error(row: BenchRow) -> float:
         known = worse(row.error, row.own_error)

@@ -1,4 +1,4 @@
-"""The outcome of a bench: rows of methods and tolerances, as a table and as JSON."""
+"""Results of a bench: rows of methods and tolerances, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ class BenchReport(Reported):
     scene : str
         Its name.
     sensitivities : tuple of str
-        Parameters and states that sensitivities are taken to.
+        Parameters and states with respect to which sensitivities are computed.
     n_states, n_points : int
-        Number of states, and of points that errors are taken over.
+        Number of states, and of points at which errors are measured.
     t_end : float
         End of the runs, [s].
     repeats : int
-        The most runs that a time is the median of.
+        Largest number of timed runs of a row.
     reference : Reference
         The reference of all errors.
     rows : tuple of BenchRow
         A row for each method and tolerance.
     machine : mapping of str to str
-        The machine and the software that times were taken with.
+        The machine and the versions of the software.
     """
 
     scene: str
@@ -69,16 +69,16 @@ class BenchReport(Reported):
     def recommended(self, target: float) -> BenchRow | None:
         """Return the fastest run whose error, of states and sensitivities, is at most ``target``.
 
-        Of methods that tie it is the first in the table; :meth:`tied` gives them all. None where
-        there is none, or where the reference itself is not known that well.
+        Of tied methods it is the first in the table; :meth:`tied` returns all. None if no run has
+        this accuracy, or the reference is less accurate.
         """
         return next(iter(self.tied(target)), None)
 
     def tied(self, target: float) -> tuple[BenchRow, ...]:
         """Return the fastest runs whose error is at most ``target``, one of each method.
 
-        They differ by less than the noise of their times. Errors are judged on both scales: of
-        quantities below one relative to their own size, too, where the reference is known as well.
+        Their times differ by less than the noise. Errors relative to the magnitude of each quantity
+        must not exceed the target either, if the reference has this accuracy.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class BenchReport(Reported):
         if self.reference.agreement > target:
             return ()
         judges_own = self.judges_own(target)
-        # An error of nan, where there is nothing to compare, fails this test, too.
+        # An error of nan fails this test, too.
         return fastest(
             row
             for row in self.rows
@@ -100,7 +100,7 @@ class BenchReport(Reported):
         )
 
     def judges_own(self, target: float) -> bool:
-        """Return whether errors are judged relative to own sizes, too: the reference knows them."""
+        """Return whether the reference resolves a relative error of each quantity."""
         return self.reference.own_agreement <= target
 
     def report(self) -> Report:
@@ -169,13 +169,7 @@ class BenchReport(Reported):
         return found
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write ``to_dict()``, whole or not at all.
-
-        Raises
-        ------
-        SceneError
-            If the file cannot be written.
-        """
+        """Write ``to_dict()`` to a file; raise SceneError if it cannot be written."""
         with written_whole(path) as draft:
             draft.write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
@@ -220,15 +214,14 @@ class BenchReport(Reported):
 
 
 def _shown(error: float, agreement: float) -> str:
-    """Write an error, or the bound that is known of it."""
+    """Return an error as text, or an upper bound if the reference does not resolve it."""
     if math.isnan(error):
         return "-"
-    # Below the agreement of both references an error cannot be told from theirs.
     return f"< {agreement:.1e}" if error < agreement else f"{error:.1e}"
 
 
 def _advice(tied: tuple[BenchRow, ...], judges_own: bool) -> dict[str, Any] | None:
-    """Return what is recommended for an error, with what is within noise of it."""
+    """Return the recommended method and those that are tied with it."""
     if not tied:
         return None
     first, *others = ({"method": row.method, "rtol": row.rtol} for row in tied)
