@@ -90,8 +90,7 @@ def _interpolated(s: Array, rows: Array, at: float) -> Array:
     weights = np.array(
         [np.prod([(at - b) / (a - b) for j, b in enumerate(s) if j != i]) for i, a in enumerate(s)]
     )
-    found: Array = rows @ weights
-    return found
+    return np.asarray(rows @ weights)
 
 
 #: Numbers of equidistant times at which peaks are searched for; the finer grid is used only if the

@@ -1,4 +1,4 @@
-"""From a result to an animation, and that to a file."""
+"""Animations of results, and their files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _SUFFIXES = (".gif", ".html")
 _NOTEBOOK_HEIGHT = 520  # pixels
 _LARGEST_PICTURE = 4000
-_FURTHEST = 1e12  # m or rad; what runs away to there is not followed
+_FURTHEST = 1e12  # largest coordinate that is drawn, [m] or [rad]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +44,7 @@ class Animation:
     Attributes
     ----------
     drawing : Drawing
-        Shapes, and where they are in each frame.
+        Shapes, and their poses in each frame.
     """
 
     drawing: Drawing
@@ -69,24 +69,22 @@ class Animation:
         Parameters
         ----------
         path : path
-            Where to; its suffix says what: ``.gif``, or ``.html`` with a time slider, which needs
-            nothing but a browser.
+            The file: ``.gif``, or ``.html`` for a page with a time slider.
         width, height : int and int or None
-            Of a GIF in pixels; None takes the height that suits what is drawn.
+            Size of a GIF, [px]; if the height is None, it follows from the drawing.
         max_frames : int
-            Of a GIF, the most; of more every other, third and so on is taken.
+            Largest number of frames of a GIF; of more frames every second, third and so on is
+            taken.
 
         Raises
         ------
         SceneError
-            If the suffix is unknown, a number makes no sense or the file cannot be written.
+            If the suffix is unknown, a number is out of range or the file cannot be written.
         """
-        # The suffix is checked before the frames are painted, which takes long.
         target = Path(path)
         if check_animation(target) == ".html":
             text = self.html.encode("utf-8")
         else:
-            # Below some dozens of pixels nothing is recognized; bounds keep memory within reason.
             _check_size(width, "width", 32, _LARGEST_PICTURE)
             if height is not None:
                 _check_size(height, "height", 32, _LARGEST_PICTURE)
@@ -103,7 +101,7 @@ class Animation:
         number : int
             The frame; negative numbers count from the end.
         width, height : int
-            Size, [px]; the height follows from the drawing where it is left out.
+            Size, [px]; by default the height follows from the drawing.
 
         Raises
         ------
@@ -123,8 +121,7 @@ class Animation:
     def _repr_html_(self) -> str:
         """Show the page in a notebook, in an isolated frame."""
         return (
-            # Names in a scene may come from a stranger: the sandbox keeps the page from the
-            # notebook.
+            # Names are untrusted: the sandbox separates the page from the notebook.
             f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" width="100%" '
             f'height="{_NOTEBOOK_HEIGHT}" style="border:0"></iframe>'
         )
@@ -158,34 +155,13 @@ def animate(
     view: tuple[float, float] | None = None,
     trust_paths: bool = False,
 ) -> Animation:
-    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`.
-
-    Parameters
-    ----------
-    result : RunRecord
-        The run.
-    model : WatchedModel or None
-        The model that made it.
-    fps : float
-        Frames per second of the animation.
-    speed : float, optional
-        Seconds of the run for each second of the animation; chosen by its length where absent.
-    view : pair of float, optional
-        Azimuth and elevation from which it is seen, [deg].
-    trust_paths : bool
-        Whether a robot's file may name meshes outside its folder and its packages.
-
-    Raises
-    ------
-    SceneError
-        If the model is missing or another one, nothing moves, or the view is no pair of angles.
-    """
+    """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
             "this result was copied or read from a file and does not know its model: "
             "give it as result.animate(model=...)"
         )
-    # Names of the states stand for the model: a result has no other trace of it.
+    # A result has no reference to its model, so the names of the states are compared.
     if model.states != result.states:
         raise SceneError("this model has other states than the result: give the one that made it")
     first = model.spec.formed.first
@@ -198,7 +174,6 @@ def animate(
         view = check_number(azimuth, "azimuth"), check_number(elevation, "elevation")
     shown = _finite_part(result, len(first.system.coordinates))
     n_bodies = len(first.motion.geometry)
-    # Bodies count, since each of them has a pose in each frame.
     frames = choose_frames(float(shown.t[0]), float(shown.t[-1]), fps, speed, n_bodies)
     p = model.kernels.arguments_of(result.parameter_values)
     with forming:
@@ -211,17 +186,15 @@ def animate(
             for cluster, rows in own.items():
                 meshes.setdefault(cluster, []).extend(rows)
         draft = draft_scene(first, values, stage, meshes)
-    # A run that stopped early is shown as far as it went, and says so.
     note = "" if result.success else f"stopped early at t = {shown.t[-1]:.6g} s"
     return Animation(draft.drawing(first.scene.name, note, frames))
 
 
 def _finite_part(result: RunRecord, n: int) -> RunRecord:
     """Cut a run before coordinates that are not finite or out of bounds."""
-    # Comparing NaN gives false, and so marks the point as bad.
+    # Comparisons with nan are false, so that such points are bad.
     with np.errstate(invalid="ignore"):
         is_bad = ~(np.abs(result.y[:n]) < _FURTHEST).all(axis=0)
-    # The first bad point ends what is shown: later ones may be finite by accident.
     end = int(np.argmax(is_bad)) if is_bad.any() else len(result.t)
     if end == 0:
         raise SceneError("the run has no point that could be drawn: see result.message")

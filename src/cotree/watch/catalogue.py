@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.components import Acts, Role
 from cotree.watch import shapes
-from cotree.watch.draft import Drafter
+from cotree.watch.draft import DrawingBuilder
 from cotree.watch.shapes import DAMPER, FORCE, JOINT, RAIL, SPRING, Array, Color, Mesh
 
 if TYPE_CHECKING:
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from cotree.watch.stage import MotionValues, Stage
 
 
-def arm(draft: Drafter, edge: BoundEdge) -> None:
-    """Show an arm as a bar, thin where it only leads to a centre of mass."""
+def arm(draft: DrawingBuilder, edge: BoundEdge) -> None:
+    """Show an arm as a bar, which is thin if it only leads to a centre of mass."""
     one, two = draft.places[edge.first], draft.places[edge.second]
     if one.cluster != two.cluster:  # held by multipliers
         strut(draft, edge, shapes.rod, 0.7, RAIL)
         return
     gap = two.local - one.local
     length = float(np.linalg.norm(gap))
-    # Meshes of a robot's file show the body already; an arm without length is a turn only.
-    if one.cluster in draft.clothed or length < 1e-9 * draft.stage.size:
+    # Bodies with meshes have no bars; an arm without length is a rotation.
+    if one.cluster in draft.with_visuals or length < 1e-9 * draft.stage.size:
         return
     is_thin = edge.name in draft.stage.spurs or (one.cluster == 0 and draft.stage.is_flat)
     width = 0.35 * draft.w if is_thin else 0.8 * draft.w
@@ -47,11 +47,11 @@ def arm(draft: Drafter, edge: BoundEdge) -> None:
     draft.solid(edge.name, one.cluster, bar.placed(middle, axes), label=one.cluster != 0)
 
 
-def body(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a mass as a dot on its bars, or as a box with its inertia."""
+def body(draft: DrawingBuilder, edge: BoundEdge) -> None:
+    """Show a body as a dot on its bars, or as a box with its inertia."""
     place = draft.places[edge.second]
     cluster, w = place.cluster, draft.w
-    if cluster in draft.clothed or cluster == 0 or cluster in draft.stage.shown:
+    if cluster in draft.with_visuals or cluster == 0 or cluster in draft.stage.shown:
         return
     at = place.local + draft.raised(cluster)
     has_bars = cluster in draft.stage.reach
@@ -60,7 +60,7 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
         tensor = draft.values.matrix(edge.inertia)
     elif "inertia" in edge.scalars:
         tensor = _number(draft, edge, "inertia") * np.eye(3)
-    # In a plane bars show the body, and a dot suffices for its centre of mass.
+    # In a plane, a dot marks the centre of mass on the bars.
     if draft.stage.is_flat and has_bars:
         dot = shapes.cylinder(0.42 * w, 0.9 * w)
         draft.solid(
@@ -73,11 +73,11 @@ def body(draft: Drafter, edge: BoundEdge) -> None:
         return
     lengths, axes = found
     if has_bars:
-        # A box that is larger than the arms of its body would hide the mechanism.
+        # The box is smaller than the arms of its body, so that it does not hide the mechanism.
         lengths = lengths * min(1.0, 0.6 * draft.stage.reach[cluster] / max(lengths.max(), w))
     lengths = np.maximum(lengths, (1.0 if has_bars else 3.0) * w)
     if draft.stage.is_flat:
-        # Towards the viewer the box is as thin as a plate, so that layers stay apart.
+        # Towards the viewer the box is as thin as a plate, so that layers do not intersect.
         towards = np.abs(place.turn.T @ draft.towards(cluster))
         side = float(np.median(lengths))
         lengths, axes = np.where(towards > 0.5, 0.75 * w, side), np.eye(3)
@@ -94,50 +94,50 @@ def body_box(mass: float, tensor: Array) -> tuple[Array, Array] | None:
     """
     if not np.all(np.isfinite(tensor)) or mass < 0.0:
         return None
-    # Axes of a diagonal tensor are kept as they are: eigenvectors come in the order of the moments.
+    # A diagonal tensor keeps its axes; `eigh` would sort them by the moments.
     is_diagonal = np.count_nonzero(tensor - np.diag(np.diag(tensor))) == 0
     moments, axes = (np.diag(tensor), np.eye(3)) if is_diagonal else np.linalg.eigh(tensor)
-    # Eigenvectors have any sign; a mirrored box would be inside out.
+    # The signs of eigenvectors are arbitrary; the axes must be right-handed.
     if np.linalg.det(axes) < 0.0:
         axes = axes * np.array([1.0, 1.0, -1.0])
-    # A body with inertia but no mass is drawn at the least size.
+    # A body with inertia but without mass is drawn at the minimum size.
     squares = 6.0 * (moments.sum() - 2.0 * moments) / (mass or np.inf)
     if moments.max() <= 0.0:
         return None
     return np.sqrt(np.maximum(squares, 0.0)), axes
 
 
-#: Radius of the ball that marks a point that touches, in widths of bars.
+#: Radius of the ball that marks a contact point, in widths of bars.
 _MARKER = 0.75
 
 
-def contact(draft: Drafter, edge: BoundEdge) -> None:
+def contact(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show the surfaces of a contact."""
     place = draft.places[edge.second]
     own = _body(draft, edge)
-    if own is not None and place.cluster not in draft.clothed:
+    if own is not None and place.cluster not in draft.with_visuals:
         mesh, size = own
         draft.solid(edge.name, place.cluster, mesh.placed(place.local, place.turn), label=True)
     else:
         size = 3.0 * draft.w
-        if own is None:  # a point: a small ball marks it, also on a body that is shown
+        if own is None:  # a small ball marks a point, also on a body with visuals
             marker = shapes.sphere(_MARKER * draft.w).placed(place.local)
             draft.solid(edge.name, place.cluster, marker, label=True)
     if "normal" in edge.vectors:
         road(draft, edge, 0.0, size)
         return
     first = draft.places[edge.first]
-    if first.cluster not in draft.clothed:
+    if first.cluster not in draft.with_visuals:
         ball = shapes.sphere(_number(draft, edge, "ball"))
         draft.solid(edge.name, first.cluster, ball.placed(first.local))
 
 
-def _number(draft: Drafter, edge: BoundEdge, field: str) -> float:
+def _number(draft: DrawingBuilder, edge: BoundEdge, field: str) -> float:
     return float(draft.values.numbers([edge.scalars[field]])[0])
 
 
-def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
-    """Return the second body's shape in its node's axes, and its size; None of a point."""
+def _body(draft: DrawingBuilder, edge: BoundEdge) -> tuple[Mesh, float] | None:
+    """Return the second body's shape in its node's axes, and its size; None for a point."""
     if "size" in edge.vectors:
         lengths = draft.values.numbers(edge.vectors["size"])
         mesh = shapes.box(*np.maximum(lengths, 0.75 * draft.w))
@@ -163,7 +163,7 @@ def _body(draft: Drafter, edge: BoundEdge) -> tuple[Mesh, float] | None:
     return mesh.placed(np.zeros(3), axes), radius
 
 
-def road(draft: Drafter, edge: BoundEdge, level: float, size: float) -> None:
+def road(draft: DrawingBuilder, edge: BoundEdge, level: float, size: float) -> None:
     """Draw a plane through the first node, over the range of the second node's motion.
 
     ``level`` is its height above the first node, and ``size`` the extent of the second node's body,
@@ -172,7 +172,7 @@ def road(draft: Drafter, edge: BoundEdge, level: float, size: float) -> None:
     one = draft.places[edge.first]
     normal = draft.values.numbers(edge.vectors["normal"])
     if draft.stage.is_flat:
-        # In the plane bodies move along what is normal to the view and to the road.
+        # In a plane bodies move along the cross product of view and normal.
         along = np.cross(one.turn.T @ draft.towards(one.cluster), normal)
     else:
         along = shapes.axes_along(normal)[:, 0]
@@ -192,20 +192,24 @@ def road(draft: Drafter, edge: BoundEdge, level: float, size: float) -> None:
     draft.solid(edge.name, one.cluster, bar.placed(one.local + one.turn @ middle, axes), RAIL)
 
 
-def spring(draft: Drafter, edge: BoundEdge) -> None:
+def spring(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a coil."""
     length = draft.length(edge.first, edge.second)
     if length > 0.0:
-        # A coil is slim even where bars are thick against its length.
+        # The radius is limited by the length as well as by the width of bars.
         radius = min(1.5 * draft.w, 0.15 * length)
         mesh = shapes.coil(radius, min(0.28 * draft.w, 0.2 * radius), length)
         draft.strut(edge.name, edge.first, edge.second, mesh, SPRING)
 
 
 def strut(
-    draft: Drafter, edge: BoundEdge, mesh: Callable[[float], Mesh], width: float, color: Color
+    draft: DrawingBuilder,
+    edge: BoundEdge,
+    mesh: Callable[[float], Mesh],
+    width: float,
+    color: Color,
 ) -> None:
-    """Show a shape between both nodes, of a width in that of bars."""
+    """Show a shape between both nodes, with a width relative to that of bars."""
     draft.strut(edge.name, edge.first, edge.second, mesh(width * draft.w), color)
 
 
@@ -213,53 +217,45 @@ def strut(
 LINE_FORCE = partial(strut, mesh=shapes.rod, width=0.3, color=FORCE)
 
 
-def bushing(draft: Drafter, edge: BoundEdge) -> None:
+def bushing(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a ball where both nodes meet."""
     place = draft.places[edge.first]
     ball = shapes.sphere(1.5 * draft.w).placed(place.local + draft.raised(place.cluster))
     draft.solid(edge.name, place.cluster, ball, SPRING, label=True)
 
 
-def revolute(draft: Drafter, edge: BoundEdge) -> None:
+def revolute(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a pin on the axis."""
-    if draft.is_hidden(edge):
-        return
     radius = (1.1 if draft.stage.is_flat else 1.4) * draft.w
     draft.pin(edge, edge.first, draft.axis(edge, "axis", edge.first), radius, 3.2 * draft.w)
     draft.mark(edge)
 
 
-def universal(draft: Drafter, edge: BoundEdge) -> None:
+def universal(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a cross of two pins."""
-    if draft.is_hidden(edge):
-        return
-    # The second axis is carried by the second body, whose own turn it is.
+    # The second axis is fixed in the second body.
     for name, end in (("axis", edge.first), ("axis2", edge.second)):
         draft.pin(edge, end, draft.axis(edge, name, end), 0.75 * draft.w, 4.2 * draft.w)
     draft.mark(edge)
 
 
-def spherical(draft: Drafter, edge: BoundEdge) -> None:
+def spherical(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a ball."""
-    if draft.is_hidden(edge):
-        return
     place = draft.places[edge.first]
     ball = shapes.sphere(1.6 * draft.w).placed(place.local)
     draft.solid(edge.name, place.cluster, ball, JOINT)
     draft.mark(edge)
 
 
-def sliding(draft: Drafter, edge: BoundEdge) -> None:
+def sliding(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Draw a rail on the first body and a block or a sleeve on the second."""
-    if draft.is_hidden(edge):
-        return
     w, two = draft.w, draft.places[edge.second]
-    # A sliding joint does not turn its axis, so that both bodies see the same one.
+    # The axis of a sliding joint has the same direction in both bodies.
     axis = draft.axis(edge, "axis", edge.second)
     if edge.component.name == "prismatic":
         block = shapes.box(3.4 * w, (0.75 if draft.stage.is_flat else 3.4) * w, 5.4 * w)
     else:
-        # A body that also turns about the axis slides in a sleeve, not in a block.
+        # A body that also rotates about the axis has a sleeve instead of a block.
         block = shapes.ring(1.8 * w, 0.9 * w, 5.0 * w)
     y = draft.towards(two.cluster) if draft.stage.is_flat else None
     at = two.local + draft.raised(two.cluster)
@@ -270,12 +266,12 @@ def sliding(draft: Drafter, edge: BoundEdge) -> None:
         spring(draft, edge)
 
 
-def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
+def _rail(draft: DrawingBuilder, edge: BoundEdge, along: Array) -> None:
     """Draw a rail over the range of the second node along an axis, in the first's axes."""
     w, one = draft.w, draft.places[edge.first]
     along = along / np.linalg.norm(along)
     way = draft.reach(edge) @ along
-    # The rail covers the whole run and the length of the block.
+    # The rail covers the range of the run and the length of the block.
     low, high = float(way.min()) - 4.0 * w, float(way.max()) + 4.0 * w
     axis = one.turn @ along
     at = one.local + 0.5 * (low + high) * axis
@@ -285,21 +281,20 @@ def _rail(draft: Drafter, edge: BoundEdge, along: Array) -> None:
     draft.solid(edge.name, one.cluster, bar, RAIL if one.cluster == 0 else None)
 
 
-def slot(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a pin, and a rail where the line is fixed in the first body."""
+def slot(draft: DrawingBuilder, edge: BoundEdge) -> None:
+    """Show a pin, and a rail if the line is fixed in the first body."""
     two = draft.places[edge.second]
     at = two.local + draft.raised(two.cluster)
     draft.solid(edge.name, two.cluster, shapes.sphere(1.2 * draft.w).placed(at), JOINT)
-    # A line that turns with time has no one rail to draw.
     moving = draft.values.over_time(edge.vectors["axis"])
     if np.ptp(moving, axis=0).max() == 0.0:
         _rail(draft, edge, moving[0])
 
 
-def disc(draft: Drafter, edge: BoundEdge) -> None:
+def disc(draft: DrawingBuilder, edge: BoundEdge) -> None:
     """Show a wheel of the disc's radius."""
     place = draft.places[edge.second]
-    if place.cluster in draft.clothed:
+    if place.cluster in draft.with_visuals:
         return
     radius = _number(draft, edge, "radius")
     axes = shapes.axes_along(draft.axis(edge, "axis", edge.second))
@@ -310,8 +305,8 @@ def disc(draft: Drafter, edge: BoundEdge) -> None:
         road(draft, edge, float(draft.reach(edge)[0] @ normal) - radius, radius)
 
 
-def blade(draft: Drafter, edge: BoundEdge) -> None:
-    """Show a thin blade across which nothing slides."""
+def blade(draft: DrawingBuilder, edge: BoundEdge) -> None:
+    """Show a thin blade in the direction of motion."""
     place = draft.places[edge.second]
     axes = shapes.axes_along(draft.axis(edge, "axis", edge.second), draft.upright()[:, 1])
     blade = shapes.box(5.0 * draft.w, 1.8 * draft.w, 0.5 * draft.w)
@@ -319,7 +314,7 @@ def blade(draft: Drafter, edge: BoundEdge) -> None:
 
 
 #: The function that shows an edge, by its component. Gears, free joints and loads are not shown.
-SHOWN: dict[str, Callable[[Drafter, BoundEdge], None]] = {
+SHOWN: dict[str, Callable[[DrawingBuilder, BoundEdge], None]] = {
     "arm": arm,
     "rigid_body": body,
     "revolute": revolute,
@@ -346,23 +341,23 @@ def draft_scene(
     values: MotionValues,
     stage: Stage,
     visuals: Mapping[int, list[tuple[str, Mesh]]],
-) -> Drafter:
-    """Draw every edge; ``visuals``, by cluster, replace bars, boxes and joints."""
-    draft = Drafter(first, values, stage, frozenset(visuals))
+) -> DrawingBuilder:
+    """Draw every edge; ``visuals`` of clusters replace bars, boxes and joints."""
+    draft = DrawingBuilder(first, values, stage, frozenset(visuals))
     for track, own in visuals.items():
         for name, mesh in own:
             draft.solid(name, track, mesh)
         draft.label(own[0][0], track, own[0][1].points.mean(axis=0))
     for edge in first.system.edges.values():
         show = SHOWN.get(edge.component.name)
-        # Registered types have names that the table cannot know.
         if edge.component.role is Role.LAW and edge.component.acts is Acts.LINE:
-            show = LINE_FORCE  # a law of a user's own
-        if show is not None:
+            show = LINE_FORCE  # a component registered by the user
+        is_hidden = edge.component.role is Role.JOINT and draft.is_hidden(edge)
+        if show is not None and not is_hidden:
             show(draft, edge)
     for networked in first.scene.edges.values():
         if networked.component.geometry is not None:
-            continue  # its surfaces are those of an edge above
+            continue  # the loop above draws its surfaces
         for ends in networked.ports:
             if len(ends.acts_on) == 2:  # a hydraulic cylinder between two bodies, for example
                 draft.strut(networked.name, *ends.acts_on, shapes.piston(1.1 * draft.w), DAMPER)

@@ -1,7 +1,6 @@
-"""Construction of a drawing: solids on bodies and struts between them, placed and coloured.
+"""Construction of a drawing: solids on bodies and struts between them, with places and colours.
 
-In a plane bars are plates in layers, so that one sees which passes in front; what reaches between
-bodies lies behind them.
+In a plane, bars are plates in layers, which show the order of the bodies; struts are behind them.
 """
 
 from __future__ import annotations
@@ -35,18 +34,17 @@ def layers_of(edges: Iterable[BoundEdge], places: Mapping[str, Place], n: int) -
             a, b = (places[name].cluster for name in (edge.first, edge.second))
             neighbours[max(a, b)].add(min(a, b))
     layers = [0] * n
-    # A greedy colouring: only neighbours of smaller numbers have their layers already.
+    # Greedy colouring; the ground has no layer.
     for cluster in range(1, n):
-        # The ground takes no layer.
         taken = {layers[other] for other in neighbours[cluster] if other}
         layers[cluster] = next(i for i in range(n) if i not in taken)
     return layers
 
 
-class Drafter:
+class DrawingBuilder:
     """Builder of a drawing: shapes of each edge, in the clusters' axes.
 
-    ``clothed`` are the clusters that shapes of a robot's file show.
+    ``with_visuals`` are the clusters with shapes from a robot's file.
     """
 
     def __init__(
@@ -54,7 +52,7 @@ class Drafter:
         first: FirstGraph,
         values: MotionValues,
         stage: Stage,
-        clothed: frozenset[int] = frozenset(),
+        with_visuals: frozenset[int] = frozenset(),
     ) -> None:
         self.first, self.values, self.stage = first, values, stage
         self.poses, self.places = stage.poses, stage.places
@@ -63,19 +61,19 @@ class Drafter:
         self.struts: list[Strut] = []
         self.labels: list[Label] = []
         self.layer = layers_of(first.system.edges.values(), self.places, len(self.poses.positions))
-        # A little more than a plate is thick, so that layers do not touch.
+        # Slightly more than the thickness of a plate, so that layers do not touch.
         self.pitch = 1.1 * self.w if stage.is_flat else 0.0
-        self.clothed = clothed
-        self._feet: set[tuple[float, ...]] = set()
+        self.with_visuals = with_visuals
+        self._grounded: set[tuple[float, ...]] = set()
         self._between: dict[tuple[str, str], list[tuple[str, Mesh, Color]]] = {}
 
     def drawing(self, title: str, note: str, frames: Moments) -> Drawing:
-        """Finish the drawing, with a title above it and a note below."""
-        # Struts come last: only now it is known how many share their nodes and stand side by side.
+        """Return the drawing, with a title above it and a note below."""
+        # Struts come last, since those between the same nodes are drawn side by side.
         stage = self.stage
         for (first, second), own in self._between.items():
             self._add_struts(first, second, own)
-        if not self.solids and not self.struts:  # nothing but points: show them
+        if not self.solids and not self.struts:  # points are drawn as balls
             for name, place in self.places.items():
                 self.solid(name, place.cluster, shapes.sphere(self.w).placed(place.local))
         return Drawing(
@@ -94,7 +92,6 @@ class Drafter:
 
     def color(self, cluster: int) -> Color:
         """Return the colour of a body."""
-        # Colours repeat where there are more bodies than colours.
         return GROUND if cluster == 0 else BODIES[self.stage.body[cluster] % len(BODIES)]
 
     def raised(self, cluster: int) -> Array:
@@ -103,27 +100,22 @@ class Drafter:
 
     def towards(self, cluster: int) -> Array:
         """Return the plane's normal in a body's axes, where it is constant."""
-        # In a plane all turns are about the normal, which every cluster sees the same at all times.
-        found: Array = self.poses.axes[cluster][0].T @ self.stage.towards
-        return found
+        return np.asarray(self.poses.axes[cluster][0].T @ self.stage.towards)
 
     def axis(self, edge: BoundEdge, name: str, end: str) -> Array:
         """Return an axis of an edge, (3,), in the axes of a node's cluster."""
-        found: Array = self.places[end].turn @ self.values.numbers(edge.vectors[name])
-        return found
+        return np.asarray(self.places[end].turn @ self.values.numbers(edge.vectors[name]))
 
     def gap(self, first: str, second: str) -> Array:
-        """Return the way from a node to another over time, in ground axes, shape (n_times, 3)."""
+        """Return the vector between two nodes over time, in ground axes, shape (n_times, 3)."""
         one, two = (self.places[name] for name in (first, second))
         return self.poses.of(two.cluster, two.local) - self.poses.of(one.cluster, one.local)
 
     def reach(self, edge: BoundEdge) -> Array:
-        """Return the way from the first node to the second in the first's axes, over time."""
+        """Return the vector between the nodes of an edge over time, in the axes of the first."""
         one = self.places[edge.first]
         axes = self.poses.axes[one.cluster] @ one.turn
-        # The transposed matrix resolves ground vectors in the node's axes, at each time.
-        found: Array = np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second))
-        return found
+        return np.asarray(np.einsum("tji,tj->ti", axes, self.gap(edge.first, edge.second)))
 
     def solid(
         self, name: str, cluster: int, mesh: Mesh, color: Color | None = None, label: bool = False
@@ -145,8 +137,8 @@ class Drafter:
         return shapes.axes_along(self.stage.up, self.stage.towards)
 
     def is_hidden(self, edge: BoundEdge) -> bool:
-        """Whether visuals show both bodies of a joint."""
-        return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.clothed
+        """Return whether both bodies of a joint have visuals."""
+        return {self.places[n].cluster for n in (edge.first, edge.second)} <= self.with_visuals
 
     def pin(self, edge: BoundEdge, end: str, axis: Array, radius: float, length: float) -> None:
         """Draw a cylinder about an axis, in the axes of a node's cluster, through the node."""
@@ -159,20 +151,20 @@ class Drafter:
         self.solid(edge.name, place.cluster, mesh, JOINT)
 
     def mark(self, edge: BoundEdge) -> None:
-        """Name a joint, and show a foot where it stands on the ground."""
+        """Label a joint, and draw a symbol of the ground if one of its bodies is the ground."""
         one, two = self.places[edge.first], self.places[edge.second]
         self.label(edge.name, one.cluster, one.local)
         for place in (one, two):
             if place.cluster == 0:
-                self.foot(edge.name, place)
+                self.ground_symbol(edge.name, place)
 
-    def foot(self, name: str, place: Place) -> None:
-        """Show that the ground holds a point, once."""
+    def ground_symbol(self, name: str, place: Place) -> None:
+        """Draw a symbol of the ground at a point, once."""
         if not self.stage.is_flat and np.linalg.norm(place.local) > self.w:
-            place = self.places["ground"]  # what reaches from there is drawn as bars
-        if (at := tuple(place.local)) in self._feet:
+            place = self.places["ground"]  # bars lead from there to the point
+        if (at := tuple(place.local)) in self._grounded:
             return
-        self._feet.add(at)
+        self._grounded.add(at)
         w, size = self.w, 3.6 * self.w
         axes = self.upright()
         if self.stage.is_flat:
@@ -198,12 +190,12 @@ class Drafter:
         The mesh has length one along z.
         """
         one, two = self.places[first], self.places[second]
-        # Within one body nothing stretches; between points that coincide there is nothing to show.
+        # Struts within one body or between coincident points are not drawn.
         if one.cluster != two.cluster and self.length(first, second) > 1e-9 * self.stage.size:
             self._between.setdefault((first, second), []).append((name, mesh, color))
 
     def _add_struts(self, first: str, second: str, own: list[tuple[str, Mesh, Color]]) -> None:
-        """Add all struts between two nodes, with a foot or a wall where the ground holds them."""
+        """Add all struts between two nodes, with a symbol of the ground or a wall at their ends."""
         one, two = self.places[first], self.places[second]
         stage, axes = self.stage, self.poses.axes
         gaps = self.gap(first, second)
@@ -216,7 +208,7 @@ class Drafter:
             behind = 1.6 * self.pitch * stage.towards
         for i, (name, mesh, color) in enumerate(own):
             shift = (i - 0.5 * (len(own) - 1)) * apart - behind
-            # The shift, resolved at the first time, is fixed in the clusters and turns with them.
+            # The shift at the first time is fixed in the clusters.
             ends = [p.local + axes[p.cluster, 0].T @ shift for p in (one, two)]
             side = axes[one.cluster, 0].T @ towards
             tracks = (one.cluster, two.cluster)
@@ -224,11 +216,11 @@ class Drafter:
             self.label(name, one.cluster, ends[0])
         # The wall is wide enough for all struts side by side.
         width = (2.9 * len(own) + 0.6) * self.w
-        # A strut whose direction changes stands on a foot, one that keeps it on a wall.
+        # A strut whose direction changes ends at a symbol of the ground, else at a wall.
         is_turning = np.linalg.norm(np.cross(gaps, gap), axis=1).max() > 0.1 * float(gap @ gap)
         for place in (one, two):
             if place.cluster == 0 and is_turning:
-                self.foot(own[0][0], place)
+                self.ground_symbol(own[0][0], place)
             elif place.cluster == 0 or len(own) > 1:
                 wall = shapes.box(width, width if place.cluster == 0 else self.w, 0.5 * self.w)
                 at = place.local - axes[place.cluster, 0].T @ behind

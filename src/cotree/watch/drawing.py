@@ -1,6 +1,6 @@
 """An animated drawing: solids on tracks, struts between them, and their poses over time.
 
-Pictures and the page are made from it alone; :mod:`cotree.watch.draft` makes it from a graph.
+Pictures and pages are made from it; :mod:`cotree.watch.draft` makes it from a graph.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def _spread(n: int) -> Array:
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
 
 
-# So many that what lies between two of them is missed by a hundredth of a shape's size.
+# With this number, the error of a bounding box is a hundredth of the size of a shape.
 _DIRECTIONS = _spread(200)
 
 
@@ -51,7 +51,7 @@ class Strut:
     name: str
     tracks: tuple[int, int]  # numbers of the clusters that its ends move with
     ends: tuple[Array, Array]  # points of these clusters, in their axes
-    side: Array  # a direction in the first track's axes that its y stays near to
+    side: Array  # its y direction is the one closest to this, in the first track's axes
     mesh: Mesh
     color: Color
 
@@ -67,7 +67,7 @@ class Label:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """All that is shown."""
+    """The shapes and names of an animation, and their motion."""
 
     #: Name of the scene, and a remark on the run; untrusted text.
     title: str
@@ -84,14 +84,14 @@ class Drawing:
     thickness: float  # of bars, [m]
 
     def floor(self) -> Array:
-        """Return lines at rest against which motion is visible, shape (n_lines, 2, 3), [m].
+        """Return a reference grid at rest, shape (n_lines, 2, 3), [m].
 
-        In space they are a grid below all that moves; where that goes far and is followed, dashes
-        along its way. In a plane they are a grid behind what is followed.
+        In space it is below the mechanism; if the camera follows the mechanism, dashes along its
+        path replace the grid. In a plane there is a grid only if the camera follows the mechanism.
         """
         axes = axes_along(self.up, self.towards if self.is_flat else None)
         low, high = self.bounds(axes)
-        # ``own`` is the mechanism's size at one time, ``path`` the way of its middle.
+        # ``own`` is the largest size at one time, ``path`` that of the centre.
         own, path = float((high - low).max()), 0.5 * (low + high) @ axes.T
         low, high = low.min(axis=0), high.max(axis=0)
         is_far = float((high - low).max()) > FAR * own
@@ -99,14 +99,13 @@ class Drawing:
             return np.zeros((0, 2, 3))
         if is_far and not self.is_flat:
             return _dashes(path, 0.4 * own)
-        # Across the grid's two directions: level in space, to the right and up in a plane.
+        # The two directions of the grid, horizontal in space, and the normal.
         one, two, still = (0, 2, 1) if self.is_flat else (0, 1, 2)
         size = max(float(high[one] - low[one]), float(high[two] - low[two]), 0.5 * own)
         step = _round_up(max(0.5 * own, size / 300.0) if is_far else size / 9.0)
         lines = []
         for fixed, free in ((one, two), (two, one)):
-            # Lines stand at multiples of the step, so that they do not depend on where the motion
-            # begins.
+            # Lines are at multiples of the step, whatever the start of the motion.
             middle = {k: round(0.5 * (low[k] + high[k]) / step) * step for k in (fixed, free)}
             extent = {k: high[k] - low[k] if is_far else size for k in (fixed, free)}
             n = {k: int(np.ceil(0.6 * extent[k] / step)) + (2 if is_far else 0) for k in extent}
@@ -130,7 +129,7 @@ class Drawing:
             corners.setdefault(solid.track, []).append(_outermost(solid.mesh.points))
         for strut in self.struts:
             for track, end in zip(strut.tracks, strut.ends, strict=True):
-                # A strut stays near the line of its ends, so that these bound it.
+                # The ends bound a strut.
                 corners.setdefault(track, []).append(end[None])
         for track, parts in corners.items():
             points = np.concatenate(parts)
@@ -161,5 +160,4 @@ def _outermost(points: Array) -> Array:
     """Return the outermost points in many directions, which determine a bounding box."""
     if len(points) <= len(_DIRECTIONS):
         return points
-    found: Array = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]
-    return found
+    return np.asarray(points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))])

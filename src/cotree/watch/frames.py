@@ -29,25 +29,25 @@ if TYPE_CHECKING:
     from cotree.spec import BuildSpec
     from cotree.watch.shapes import Array
 
-#: The most frames of an animation, and of frames times bodies; more are spread more widely.
+#: Largest number of frames of an animation, and of frames times bodies.
 MOST_FRAMES, MOST_POSES = 2000, 300_000
-_FEWEST = 100  # of however many bodies
+_FEWEST = 100  # frames, whatever the number of bodies
 
-# A run that plays within these seconds is shown as fast as it happened; others in about those.
+# A run of a length between these is shown in real time; others take about the third, [s].
 _SHORTEST, _LONGEST = 2.0, 30.0
 _COMFORTABLE = 8.0
-_PATIENCE = 86_400.0  # s that anyone may watch
+_PATIENCE = 86_400.0  # longest animation, [s]
 
 
 class WatchedModel(Protocol):
-    """A model as animations see it: :class:`cotree.Model`."""
+    """The attributes of :class:`cotree.Model` that animations need."""
 
     states: tuple[str, ...]
     kernels: CompiledModel
 
     @property
     def spec(self) -> BuildSpec:
-        """All that it was compiled from, of which animations need the first graph."""
+        """The specification, of which animations need the first graph."""
         ...
 
     def rhs(self, t: float, y: Any, p: Any = None, u: Any = None) -> Array:
@@ -64,7 +64,7 @@ class Moments:
 
     @property
     def speed(self) -> float:
-        """Seconds of the run for each second of watching."""
+        """Time of the run per time of the animation."""
         if len(self.times) < 2:
             return 1.0
         return abs(float(self.times[1] - self.times[0])) / self.pause
@@ -75,9 +75,8 @@ def choose_frames(
 ) -> Moments:
     """Space frames evenly from the start of a run to its end, [s].
 
-    ``fps`` frames, 1 to 100, are shown each second. ``speed`` is the time of the run for each
-    second of watching: by default a run of 2 to 30 s is shown in real time, others slower or faster
-    by 1, 2 or 5 times a power of ten.
+    ``fps`` frames, 1 to 100, are shown each second. ``speed`` is the time of the run per time of
+    the animation; by default it is 1 for a run of 2 to 30 s, else 1, 2 or 5 times a power of ten.
     """
     if not 1.0 <= check_number(fps, "fps") <= 100.0:
         raise SceneError(f"fps is {fps:g}: give 1 to 100 frames a second")
@@ -104,24 +103,21 @@ def _round(x: float) -> float:
 def coordinates_at(
     result: RunRecord, model: WatchedModel, system: System, p: Array, times: Array
 ) -> Array:
-    """Interpolate the coordinates of a run, (n_coordinates, n_frames).
-
-    Quaternions are made of norm one.
-    """
+    """Interpolate the coordinates of a run, (n_coordinates, n_frames); normalise quaternions."""
     t, y, u = _with_events(result)
     if len(t) == 1:
         return np.repeat(y[: len(system.coordinates)], len(times), axis=1)
     way = 1.0 if t[-1] >= t[0] else -1.0
-    # Of several points at one time the last is what an event has made of the first.
+    # Of several points at one time the last is the one after all events.
     left = np.searchsorted(way * t, way * times, side="right") - 1
     left = np.clip(left, 0, len(t) - 2)
-    # Only the ends of intervals that hold a frame need accelerations.
+    # Only the ends of intervals that contain a frame need accelerations.
     points = np.unique(np.concatenate([left, left + 1]))
     motion = _motion_at(model, system, p, t[points], y[:, points], u[:, points])
     place = np.searchsorted(points, left)
     first, last = motion[:, :, place], motion[:, :, place + 1]
     h = t[left + 1] - t[left]
-    # Both sides of an event have one time: the interval between them is empty, and its end counts.
+    # Both sides of an event have one time; of this empty interval the end is taken.
     part = np.where(h != 0.0, (times - t[left]) / np.where(h != 0.0, h, 1.0), 1.0)
     found = _hermite(part, h, first, last)
     for rows in _quaternions(system):
@@ -131,11 +127,11 @@ def coordinates_at(
 
 
 def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
-    """Return times, states and inputs with those right before and after each event among them."""
+    """Return times, states and inputs, including those just before and after each event."""
     way = 1.0 if result.t[-1] >= result.t[0] else -1.0
     found = [row for row in result.events.values() if len(row.t)]
     when = np.concatenate([np.zeros(0), *(row.t for row in found)])
-    # A run may go backwards in time: ``way`` puts comparisons the right way round.
+    # ``way`` is the sign of time, since runs may go backwards.
     is_within = (way * when >= way * result.t[0]) & (way * when <= way * result.t[-1])
     if not is_within.any():
         return result.t, result.y, result.input_values
@@ -144,13 +140,13 @@ def _with_events(result: RunRecord) -> tuple[Array, Array, Array]:
         np.concatenate([getattr(row, side) for row in found], axis=1)[:, is_within]
         for side in ("y_before", "y_after")
     ]
-    is_own = ~np.isin(result.t, when)  # else it may be the one or the other
+    is_own = ~np.isin(result.t, when)  # points at events are replaced
     near = np.abs(result.t[:, None] - when).argmin(axis=0)
     t = np.concatenate([result.t[is_own], when, when])
     y = np.concatenate([result.y[:, is_own], *sides], axis=1)
     own, of_events = result.input_values[:, is_own], result.input_values[:, near]
     u = np.concatenate([own, of_events, of_events], axis=1)
-    # A stable sort keeps the side before an event ahead of the one after it.
+    # A stable sort keeps the point before an event ahead of the one after it.
     order = np.argsort(way * t, kind="stable")
     return t[order], y[:, order], u[:, order]
 
@@ -163,7 +159,7 @@ def _motion_at(
     values, speeds = y[:n], y[n : n + m]
     accelerations = np.zeros((m, len(t)))
     for k, when in enumerate(t):
-        # At a singular point there is none; its neighbours say enough.
+        # At a singular point there is no acceleration, and zero is used.
         with suppress(Error):
             accelerations[:, k] = model.rhs(when, y[:, k], p, u[:, k])[n : n + m]
     motion = np.zeros((3, n, len(t)))
@@ -197,7 +193,7 @@ def _quaternions(system: System) -> Iterator[slice]:
 def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     """Interpolate with values, rates and accelerations at both ends, at parts x of steps h."""
     (q0, v0, a0), (q1, v1, a1) = first, last
-    # What the Taylor polynomial of the first end leaves at the second: of value, rate and
+    # Remainder of the Taylor polynomial of the first end at the second: of value, rate and
     # acceleration, each times a power of h.
     rest = q1 - (q0 + h * v0 + 0.5 * h**2 * a0)
     slope = h * (v1 - v0 - h * a0)
@@ -206,5 +202,4 @@ def _hermite(x: Array, h: Array, first: Array, last: Array) -> Array:
     quartic = -15.0 * rest + 7.0 * slope - bend
     quintic = 6.0 * rest - 3.0 * slope + 0.5 * bend
     taylor = q0 + x * h * (v0 + 0.5 * x * h * a0)
-    found: Array = taylor + x**3 * (cubic + x * (quartic + x * quintic))
-    return found
+    return np.asarray(taylor + x**3 * (cubic + x * (quartic + x * quintic)))

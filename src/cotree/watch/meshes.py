@@ -1,7 +1,7 @@
 """Meshes of robots: located beside the robot's file, read within limits, and coarsened.
 
 STL (binary and text) and OBJ are read here; Collada and others by trimesh, where it is installed.
-Files are data of strangers: their sizes are bounded and every number is checked.
+Files are untrusted: their sizes are bounded and every number is checked.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LARGEST_FILE = 80_000_000
 
 _LARGEST_LENGTH = 1e6  # metres
 _MOST_FACES = 2_000_000
-# A triangle of binary STL: normal, three corners, a word of no meaning; 50 bytes, packed.
+# A triangle of binary STL: normal, three corners, an unused word; 50 bytes, packed.
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -44,12 +44,11 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
 
     Packages are looked up in the folder of the robot's file and the folders above it, then along
     ROS_PACKAGE_PATH. Unless ``trust_paths``, the file must be inside the folder of the robot's file
-    or the package that it names: a robot's file may come from a stranger, and what it names ends up
-    in an animation that is passed on. Raises MeshError if there is no such file, or it lies
-    elsewhere.
+    or the package that it names: an untrusted file must not copy other files into an animation.
+    Raises MeshError if there is no such file, or it is elsewhere.
     """
     scheme, _, rest = name.rpartition("://")
-    # Other schemes would fetch something from a network.
+    # Other schemes could access a network.
     if scheme not in ("", "file", "package", "model"):
         raise MeshError(f"'{name[:80]}' is no file")
     if "\0" in name:
@@ -63,12 +62,12 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
     try:
         for folder, place in places:
             if place.is_file():
-                # Links are followed, so that none of them leads out of the folder.
+                # Symbolic links must not lead out of the folder.
                 if trust_paths or place.resolve().is_relative_to(folder.resolve()):
                     return place
                 outside = True
     except OSError:
-        pass  # a name that is too long for a path
+        pass  # the name is too long for a path
     if outside:
         raise MeshError(
             f"'{name[:80]}' lies outside the robot's folder: give trust_paths=True to read it"
@@ -83,7 +82,7 @@ def _package_places(name: str, beside: Path) -> list[tuple[Path, Path]]:
     listed = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     places = []
     for folder in (*above, *listed):
-        # The folder may hold the package, or be the package itself.
+        # The folder may contain the package, or be the package itself.
         places.append((folder / package, folder / package / inner))
         if folder.name == package:
             places.append((folder, folder / inner))
@@ -122,15 +121,15 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
         raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
         raise MeshError(f"'{name}' has corners that are no places")
-    # STL repeats each corner for every triangle: equal ones become one.
+    # STL repeats each corner for every triangle; equal ones are merged.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])
 
 
 def _read_stl(data: bytes) -> Mesh:
-    """Read STL, binary where the number of triangles fits the length, else as text."""
-    # 80 bytes of any text, then the number of triangles. Text files begin with "solid", and so do
-    # the headers of some binary ones.
+    """Read STL, which is binary if its length matches the number of triangles, else text."""
+    # The number of triangles follows 80 bytes of text. Text files, and the headers of some binary
+    # ones, begin with "solid".
     n = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if n >= 0 and len(data) >= 84 + n * _STL.itemsize and (n > 0 or data[:5] != b"solid"):
         rows = np.frombuffer(data, dtype=_STL, count=n, offset=84)
@@ -175,7 +174,7 @@ def _read_other(data: bytes, suffix: str) -> Mesh:
     try:
         found: Any = trimesh.load(BytesIO(data), file_type=suffix.lstrip("."), force="mesh")
         return Mesh(np.array(found.vertices, dtype=float), np.array(found.faces, dtype=np.int64))
-    except Exception as error:  # of whatever kind: the reader is not ours, nor is the file
+    except Exception as error:  # trimesh raises many types for invalid files
         raise ValueError(str(error) or type(error).__name__) from None
 
 
@@ -195,7 +194,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
         faces = place[mesh.faces]
         is_kept = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)
         n = int(np.count_nonzero(is_kept))
-        # Triangles of a surface grow fewer with the square of the cells.
+        # The number of triangles of a surface is proportional to the square of the cells.
         cells *= min(0.9, float(np.sqrt(most / max(n, 1))))
     if n == len(mesh.faces):
         return mesh
@@ -204,7 +203,7 @@ def coarser(mesh: Mesh, most: int) -> Mesh:
     return Mesh(points, faces[is_kept])
 
 
-#: Triangles of all meshes of a robot together; larger ones are made coarser.
+#: Largest number of triangles of all meshes of a robot; larger meshes are coarsened.
 MOST_FACES = 60_000
 
 _FEWEST = 200  # of one mesh
@@ -225,13 +224,16 @@ def visual_meshes(
         if place is None:
             continue
         try:
-            if visual.shape == "mesh":
-                _read_once(visual, Path(origin.file), files, failed, trust_paths)
+            if visual.file in failed:
+                continue
+            if visual.shape == "mesh" and visual.file not in files:
+                path = find_mesh(visual.file, Path(origin.file), trust_paths=trust_paths)
+                files[visual.file] = read_mesh(path)
             mesh = _shape(visual, files)
         except MeshError as error:
             failed[visual.file] = str(error)
             continue
-        # First to the node's axes by the visual's pose, then to those of the cluster.
+        # From the visual to the node's axes, then to those of the cluster.
         rows = rotation_rows(visual.rpy, 0.0)
         mesh = mesh.placed(np.array(visual.xyz), None if rows is None else np.array(rows))
         own = found.setdefault(place.cluster, [])
@@ -243,23 +245,9 @@ def visual_meshes(
             f"their place: {reason}; packages are looked for above the robot's file and along "
             "ROS_PACKAGE_PATH",
             RuntimeWarning,
-            stacklevel=4,  # whoever asked for the animation
+            stacklevel=4,  # the call of `animate`
         )
     return _bounded(found)
-
-
-def _read_once(
-    visual: Visual,
-    robot: Path,
-    files: dict[str, Mesh],
-    failed: Mapping[str, str],
-    trust_paths: bool,
-) -> None:
-    """Read the file of a mesh, unless that was tried before."""
-    if visual.file in failed:
-        raise MeshError(failed[visual.file])
-    if visual.file not in files:
-        files[visual.file] = read_mesh(find_mesh(visual.file, robot, trust_paths=trust_paths))
 
 
 def _shape(visual: Visual, files: Mapping[str, Mesh]) -> Mesh:
@@ -280,7 +268,6 @@ def _bounded(found: dict[int, list[tuple[str, Mesh]]]) -> dict[int, list[tuple[s
     total = sum(len(mesh.faces) for own in found.values() for _, mesh in own)
     if total <= MOST_FACES:
         return found
-    # The budget is that of the whole drawing: a robot may have many meshes of moderate size.
     share = MOST_FACES / total
     return {
         track: [

@@ -1,8 +1,8 @@
 """An animation as one self-contained HTML file: data, viewer and style.
 
-Names are untrusted: they reach the page as text that the template escapes, and as JSON in which no
-mark of HTML is left. A content security policy names the viewer and the style by their hashes, so
-that nothing else in the file could run, and nothing can be fetched.
+Names are untrusted: the template escapes them, and JSON contains no markup of HTML. A content
+security policy contains the hashes of the viewer and the style, so that no other script can run or
+access a network.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class PageContext:
     generator: str
     last: int  # number of the last frame
     speeds: tuple[tuple[str, str], ...]  # labels and factors
-    #: Ready to stand in the page.
+    #: Escaped already.
     style: Markup
     script: Markup
     data: Markup
 
 
 def page(drawing: Drawing) -> str:
-    """Write the page; the same drawing gives the same text."""
+    """Return the page, which is the same text for the same drawing."""
     from markupsafe import Markup
 
     style, script = (_text(f"viewer.{suffix}") for suffix in ("css", "js"))
@@ -65,7 +65,7 @@ def page(drawing: Drawing) -> str:
         generator=f"cotree {VERSION}",
         last=len(drawing.frames.times) - 1,
         speeds=tuple((f"{factor}×", factor) for factor in _SPEEDS),
-        # These come from the package, not from a scene, and are not escaped.
+        # These are files of the package.
         style=Markup(style),
         script=Markup(script),
         data=Markup(embedded(page_data(drawing))),
@@ -76,20 +76,19 @@ def page(drawing: Drawing) -> str:
 def embedded(value: Any) -> str:
     """Write JSON that is safe within a script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    # ASCII by default, so that no separator of lines can hide in it either.
-    # A "</script>" in a name would else end the element that the data stand in.
+    # The text is ASCII. A "</script>" in a name would end the element.
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def page_data(drawing: Drawing) -> dict[str, Any]:
-    """Return all that the viewer reads, as plain lists and numbers.
+    """Return the data of the viewer as plain lists and numbers.
 
     Positions are whole numbers of ``unit``, quaternions of ``turn``, and each row of both is the
-    difference to the one before; what never moves has one row.
+    difference to the previous one; a track at rest has one row.
     """
     poses, frames = drawing.poses, drawing.frames
     camera, reach = place_camera(drawing, None)
-    # Tracks that carry nothing are left out of the file.
+    # The file omits tracks without shapes.
     used = sorted(
         {solid.track for solid in drawing.solids}
         | {track for strut in drawing.struts for track in strut.tracks}
@@ -157,9 +156,9 @@ def _short(values: Sequence[float] | Array) -> list[float]:
 
 
 def _differences(rows: Array) -> list[int]:
-    """Round rows to whole numbers, and give the first and the steps from each to the next."""
+    """Return the first row and the differences of rows, rounded to whole numbers."""
     whole = np.rint(rows).astype(np.int64)
-    # Rounding before taking differences keeps errors from adding up over the frames.
+    # Rounding precedes the differences, so that errors do not accumulate.
     steps = np.diff(whole, axis=0)
     if not steps.any():
         return [int(v) for v in whole[0]]
@@ -183,7 +182,7 @@ def _quaternions(axes: Array) -> Array:
     largest = np.argmax(squares, axis=1)
     found: Array = products[np.arange(len(r)), largest]
     found /= np.linalg.norm(found, axis=1, keepdims=True)
-    # q and -q are the same rotation; interpolation between frames needs them on the same side.
+    # q and -q are the same rotation; the viewer interpolates between neighbours.
     turns = np.sign(np.einsum("ti,ti->t", found[1:], found[:-1]))
     turns = np.cumprod(np.where(turns < 0.0, -1.0, 1.0))
     found[1:] *= turns[:, None]

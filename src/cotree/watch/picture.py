@@ -1,4 +1,4 @@
-"""Frames as pictures: triangles with a depth for each pixel, by numpy; then a GIF by Pillow."""
+"""Frames as pictures: triangles with a depth buffer in numpy, and a GIF by Pillow."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     axes = axes_along(drawing.towards, drawing.up)
     low, high = drawing.bounds(axes)
     own = float((high - low).max())
-    # What stays near is seen from a camera at rest; what travels far is followed.
+    # The camera follows a mechanism that travels far, and is at rest otherwise.
     if float((high.max(axis=0) - low.min(axis=0)).max()) <= FAR * own:
         low, high = (
             np.repeat(a[None], len(low), axis=0) for a in (low.min(axis=0), high.max(axis=0))
@@ -68,11 +68,10 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
     if aspect is None:
         shape = right / above if above > 0.0 else 2.0
         aspect = min(max(shape, 0.6), 2.0) if drawing.is_flat else 4.0 / 3.0
-    # The narrower side decides on the scale.
     half = MARGIN * (max(above, right / aspect) or 1.0)
     if drawing.is_flat:
         return Camera(axes, centres, (half * aspect, half), np.inf), (right, above, ahead)
-    # Perspective enlarges near shapes: move back until the nearest side fits into the picture.
+    # The distance is such that the nearest side fits into the picture.
     slope = float(np.tan(_HALF_ANGLE))
     distance = half / slope + ahead
     camera = Camera(axes, centres, (slope * distance * aspect, slope * distance), distance)
@@ -80,9 +79,9 @@ def place_camera(drawing: Drawing, aspect: float | None) -> tuple[Camera, Reach]
 
 
 _PAPER, _INK, _LINE = (250, 250, 248), (70, 76, 84), (222, 223, 221)
-_FINER = 2  # pixels that make one, along each side
+_FINER = 2  # painted pixels per pixel, along each side
 _LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, upwards and towards the viewer
-_COLORS = 96  # of a GIF: more are indistinguishable, and cost bytes
+_COLORS = 96  # of a GIF; more increase its size, without a visible difference
 
 
 class Painter:
@@ -97,7 +96,7 @@ class Painter:
         self._floor = drawing.floor()
         shown = [(solid.mesh, solid.color) for solid in drawing.solids]
         shown += [(strut.mesh, strut.color) for strut in drawing.struts]
-        # Faces stay the same in all frames; only points move.
+        # Faces are the same in all frames.
         self._faces = joined(mesh for mesh, _ in shown).faces
         self._colors = np.concatenate([np.tile(color, (len(m.faces), 1)) for m, color in shown])
 
@@ -106,7 +105,7 @@ class Painter:
         from PIL import Image, ImageDraw
 
         width, height = (_FINER * n for n in self.size)
-        # Painted at twice the size and reduced, edges come out smooth.
+        # The picture is reduced from twice its size, which smooths edges.
         paper = Image.new("RGB", (width, height), _PAPER)
         pen = ImageDraw.Draw(paper)
         for ends in self._floor:
@@ -125,8 +124,7 @@ class Painter:
 
     def _pixels(self, places: Array) -> Array:
         # Rows of a picture are counted downwards.
-        found: Array = (places * [1.0, -1.0] + 1.0) * (0.5 * _FINER * np.array(self.size))
-        return found
+        return np.asarray((places * [1.0, -1.0] + 1.0) * (0.5 * _FINER * np.array(self.size)))
 
     def _points(self, frame: int) -> Any:
         poses = self.drawing.poses
@@ -144,11 +142,10 @@ class Painter:
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         own = normals @ self.camera.axes
-        # Normals that point away are turned: what is seen of such a face is its back.
+        # Of faces with normals that point away the back is visible.
         own *= np.where(own[:, 2:] < 0.0, -1.0, 1.0)
         lit = np.clip(own @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
-        found: Array = (0.62 + 0.38 * lit)[:, None]
-        return found
+        return np.asarray((0.62 + 0.38 * lit)[:, None])
 
     def _write(self, draw: Any, frame: int) -> None:
         """Write the time and the note."""
@@ -185,8 +182,7 @@ def strut_points(strut: Strut, poses: Poses, frame: int) -> Array:
     if length == 0.0:
         return np.repeat(ends[0][None], len(strut.mesh.points), axis=0)
     axes = axes_along(gap, poses.axes[strut.tracks[0], frame] @ strut.side)
-    found: Array = (strut.mesh.points * [1.0, 1.0, length]) @ axes.T + ends[0]
-    return found
+    return np.asarray((strut.mesh.points * [1.0, 1.0, length]) @ axes.T + ends[0])
 
 
 def _visible(
@@ -194,7 +190,7 @@ def _visible(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Find the pixels that faces cover, and the nearest face of each.
 
-    Every row of pixels that a face crosses is cut with its edges; what lies between is filled.
+    Every row of pixels that a face crosses is filled between the edges of the face.
     """
     corners = pixels[faces]
     x, y = corners[:, :, 0], corners[:, :, 1]
@@ -207,7 +203,7 @@ def _visible(
     # One entry for each row that a face crosses, then one for each pixel of that row.
     face = np.repeat(np.arange(len(faces)), n_rows)
     row = np.arange(len(face)) - np.repeat(np.cumsum(n_rows) - n_rows, n_rows) + top[face]
-    # Each edge bounds the row on one side: what lies between the innermost cuts is inside.
+    # Each edge bounds the row on one side; the inside is between the innermost cuts.
     low = np.zeros(len(face))
     high = np.full(len(face), float(width))
     for i in range(3):
@@ -239,10 +235,10 @@ def _visible(
 
 
 def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
-    """Paint a GIF that repeats for ever.
+    """Paint a GIF that repeats.
 
-    Sizes are in pixels; a height of None suits the drawing. Of more than ``most`` frames every
-    other, third and so on is taken.
+    Sizes are in pixels; if the height is None, it follows from the drawing. Of more than ``most``
+    frames every second, third and so on is taken.
     """
     from PIL import Image
 
@@ -250,14 +246,14 @@ def gif(drawing: Drawing, width: int, height: int | None, most: int) -> bytes:
     n = len(drawing.frames.times)
     every = -(-n // most)
     shown = list(range(0, n, every))
-    # Colours are chosen once, so that nothing flickers.
+    # All frames have the same palette, so that colours do not flicker.
     few = [painter.paint(k) for k in shown[:: max(1, len(shown) // 6)]]
     sheet = Image.new("RGB", (few[0].width, few[0].height * len(few)))
     for i, image in enumerate(few):
         sheet.paste(image, (0, i * image.height))
     palette = sheet.quantize(_COLORS, dither=Image.Dither.NONE)
     images = [painter.paint(k).quantize(palette=palette, dither=Image.Dither.NONE) for k in shown]
-    # In hundredths of a second, two bytes of them; browsers slow down what is faster than two.
+    # A GIF has 16 bits for hundredths of a second; browsers slow down pauses below two.
     pause = 10 * min(max(2, round(100.0 * drawing.frames.pause * every)), 65_535)
     buffer = io.BytesIO()
     images[0].save(

@@ -1,7 +1,7 @@
 """Shapes as triangles: boxes, cylinders, capsules, spheres, plates, rings, wheels, coils.
 
-Lengths are in metres. Shapes with an axis have it along z and their middle at the origin, but
-those that reach between two points, which go from zero to one along z.
+Lengths are in metres. Shapes with an axis have it along z, and are centred at the origin; shapes
+between two points extend from zero to one along z.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-_ROUND = 28  # sides of what is round
+_ROUND = 28  # number of sides of round shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +30,12 @@ class Mesh:
     faces: Indices  # numbers of corners
 
     def placed(self, position: Array, axes: Array | None = None) -> Mesh:
-        """Turn by a matrix, then move."""
-        # Points are rows, hence the transposed matrix on the right.
+        """Rotate by a matrix, then translate."""
         turned = self.points if axes is None else self.points @ axes.T
         return Mesh(turned + position, self.faces)
 
     def scaled(self, factors: Sequence[float] | Array) -> Mesh:
-        """Scale along the axes; a mirrored mesh keeps its outside outside."""
+        """Scale along the axes; mirrored faces are reversed."""
         factors = np.asarray(factors, dtype=float)
         faces = self.faces[:, ::-1] if np.prod(np.sign(factors)) < 0 else self.faces
         return Mesh(self.points * factors, faces)
@@ -72,7 +71,7 @@ def turned(profile: Sequence[tuple[float, float]], sides: int = _ROUND) -> Mesh:
     faces = []
     for i in range(len(profile) - 1):
         a, b = i * sides, (i + 1) * sides
-        # On the axis a ring is a point, and one of the two triangles has no area.
+        # On the axis a ring is a point, and one of the two triangles is degenerate.
         if profile[i][0] > 0.0:
             faces.append(np.column_stack([a + here, a + after, b + after]))
         if profile[i + 1][0] > 0.0:
@@ -133,7 +132,7 @@ def extruded(outline: Array, thickness: float) -> Mesh:
 def ring(radius: float, inner: float, length: float) -> Mesh:
     """Make a cylinder along z with a hole."""
     h = 0.5 * length
-    # Wheels are large: twice the sides of other shapes keep their rims round.
+    # Wheels are large and have twice the number of sides.
     return turned([(inner, h), (inner, -h), (radius, -h), (radius, h), (inner, h)], 2 * _ROUND)
 
 
@@ -163,7 +162,7 @@ def coil(radius: float, wire: float, length: float) -> Mesh:
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.column_stack([tangent[:, 1], -tangent[:, 0], np.zeros(n + 1)])
     turn = 2 * np.pi * np.arange(around) / around
-    # The coil has length one here and is stretched later, the height of its wire with it.
+    # The coil has length one and is stretched later, with the height of its wire.
     up = np.array([0.0, 0.0, wire / length])
     rings = path[:, None] + wire * np.cos(turn)[:, None] * across[:, None]
     rings = rings + np.sin(turn)[:, None] * up
@@ -189,12 +188,12 @@ def about_z(angle: float) -> Array:
 
 
 def axes_along(z: Array, y: Array | None = None) -> Array:
-    """Return right-handed axes with z along a vector, and y as near to another as may be."""
+    """Return right-handed axes with z along a vector, and y as close as possible to another."""
     z = z / np.linalg.norm(z)
     # The coordinate axis that is furthest from z.
     near = np.eye(3)[int(np.argmin(np.abs(z)))] if y is None else y
     x = np.cross(near, z)
-    # Both directions are parallel, and any other y will do.
+    # If both directions are parallel, y is arbitrary.
     if np.linalg.norm(x) < 1e-9:
         return axes_along(z)
     x /= np.linalg.norm(x)

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 VIEW = (-55.0, 22.0)
 
 _SHOWING = ("prismatic", "cylindrical", "screw", "rolling_disc", "rolling_ellipsoid")
-# Width of bars against what moves, and against the length of bars.
+# Width of bars relative to the mechanism and to the length of bars, and least relative width.
 _OF_SIZE, _OF_ARM, _LEAST = 0.021, 0.14, 0.002
-# Arms to a centre of mass are thin beside one that is longer by this factor.
+# Arms to a centre of mass are thin if they are shorter than this share of the longest arm.
 _SPUR = 0.75
 
 
@@ -47,12 +47,12 @@ class Stage:
     up: Array
     towards: Array
     is_flat: bool  # whether everything moves in a plane
-    #: Of the mechanism, and half the width of its bars, [m].
+    #: Size of the mechanism, and half the width of its bars, [m].
     size: float
     thickness: float
-    body: tuple[int, ...]  # numbers of the clusters that something is fixed in, in order
-    shown: frozenset[int]  # clusters that a joint or a constraint shows: as a block, or a disc
-    reach: Mapping[int, float]  # the longest arm of each cluster that has any, [m]
+    body: tuple[int, ...]  # number of each cluster among those with nodes
+    shown: frozenset[int]  # clusters for which a joint or a constraint has a block or a disc
+    reach: Mapping[int, float]  # the longest arm of each cluster that has arms, [m]
     spurs: frozenset[str]  # arms that only lead to a centre of mass
 
 
@@ -70,14 +70,13 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
     towards = _plane_side(system.plane, up) if is_flat else _direction(up, view or VIEW)
     arms = _arms(first, places)
     size = _size(poses, places)
-    # Arms of no length are turns, and would make the median of the lengths vanish.
+    # Arms without length are rotations, which the median of the lengths excludes.
     lengths = [length for length in arms.values() if length > 1e-9 * size]
-    # Bars of a small body on a large mechanism are thinner, but never invisible.
     thickness = _OF_SIZE * size
     if lengths:
         thickness = max(min(thickness, _OF_ARM * float(np.median(lengths))), _LEAST * size)
     edges = system.edges
-    # The cluster that each edge's second node belongs to.
+    # The cluster of the second node of each edge.
     held = {edge.name: places[edge.second].cluster for edge in edges.values()}
     reach: dict[int, float] = {}
     for name, length in arms.items():
@@ -103,20 +102,19 @@ def set_stage(first: FirstGraph, values: MotionValues, view: tuple[float, float]
 
 
 def _shows(edge: BoundEdge) -> bool:
-    """Return whether an edge shows the body that it holds or touches."""
+    """Return whether the shape of an edge represents its second body."""
     if edge.component.role is Role.TOUCH:
         return bool({"size", "semiaxes"} & edge.vectors.keys()) or "radius" in edge.scalars
     return edge.component.name in _SHOWING
 
 
 def _up(gravity: Array, plane: str) -> Array:
-    """Return the coordinate axis that points up: against gravity, else z, or y in its plane."""
+    """Return the coordinate axis opposite to gravity; without gravity z, or y in its plane."""
     allowed = [i for i in range(3) if "xyz"[i] != plane]
     i = max(allowed, key=lambda i: abs(float(gravity[i])))
     if gravity[i] == 0.0:
         i = 1 if plane == "z" else 2
-    found: Array = np.eye(3)[i] * (-1.0 if gravity[i] > 0.0 else 1.0)
-    return found
+    return np.asarray(np.eye(3)[i] * (-1.0 if gravity[i] > 0.0 else 1.0))
 
 
 def _plane_side(plane: str, up: Array) -> Array:
@@ -132,8 +130,7 @@ def _direction(up: Array, view: tuple[float, float]) -> Array:
     i = int(np.argmax(np.abs(up)))
     ahead, left = np.eye(3)[(i + 1) % 3], np.cross(up, np.eye(3)[(i + 1) % 3])
     level = np.cos(azimuth) * ahead + np.sin(azimuth) * left
-    found: Array = np.cos(elevation) * level + np.sin(elevation) * up
-    return found
+    return np.asarray(np.cos(elevation) * level + np.sin(elevation) * up)
 
 
 def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
@@ -147,13 +144,13 @@ def _arms(first: FirstGraph, places: Mapping[str, Place]) -> dict[str, float]:
 
 
 def _size(poses: Poses, places: Mapping[str, Place]) -> float:
-    """Return the largest extent of the nodes at any one time, [m]; one where all are one point."""
+    """Return the largest extent of the nodes at one time, [m]; one if all nodes coincide."""
     paths = np.stack([poses.of(place.cluster, place.local) for place in places.values()])
     moving = np.array([place.cluster != 0 for place in places.values()])
     own = float(np.linalg.norm(np.ptp(paths, axis=0), axis=1).max())
     if moving.any():
         alone = float(np.linalg.norm(np.ptp(paths[moving], axis=0), axis=1).max())
-        # A mechanism that flies far from the ground is measured by itself.
+        # The ground does not count if the mechanism is far from it.
         own = alone if own > 8.0 * alone > 0.0 else own
     return own or 1.0
 
@@ -164,7 +161,7 @@ def _spurs(
     arms: Mapping[str, float],
     reach: Mapping[int, float],
 ) -> frozenset[str]:
-    """Find arms to nodes that only a body has, in clusters with a longer one."""
+    """Find arms to nodes with a body only, in clusters with a longer arm."""
     edges = first.system.edges
     uses = Counter(
         name
@@ -172,7 +169,7 @@ def _spurs(
         if edge.component.role not in (Role.BODY, Role.FORCE, Role.TORQUE)
         for name in (edge.first, edge.second)
     )
-    # Networks may act on nodes, too: an arm to such a node is no spur.
+    # Networks may act on nodes, too.
     uses.update(n for edge in first.scene.edges.values() for e in edge.ports for n in e.acts_on)
     return frozenset(
         name
@@ -191,8 +188,7 @@ class Poses:
 
     def of(self, cluster: int, local: Array) -> Array:
         """Return the position of a point of a cluster over time, shape (n_times, 3)."""
-        found: Array = self.positions[cluster] + self.axes[cluster] @ local
-        return found
+        return np.asarray(self.positions[cluster] + self.axes[cluster] @ local)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +241,7 @@ class MotionValues:
         return np.broadcast_to(np.asarray(value, dtype=float), (self.n,))
 
     def poses(self) -> Poses:
-        """Follow the branches from the ground outwards."""
+        """Compute the poses of the clusters along the branches, from the ground outwards."""
         motion = self.motion
         nodes: list[Node] = []
         for geometry in motion.geometry:
@@ -254,9 +250,9 @@ class MotionValues:
             nodes += geometry.offset
             for matrix in (motion.frames.rotations[child].matrix, motion.frames.steps[child]):
                 nodes += [entry for row in matrix or () for entry in row]
-        with np.errstate(all="ignore"):  # what is not finite is seen by whoever draws it
+        with np.errstate(all="ignore"):  # values need not be finite
             values = evaluate(nodes, self._moving, "array")
-        # Taken in the order in which they were listed above.
+        # In the order of the list above.
         rows = iter(values)
 
         def taken(k: int) -> Array:
