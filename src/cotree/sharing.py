@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import threading
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
@@ -42,32 +43,21 @@ class Kept(Generic[_T]):
     """
 
     def __init__(self, most: int) -> None:
-        self._found = functools.lru_cache(most)(_Asked.made)
+        self._most, self._lock = most, threading.Lock()
+        self._found: OrderedDict[Hashable, _T] = OrderedDict()
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
         """Return the value of a key, or make it."""
-        found: _T = self._found(_Asked(key, make))
-        return found
-
-
-class _Asked:
-    """A key, and what makes its value; equal by the key alone."""
-
-    __slots__ = ("key", "make")
-
-    def __init__(self, key: Hashable, make: Callable[[], Any]) -> None:
-        self.key, self.make = key, make
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Asked) and self.key == other.key
-
-    def made(self) -> Any:
-        make = self.make
-        del self.make  # a key that is kept holds nothing else
-        return make()
+        with self._lock:
+            if key in self._found:
+                self._found.move_to_end(key)
+                return self._found[key]
+        made = make()
+        with self._lock:
+            self._found[key] = made
+            if len(self._found) > self._most:
+                self._found.popitem(last=False)
+        return made
 
 
 class locked_cached_property(functools.cached_property[_T]):  # a decorator, as its base is

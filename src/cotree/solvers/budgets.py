@@ -80,8 +80,7 @@ PATIENCE, _REFRESH = 1.0, 0.1
 class OwnBar:
     """A bar that is begun where it is first needed, and ends with its ``with`` statement."""
 
-    def __init__(self) -> None:
-        self._bar: Bar | None = None
+    _bar: Bar | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -103,7 +102,6 @@ class CountingBar(OwnBar):
         self._noun, self._n = noun, n
         self._is_watched = is_wanted and is_watched()
         self._begun = time.perf_counter()
-        super().__init__()
 
     def count(self, done: int, told: Callable[[float], str]) -> None:
         """Take note of how many are done; ``told(elapsed)`` says more, for people."""
@@ -139,7 +137,6 @@ class Progress(OwnBar):
         self._method = method
         self._start, self._end = t_span
         self._next = time.perf_counter() + PATIENCE
-        super().__init__()
 
     def reached(self, t: float) -> None:
         """Take note of a time reached, [s]."""

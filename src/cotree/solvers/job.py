@@ -45,14 +45,15 @@ _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 class Rows:
     """The rows that one job stores, of ``n_values`` each; the first ``job.n_kept`` count."""
 
-    def __init__(self, ffi: Any, job: Any, n_values: int) -> None:
-        self._ffi, self._job, self._n, self._room = ffi, job, n_values, -1
-        self.times, self.values = np.zeros(0), np.zeros((0, n_values))
+    def __init__(self, ffi: Any, job: Any, problem: Problem) -> None:
+        self._ffi, self._job, self._n, self._room = ffi, job, problem.size, -1
+        self._most_room = problem.most_rows
+        self.times, self.values = np.zeros(0), np.zeros((0, self._n))
         self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
 
     def begin(self, problem: Problem) -> None:
         """Make room for the rows of a run; those of an earlier one are void."""
-        self._most_room, self._keeps_steps = problem.most_rows, problem.settings.t_eval is None
+        self._keeps_steps = problem.settings.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
         first = min(_FIRST_ROWS, self._most_room)
         wanted = first if problem.settings.t_eval is None else len(problem.settings.t_eval)
@@ -173,9 +174,9 @@ class Shared:
         return found
 
 
-def job_kind(engine: Engine, row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
+def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
     """Return what distinguishes jobs of one model and its settings, values and functions aside."""
-    return engine, row.name, is_extended, problem.settings.t_eval is None
+    return row.name, is_extended, problem.settings.t_eval is None
 
 
 # Singular positions of a run whose edges are named.
@@ -201,6 +202,8 @@ class Job:
 
     Attributes
     ----------
+    engine : Engine
+        The engine.
     job : cotree_job
         The structure.
     z : ndarray, shape (n_states * (1 + n_sensitivities),)
@@ -228,13 +231,13 @@ class Job:
     ) -> None:
         assert problem.native is not None  # else the method refuses it
         self._ffi, self._lib = engine.library.ffi, engine.library.lib
-        self._kept: list[Any] = [engine, newton]
+        self.engine, self._kept = engine, list[Any]([newton])
         self._arrays: dict[str, FloatArray] = {}
         self._pointers: dict[str, Any] = {}  # each keeps its array alive
         self._n_bytes = 0  # of all arrays
         self.rescue = Rescue(problem)
         self._callbacks = Callbacks(self._ffi, self.rescue)
-        self.kind = job_kind(engine, row, problem, is_extended=is_extended)
+        self.kind = job_kind(row, problem, is_extended=is_extended)
         self._has_newton = newton is not None
         c = self.job = self._ffi.new("cotree_job *")
         # Zero would name the first entry.
@@ -278,7 +281,7 @@ class Job:
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
         # The structure as each run begins with it: where things are, and nothing of a run.
         self._blank = self._ffi.new("cotree_job *", c[0])
-        self.rows = Rows(self._ffi, c, problem.size)
+        self.rows = Rows(self._ffi, c, problem)
         # What the tolerances and the times were put in place for.
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
@@ -453,7 +456,7 @@ class Job:
     @property
     def happened(self) -> FloatArray:
         """The events that happened; see :attr:`Trajectory.events`."""
-        return self.records[: self.job.n_records].copy()
+        return self.records[: self.job.n_records].copy() if self._at_once else self.records
 
     @property
     def crossings(self) -> list[tuple[float, FloatArray]]:

@@ -13,7 +13,7 @@ from cotree.errors import SolveError
 from cotree.methods import METHODS, Method
 from cotree.records import changed, filled
 from cotree.solvers.budgets import Progress, steps_spent, time_spent
-from cotree.solvers.engine import Engine, check_installed, load_engine
+from cotree.solvers.engine import check_installed, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.job import Job, job_kind
 from cotree.solvers.messages import rest_note, singular_positions, stiffness_note, summary, verdict
@@ -163,7 +163,6 @@ class Attempt:
 
     problem: Problem
     row: Method  # the method
-    engine: Engine
     job: Job  # the job, which may have taken some steps
     is_extended: bool  # whether it integrates algebraic unknowns, too
     compiling: float  # seconds that the C of the method took
@@ -186,7 +185,8 @@ class Attempt:
         if isinstance(ended, Ended) and ended.status == FAILED and self.is_extended:
             # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
             problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
-            job = self.job = _begun(self.engine, self.row, problem)
+            idle = _idle(self.row, problem, is_extended=False)
+            job = self.job = idle or Job(job.engine, self.row, problem)
             ended = _run(job, problem, method, successor, Ended(0, "", ended.seconds, True))
         # The successor has taken over: its trajectory is complete, message included.
         if isinstance(ended, Trajectory):
@@ -206,7 +206,12 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
     why = refusal(method, problem)
     if why:
         return why
-    row, before = METHODS[method], time.perf_counter()
+    row = METHODS[method]
+    is_extended = can_extend(row, problem)
+    idle = _idle(row, problem, is_extended=is_extended)
+    if idle is not None:
+        return Attempt(problem, row, idle, is_extended, 0.0)
+    before = time.perf_counter()
     engine = load_engine(row.stepper)
     if isinstance(engine, str):
         return engine
@@ -214,10 +219,9 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
     if isinstance(newton, str):
         return newton
     compiling = time.perf_counter() - before
-    is_extended = can_extend(row, problem)
-    job = _begun(engine, row, problem, newton, is_extended=is_extended)
+    job = Job(engine, row, problem, newton, is_extended=is_extended)
     why = band_refusal(job, problem)
-    return why or Attempt(problem, row, engine, job, is_extended, compiling)
+    return why or Attempt(problem, row, job, is_extended, compiling)
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
@@ -238,22 +242,14 @@ def band_refusal(job: Job, problem: Problem) -> str:
     return "the Jacobian's band is wide" if is_refused else ""
 
 
-def _begun(
-    engine: Engine,
-    row: Method,
-    problem: Problem,
-    newton: Newton | None = None,
-    *,
-    is_extended: bool = False,
-) -> Job:
-    """Begin a job again that another run has left, or make one."""
-    if problem.shared is not None:
-        kind = job_kind(engine, row, problem, is_extended=is_extended)
-        job = problem.shared.idle_job(kind)
-        if job is not None:
-            job.begin(problem)
-            return job
-    return Job(engine, row, problem, newton, is_extended=is_extended)
+def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
+    """Begin a job again that another run has left; None where there is none."""
+    if problem.shared is None:
+        return None
+    job = problem.shared.idle_job(job_kind(row, problem, is_extended=is_extended))
+    if job is not None:
+        job.begin(problem)
+    return job
 
 
 def _run(

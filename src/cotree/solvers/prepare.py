@@ -291,7 +291,8 @@ class Preparation:
         _check_replaced(model, settings.inputs)
         # Norms of quaternions are among the constraints: a free body is projected, too.
         self._is_held = settings.project and bool(layout.constraints)
-        self._size_of = parameter_sizes(model, settings.scales)
+        sizes = parameter_sizes(model, settings.scales)
+        self._size_of = sizes if any(isinstance(of, int) for of in sizes) else []
         self._has_corners = model.traits.has_corners or bool(settings.inputs)
         self._is_step_free = settings.max_step is None and model.traits.has_longest_step
         # Functions of Python among the inputs may remember their calls.
@@ -310,6 +311,7 @@ class Preparation:
             scale=max(map(abs, settings.t_span)),
             names=model.states,
             parameters=model.sensitivities,
+            scales=None if self._size_of else np.array(sizes, dtype=float),
             max_step=math.inf if settings.max_step is None else settings.max_step,
             constraints=model.constraints if self._is_held else (),
             n_algebraic=layout.n_algebraic,
@@ -328,7 +330,7 @@ class Preparation:
         Raises ModelError if a value is not accepted, or there is no start.
         """
         model, t_span = self.model, self.settings.t_span
-        initial = check_mapping(initial, "initial")
+        initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
@@ -348,12 +350,13 @@ class Preparation:
             **vars(self._template),
             "z0": z0,
             "sizes": content_sizes(at, start.y),
-            "scales": self._scales(p),
             "reach": reach,
             **corners,
             **self._functions(p, u, held),
             "native": filled(Native, {"model": model.native(p), **inputs}),
         }
+        if self._size_of:
+            values["scales"] = self._scales(p)
         problem = filled(Problem, values)
         if problem.events is not None:
             problem.events.check_start(t_span[0], z0)
