@@ -258,7 +258,8 @@ static int solve_by_series(cotree_run *run, cotree_real t, cotree_real *x, cotre
             rest += COTREE_FABS(last[i]) * largest_share;
             z[i] += step[i];
         }
-        left = size <= CONVERGED_STEP ? COTREE_F(0.0) : size;
+        left = size + rest; /* the terms may cancel each other far from the solution */
+        if (left <= CONVERGED_STEP) left = COTREE_F(0.0);
         /* The remainder is bounded by the ratio of the first two terms, or by that of a
          * convergent series. */
         if (*reach < MAX_ESTIMATED_REACH)

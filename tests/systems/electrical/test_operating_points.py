@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 
 import numpy as np
@@ -191,3 +192,18 @@ def test_junctions_evaluate_what_the_equations_are():
     np.testing.assert_allclose(values[:n], model.rhs(0.0, y), atol=1e-12)
     together = slopes[:n, :n] + slopes[:n, n:] * np.exp(exponents) @ slopes[n:, :n]
     np.testing.assert_allclose(together, model.jacobian(0.0, y), rtol=1e-10)
+
+
+def test_terms_of_a_step_that_cancel_each_other_are_no_solution():
+    """At zero the first two terms of the inverse series are -4 V and 4 V; see the slopes there."""
+    scene = Scene("cancelling")
+    scene.resistor("R", "c", "ground", resistance=1e3)
+    scene.capacitor("C", "c", "ground", capacitance=1e-6)
+    law = "log(1 + c.v) + exp(-c.v) + sqrt(c.v + 1) + atan(c.v)"
+    scene.voltage_source("B", "d", "ground", voltage=law)
+    scene.resistor("S", "d", "c", resistance=1e3)
+    scene.simulation(start="operating point")
+    c = scene.compile(tunable=[]).start().y[0]
+    assert c > 1.0
+    # Both currents into c are equal, to the rounding of a sum of a few volts.
+    assert abs(math.log1p(c) + math.exp(-c) + math.sqrt(c + 1) + math.atan(c) - 2 * c) < 1e-12
