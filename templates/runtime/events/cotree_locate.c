@@ -222,6 +222,20 @@ static int take_short_step(cotree_events *e, cotree_real t, const cotree_real *w
     return cotree_project(e, t + step, result);
 }
 
+/* Return whether a short step from w to other is stable: the change that follows from the rate at
+ * its end is that of the step, to within its size and the tolerance. In a stiff equation it grows
+ * with each stage. */
+static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_real step)
+{
+    int i;
+    for (i = 0; i < e->n; ++i) {
+        const cotree_real change = e->other[i] - w[i], rest = step * e->slope[i] - change;
+        const cotree_real least = e->rtol * COTREE_FABS(w[i]) + e->atol;
+        if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* a nan, too */
+    }
+    return 1;
+}
+
 /* Compute the second time derivatives of all event functions by differences; only their sizes
  * matter. */
 int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w)
@@ -496,6 +510,7 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
             return 1;
         }
         if (take_short_step(e, t, e->point, step, e->other) != 0) return 0;
+        if (!is_stable_step(e, e->point, step)) return 0;
         cotree_copy(e->n, e->other, e->point);
         t += step;
     }
@@ -503,13 +518,15 @@ static int polish_root(cotree_events *e, int i, cotree_real side)
 }
 
 /* Find a root so close to the start that interpolation does not resolve it. Return whether there
- * is one. */
+ * is one; where no short step resolves it, either, the integrator's solution remains. */
 static int find_root_near_start(cotree_events *e, int i, cotree_real side)
 {
     cotree_real width = e->t_after - e->t_before;
     int n;
     for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
-        if (side * value_after_step(e, i, e->t_before + width) > COTREE_F(0.0)) {
+        const cotree_real value = value_after_step(e, i, e->t_before + width);
+        if (n == 0 && !is_stable_step(e, e->start, width)) return e->failure == 0;
+        if (side * value > COTREE_F(0.0)) {
             e->t = e->t_after;
             if (n > 0) {
                 e->t = find_root(e, value_after_step, i, side, e->t_before + width,

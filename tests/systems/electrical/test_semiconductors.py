@@ -159,3 +159,27 @@ def test_only_electrical_networks_begin_at_rest():
         cotree.SceneError, match="has no operating point: it is not part of an electrical network"
     ):
         scene.compile()
+
+
+@pytest.mark.parametrize("method", ["rodas5", "rodas4"])
+def test_kinks_that_two_fast_diodes_reach_together_are_located(method):
+    """A bridge just before two junctions reach 0.5 V; explicit steps to there are unstable."""
+    scene = cotree.Scene("bridge")
+    scene.edge("V", "sine_voltage", "a", "b", offset=0.0, amplitude=10.0, frequency=50.0)
+    values = {"saturation_current": 1e-14, "thermal_voltage": 0.027158162857515335}
+    values |= {"series_resistance": 0.1, "junction_capacitance": 2e-12, "leakage": 1e-12}
+    for i, ends in enumerate((("a", "p"), ("b", "p"), ("ground", "a"), ("ground", "b")), 1):
+        scene.edge(f"D{i}", "diode", *ends, **values)
+    scene.edge("R", "resistor", "p", "ground", resistance=1e3)
+    scene.edge("C", "capacitor", "p", "ground", capacitance=1e-5)
+    begin = {"D1": -5.033214112232773, "D2": 0.500000037915037, "D3": 0.49999991923898}
+    begin["D4"] = -5.033213741879156
+    initial = {f"{name}.junction.v": v for name, v in begin.items()} | {"C.v": 4.533213876039293}
+    t = 0.011866398624069
+    model = scene.compile(tunable=[])
+    settings = {"rtol": 1e-7, "atol": 1e-9, "throw": True, "initial": initial}
+    for span in (1e-9, 1e-5):
+        result = model.simulate((t, t + span), method=method, **settings)
+        expected = model.simulate((t, t + span), method="ida", **settings)
+        for name in initial:
+            assert result[name][-1] == pytest.approx(expected[name][-1], rel=1e-6)
