@@ -321,7 +321,7 @@ def test_bounces_end_at_the_same_one(method):
 
 @pytest.mark.sampled(2)
 def test_what_contradicts_the_constraints_is_named(in_c):
-    with pytest.warns(RuntimeWarning, match=r"'low' sets contradicts the constraints, '.*' first"):
+    with pytest.warns(RuntimeWarning, match=r"'low' contradict the constraints, '.*' first"):
         result = contradiction().compile().simulate((0, 2), [2.0], in_c)
     assert result.statistics.method == in_c
 

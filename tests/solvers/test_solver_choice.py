@@ -97,7 +97,7 @@ def test_ida_stands_in_where_unknowns_cannot_be_solved_for():
     model = _thyristors().compile()
     result = model.simulate((0, 0.006), [0.006])
     assert result.status == 0
-    assert "ida began anew" in result.message
+    assert "ida restarted the run" in result.message
     assert "rodas5 stopped" in result.message
     # While it conducts, 10 mH and 10 ohm follow the source less some 0.9 V of the junctions from
     # the firing at t = 3 ms on: the current of the loop in closed form, to the few millivolts by

@@ -176,7 +176,7 @@ LIBRARIES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 def library_texts(name: str, *stepper: str) -> tuple[Mapping[str, str], str]:
-    """Return the files of a library, or of a stepper's ``engine``, and its declarations for cffi."""
+    """Return files and declarations for cffi of a library, or of the ``engine`` of a stepper."""
     if name == "engine":
         files = engine_files(*stepper)
         return files, engine_declarations(files, *stepper)

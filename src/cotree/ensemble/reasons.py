@@ -14,7 +14,7 @@ import numpy as np
 from cotree.ensemble.plan import NOT_RUN
 from cotree.solvers.budgets import steps_spent, time_spent
 from cotree.solvers.evaluate import BUDGET_SPENT
-from cotree.solvers.messages import stiffness_note, summary, verdict, with_growth
+from cotree.solvers.messages import event_message, stiffness_note, summary, with_growth
 from cotree.solvers.result import FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def budget_message(
     """Return where a member stopped, and which state grew meanwhile."""
     settings = problem.settings
     if ended == EVENTS_SPENT:
-        reason = verdict("spends", [], detail=job.most_events)
+        reason = event_message("spends", [], detail=job.most_events)
     elif ended == STEPS_SPENT:
         reason = steps_spent(settings.max_steps or 0)
     else:

@@ -1,8 +1,8 @@
 """Budgets of a run: steps, events, time, and the memory of what it stores.
 
-Runs whose times nobody chose store each step, and a run that goes wrong may take steps without end.
-Each has a bound, whatever the method. Where stored steps would take more memory, every second one
-is dropped: what is left are points of the same accuracy, and the run goes on.
+A run without chosen times stores each step, and a faulty one may take steps without end. Steps,
+events and time therefore have limits with every method. If stored steps exceed the memory, every
+second one is dropped, and the run continues.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from rich.progress import Progress as Bar
+    from rich.progress import ProgressColumn
 
 
 #: Memory for the steps that a run stores with what is evaluated at them, and for its events,
 #: [byte]. A result of this size takes up to four times as much while it is made.
 MOST_STORED = 256 * 2**20
 
-# With fewer points a curve cannot be drawn, however wide its rows are.
+# The least number of points for a curve, however wide its rows are.
 _LEAST_ROWS = 64
 
 
@@ -34,12 +35,12 @@ def most_rows(width: int) -> int:
 
 
 def steps_spent(limit: int) -> str:
-    """Describe that a budget of steps is spent, without a capital and a full stop."""
+    """Return the message that the limit of steps is reached, without capital and full stop."""
     return f"the limit of {limit} steps is reached"
 
 
 def time_spent(limit: float) -> str:
-    """Describe that a budget of time is spent, [s]."""
+    """Return the message that the time limit, [s], is reached."""
     return f"the time limit of {limit:g} s is spent"
 
 
@@ -51,20 +52,20 @@ class Thinning:
         self._seen = 0
 
     def taken(self, n_new: int) -> slice:
-        """Return the places, among so many new steps, of those to store."""
+        """Return the places of the steps to store among some new ones."""
         first = -self._seen % self.stride
         self._seen += n_new
         return slice(first, n_new, self.stride)
 
     def thin(self) -> slice:
-        """Double the stride, and give the places of the stored steps that stay."""
+        """Double the stride, and return the places of the stored steps that stay."""
         self.stride *= 2
-        # The first step is stored, and the others at multiples of the stride behind it.
+        # Stored steps are the first one and multiples of the stride after it.
         return slice(None, None, 2)
 
     @property
     def note(self) -> str:
-        """A sentence on the steps that a result leaves out; empty where it has all of them."""
+        """A sentence on the steps that a result leaves out; empty if it has all."""
         if self.stride == 1:
             return ""
         return (
@@ -73,12 +74,12 @@ class Thinning:
         )
 
 
-# How long nothing is shown, and how often the bar moves, [s].
+# Time before a bar appears, and the interval of its updates, [s].
 PATIENCE, _REFRESH = 1.0, 0.1
 
 
 class OwnBar:
-    """A bar that is begun where it is first needed, and ends with its ``with`` statement."""
+    """A progress bar that appears when first needed, and ends with its ``with`` statement."""
 
     _bar: Bar | None = None
 
@@ -94,6 +95,17 @@ class OwnBar:
         if self._bar is not None:
             self._bar.stop()
 
+    @staticmethod
+    def _begin(name: str, total: float, *columns: str | ProgressColumn) -> Bar:
+        """Show a new bar."""
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        bar = Bar(*columns, console=Console(stderr=True), transient=True)
+        bar.add_task(name, total=total, message="")
+        bar.start()
+        return bar
+
 
 class CountingBar(OwnBar):
     """Progress bar of a count; hidden if stderr is no terminal or the work is short."""
@@ -103,31 +115,18 @@ class CountingBar(OwnBar):
         self._is_watched = is_wanted and is_watched()
         self._begun = time.perf_counter()
 
-    def count(self, done: int, told: Callable[[float], str]) -> None:
-        """Take note of how many are done; ``told(elapsed)`` says more, for people."""
+    def count(self, done: int, note: Callable[[float], str]) -> None:
+        """Show how many are done, and the text of ``note(elapsed)``."""
         elapsed = time.perf_counter() - self._begun
         if not self._is_watched or elapsed < PATIENCE:
             return
         if self._bar is None:
-            self._bar = self._begin()
-        said = f"{done} of {self._n}{told(elapsed)}"
-        self._bar.update(self._bar.task_ids[0], completed=done, told=said)
+            from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 
-    def _begin(self) -> Bar:
-        from rich.console import Console
-        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
-        columns = (
-            TextColumn(self._noun),
-            BarColumn(),
-            TextColumn("{task.fields[told]}"),
-            TimeRemainingColumn(compact=True),
-        )
-        bar = Bar(*columns, console=Console(stderr=True), transient=True)
-        bar.add_task(self._noun, total=self._n, told="")
-        bar.start()
-        return bar
+            text, left = TextColumn("{task.fields[message]}"), TimeRemainingColumn(compact=True)
+            self._bar = self._begin(self._noun, self._n, self._noun, BarColumn(), text, left)
+        message = f"{done} of {self._n}{note(elapsed)}"
+        self._bar.update(self._bar.task_ids[0], completed=done, message=message)
 
 
 class Progress(OwnBar):
@@ -139,7 +138,7 @@ class Progress(OwnBar):
         self._next = time.perf_counter() + PATIENCE
 
     def reached(self, t: float) -> None:
-        """Take note of a time reached, [s]."""
+        """Show the time reached, [s]."""
         if time.perf_counter() < self._next:
             return
         if self._bar is None and not is_watched():
@@ -147,22 +146,13 @@ class Progress(OwnBar):
             return
         self._next = time.perf_counter() + _REFRESH
         if self._bar is None:
-            self._bar = self._begin()
+            self._bar = self._begin(self._method, 1.0)
         share = (t - self._start) / (self._end - self._start)
         self._bar.update(self._bar.task_ids[0], completed=share)
 
-    def _begin(self) -> Bar:
-        from rich.console import Console
-        from rich.progress import Progress as Bar
-
-        bar = Bar(console=Console(stderr=True), transient=True)
-        bar.add_task(self._method, total=1.0)
-        bar.start()
-        return bar
-
 
 def is_watched() -> bool:
-    """Return whether somebody looks."""
-    # Bars of several threads would write over each other, and take each other's streams.
+    """Return whether stderr is a terminal and this is the main thread."""
+    # Bars of several threads would overwrite each other.
     is_main = threading.current_thread() is threading.main_thread()
     return is_main and sys.stderr is not None and sys.stderr.isatty()

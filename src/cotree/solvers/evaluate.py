@@ -1,7 +1,7 @@
-"""Guarded calls of the user's right-hand side and Jacobian during one integration.
+"""Guarded calls of the right-hand side and the Jacobian during one integration.
 
-In: a ``Problem``. Out: callables for the solvers that count, copy where the solvers keep
-references, remember the first derivative that is not finite, and enforce the time budget.
+In: a ``Problem``. Out: functions for solvers that count calls, copy results, store the first
+derivative that is not finite, and check the time limit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class IntegrationStopError(Exception):
-    """Leave the solver from inside a callback; the drive turns it into a failed trajectory."""
+    """End a solver from inside a callback; the trajectory is then marked as failed."""
 
     def __init__(self, status: int, reason: str) -> None:
         super().__init__(reason)
@@ -57,22 +57,21 @@ class Evaluator:
         self.njev = 0
         self.not_finite = ""
         self._last_jacobian: Any = None
-        # Of the whole span, until the first segment is opened.
+        # The whole span, until the first segment begins.
         self._bounds = sorted(problem.settings.t_span)
         self._deadline = math.inf
         if problem.settings.time_limit is not None:
             self._deadline = time.perf_counter() + problem.settings.time_limit
-        # A step takes tens of evaluations, or the length of z where the solver differences a
-        # Jacobian. SciPy's step loops have no end where the step size itself becomes nan.
+        # A step takes tens of evaluations, or the length of z if the solver forms a Jacobian by
+        # differences. SciPy's step loops do not end if the step size becomes nan.
         self._per_step = 10_000 + 100 * problem.size
         self._allowed = self._per_step
 
     def open_segment(self, start: float, end: float) -> None:
-        """Keep the times handed to the problem inside one segment between breakpoints."""
-        # A pulse that begins at the end of a segment must not be seen by the last stage of this
-        # segment's last step, nor one that ends at its start by the first: both sides of a jump
-        # would meet in one step, and the error test would shrink it to nothing.
-        # The times of jumps are themselves rounded, hence the margin.
+        """Restrict evaluations to times within one segment between breakpoints."""
+        # Stages at the ends of a segment must not read the other side of a jump there: the error
+        # test would reject the step at any length. The times of jumps are rounded, hence the
+        # margin.
         low, high = self.problem.settings.t_span
         size = max(abs(start), abs(end), self.problem.scale)
         margin = min(SAME * size, 0.25 * abs(end - start))
@@ -87,14 +86,14 @@ class Evaluator:
         self._allowed = self.nfev + self._per_step
 
     def progressed(self) -> None:
-        """Forget what was not finite: the solver has found its way around it."""
+        """Reset the report of a value that was not finite, after an accepted step."""
         self.not_finite = ""
 
     def rhs(self, t: float, z: FloatArray) -> FloatArray:
         """Return a fresh array with the derivative of z."""
         dz = self._call(t, z)
-        # A dot product finds nan and infinity in one pass; squares may also overflow, which the
-        # slower test then sorts out.
+        # A dot product finds nan and infinity in one pass; as squares may overflow, the slower test
+        # decides.
         if not math.isfinite(dz.dot(dz)) and not self.not_finite:
             self._remember(t, z, dz)
         return dz
@@ -111,21 +110,18 @@ class Evaluator:
         """
         self.njev += 1
         n_states = self.problem.n_states
-        checked: FloatArray
         if self.problem.jacobian is None:
-            checked = self._checked(t, self._differences(t, z)[:n_states])
-            return checked
-        point = z[:n_states]
-        matrix = self._evaluate(self.problem.jacobian, t, point)
-        checked = self._checked(t, np.array(matrix, dtype=np.float64))
+            matrix = self._differences(t, z)[:n_states]
+        else:
+            matrix = self._evaluate(self.problem.jacobian, t, z[:n_states])
+        checked: FloatArray = self._checked(t, np.array(matrix, dtype=np.float64))
         return checked
 
     def sparse_jacobian(self, t: float, z: FloatArray) -> Any:
         """Return the same in SciPy's CSC form; see :attr:`Problem.sparse_jacobian`."""
         assert self.problem.sparse_jacobian is not None
         self.njev += 1
-        n = self.problem.n_states
-        point = z[:n]
+        point = z[: self.problem.n_states]
         return self._checked(t, self._evaluate(self.problem.sparse_jacobian, t, point))
 
     def first_columns(self, t: float, z: FloatArray) -> FloatArray:
@@ -139,22 +135,18 @@ class Evaluator:
             columns[:n_states] = self._checked(t, columns[:n_states])
         else:
             columns[:n_states] = self.state_jacobian(t, z)
-        # In the other rows stand derivatives of J s_p + f_p by the states, from differences.
-        # A second derivative that is not finite is left out: it would only speed the iteration up.
+        # The other rows are derivatives of J s_p + f_p by the states, from differences. They only
+        # speed up the iteration, so that those that are not finite may be zero.
         columns[~np.isfinite(columns)] = 0.0
         return columns
 
-    def dense_jacobian(self, t: float, z: FloatArray) -> FloatArray:
-        """Return the Jacobian of z as a dense matrix, shape (size, size)."""
-        return assemble_dense(self.first_columns(t, z), self.problem.n_states)
-
-    def sized_jacobian(self, t: float, z: FloatArray) -> Any:
-        """Return the Jacobian of z, in SciPy's CSC form where that is cheaper."""
-        if self.problem.is_sparse:
+    def augmented_jacobian(self, t: float, z: FloatArray, *, is_dense: bool) -> Any:
+        """Return the Jacobian of z, in SciPy's CSC form if that is cheaper and allowed."""
+        if self.problem.is_sparse and not is_dense:
             return self.sparse_jacobian(t, z)
         # A dense matrix of many blocks would be mostly zeros: J repeats along the diagonal.
-        is_sparse = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
-        assemble = assemble_sparse if is_sparse else assemble_dense
+        is_long = self.problem.n_sensitivities and self.problem.size > DENSE_LIMIT
+        assemble = assemble_sparse if is_long and not is_dense else assemble_dense
         return assemble(self.first_columns(t, z), self.problem.n_states)
 
     def _call(self, t: float, z: FloatArray) -> FloatArray:
@@ -170,11 +162,11 @@ class Evaluator:
     def _evaluate(
         self, function: Callable[[float, FloatArray], Any], t: float, z: FloatArray
     ) -> Any:
-        """Call a function; stop if nothing has a value there, or a budget is spent."""
+        """Call a function; end the run if it has no value there, or a limit is reached."""
         self._check_budgets()
         try:
             return function(self.inside(t), np.ascontiguousarray(z, dtype=np.float64))
-        except SingularSystemError as error:  # a configuration on the way, not a wrong scene
+        except SingularSystemError as error:  # of one configuration
             raise IntegrationStopError(FAILED, str(error)) from None
 
     def _differences(self, t: float, z: FloatArray) -> FloatArray:
@@ -199,8 +191,8 @@ class Evaluator:
         )
         if self._last_jacobian is None:
             raise IntegrationStopError(FAILED, f"the Jacobian is not finite: {phrase}")
-        # A trial step may leave the domain of the equations. An older Jacobian only slows the
-        # iteration down; if the right-hand side is not finite either, the step is shortened.
+        # A trial step may leave the domain of the equations. An older Jacobian only slows down the
+        # iteration; the step is shortened if the right-hand side is not finite either.
         self.not_finite = self.not_finite or phrase
         return self._last_jacobian.copy()
 

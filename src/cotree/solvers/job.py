@@ -19,7 +19,7 @@ from cotree.solvers.augmented import Tolerances, as_tested, is_integrated
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
 from cotree.solvers.evaluate import Evaluator, IntegrationStopError
-from cotree.solvers.messages import blamed, undefined_ahead, verdict
+from cotree.solvers.messages import event_message, subjects, undefined_ahead
 from cotree.solvers.problem import (
     Native,
     Problem,
@@ -484,8 +484,8 @@ class Job:
         rows = problem.events.rows if problem.events is not None else ()
         fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         event = rows[c.event].name if c.event < len(rows) else "kink of a law"
-        events = blamed(name, event, fired)
-        said = verdict(name, events, float(c.event_time), float(c.event_detail))
+        events = subjects(name, event, fired)
+        said = event_message(name, events, float(c.event_time), float(c.event_detail))
         if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
             return f"{said}, '{problem.constraints[int(c.event_detail)]}' first of all"
         return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said

@@ -1,7 +1,7 @@
 """Sentences in which an integration reports its outcome.
 
-In: a ``Problem`` and its ``Trajectory``. Out: the trajectory, whose message names the state. No run
-is stopped by what is said here: budgets and values that are not finite end it.
+In: a ``Problem`` and its ``Trajectory``. Out: the trajectory with a complete message. Nothing here
+ends a run; limits and values that are not finite do.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ ROUNDING_LEVEL = SENTENCES["STEP_TOO_SMALL"]
 # Where the spacing of floating-point times exceeds this share of the span, it may be too coarse.
 _FINE = 1e-12
 
-# Rates without a value made the steps short if they lie ahead within this share of the elapsed
-# time; at the start, within the square of this share of the span.
+# Undefined rates explain short steps if they are ahead within this share of the elapsed time, or at
+# the start within the square of this share of the span.
 _SOON = 1e-3
 
 
 def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
-    """Describe in sentences where a method arrived, or why it stopped, and with which tolerance.
+    """Return sentences on the time that a method reached, why it stopped, and its tolerance.
 
     Parameters
     ----------
@@ -69,20 +69,20 @@ def summary(problem: Problem, method: str, t: float, reason: str) -> list[str]:
 
 
 def stiffness_note(job: Any) -> str:
-    """Describe what an explicit method found out about stiffness; empty where that is nothing."""
+    """Return the report of an explicit method that a problem is stiff; empty if it is not."""
     if not (job.is_stiff and job.n_stiff_steps > LIMITS.most_stiff_steps):
         return ""
     return (
         f"The problem is stiff from t = {float(job.stiff_since):.6g} on: about "
-        f"{int(job.n_stiff_steps)} steps were as short as stability asks, and a method for "
+        f"{int(job.n_stiff_steps)} steps were as short as stability requires, and a method for "
         "stiff problems such as rodas5 may take far fewer."
     )
 
 
 def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
-    """Describe why rates have no value just beyond the point where a method stopped; else empty.
+    """Return why rates have no value just after the point where a method stopped; else empty.
 
-    C reports that the rates fail, but not why: they are evaluated here along the tangent of the
+    C reports that the rates fail, but not why, so they are evaluated along the tangent of the
     motion from (t, z), the last good point.
     """
     if problem.undefined is None or problem.state_rhs is None:
@@ -106,8 +106,8 @@ def undefined_ahead(problem: Problem, t: float, z: FloatArray) -> str:
 
 
 def _undefined(problem: Problem, t: float, y: FloatArray) -> str:
-    """Describe why rates, or the algebraic unknowns in them, have no value at a point."""
-    assert problem.undefined is not None  # or nobody would have asked
+    """Return why rates, or the algebraic unknowns in them, have no value at a point."""
+    assert problem.undefined is not None  # checked by the caller
     why = problem.undefined(t, y)
     if why or not problem.n_algebraic:
         return why
@@ -122,7 +122,7 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
         return ""
     return (
         f"Near t = {t:.17g} times are {spacing:.2g} s apart, too far for the steps that are "
-        "needed: let the run begin nearer to t = 0."
+        "needed: start the run nearer to t = 0."
     )
 
 
@@ -153,86 +153,85 @@ def _quoted(names: Iterable[str]) -> str:
     return listed(f"'{name}'" for name in names)
 
 
-#: The sentences by the name of the status, or of what ends a run without a failure: ``t`` is the
-#: time, ``detail`` a further time, a duration or a count.
-VERDICTS = {
-    "EVENTS_NOT_FINITE": "what event {event} looks at is not finite",
-    "EVENTS_SET_NOT_FINITE": "what event {event} sets is not finite",
-    "EVENTS_CONTRADICT": "what event {event} sets contradicts the constraints",
+#: Sentences by the name of a status, or of an ending without a failure: ``t`` is the time,
+#: ``detail`` a further time, a duration or a count.
+EVENT_MESSAGES = {
+    "EVENTS_NOT_FINITE": "the function of event {event} is not finite",
+    "EVENTS_SET_NOT_FINITE": "a new value of event {event} is not finite",
+    "EVENTS_CONTRADICT": "the new values of event {event} contradict the constraints",
     "EVENTS_UNDERDETERMINED": (
-        "event {event} sets fewer states than the constraints leave free, so the others follow by"
-        " a choice that sensitivities do not know of: set as many as there are degrees of "
-        "freedom, or use an impact"
+        "event {event} sets fewer states than the constraints leave free, and the choice of the "
+        "others has no sensitivities: set as many as there are degrees of freedom, or use an impact"
     ),
     "EVENTS_REST_AT_ZERO": (
-        "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion goes on "
-        "through it: let a mode hold what comes to rest, or stop there"
+        "event {event} at t = {t:.10g} leaves no speed away from zero, and the motion continues "
+        "through it: hold the resting motion by a mode, or make the event terminal"
     ),
     "EVENTS_GRAZING": (
-        "event {event} grazes at t = {t:.10g}: what it looks at only just touches zero, to within "
-        "the tolerances, and nothing there has sensitivities; where it is never much larger than "
-        "atol, give a smaller atol, else change a parameter, or compile without sensitivities"
+        "event {event} grazes at t = {t:.10g}: its function only touches zero, to within the "
+        "tolerances, where no sensitivities exist; if it is never much larger than atol, give a "
+        "smaller atol, else change a parameter, or compile without sensitivities"
     ),
     "EVENTS_ACCUMULATE": (
-        "event {event} happens ever faster and accumulates at t = {detail:.10g}: let a mode hold "
-        "what comes to rest, or stop there"
+        "event {event} occurs ever faster and accumulates at t = {detail:.10g}: hold the resting "
+        "motion by a mode, or make the event terminal"
     ),
     "EVENTS_CHATTER": (
-        "event {event} happened 100 times within {detail:.3g} s before t = {t:.10g}: let a mode "
-        "hold what chatters"
+        "event {event} occurred 100 times within {detail:.3g} s before t = {t:.10g}: hold the "
+        "chattering motion by a mode"
     ),
     "EVENTS_CASCADE": (
-        "events {event} make each other happen without end at t = {t:.10g}: let a mode hold what "
-        "chatters"
+        "events {event} trigger each other without end at t = {t:.10g}: hold the chattering motion "
+        "by a mode"
     ),
     "EVENTS_SLIDING": (
-        "{event} at t = {t:.10g}: from either side the motion is driven back to where this jumps,"
-        " so it neither crosses nor leaves; write a law that does not jump there (tanh for sign),"
-        " or let a mode of your own hold what sticks"
+        "{event} at t = {t:.10g}: from either side the motion is driven back to the jump, so it "
+        "neither crosses nor leaves; write a law that does not jump there (tanh for sign), or hold "
+        "the sticking motion by a mode"
     ),
     "EVENTS_LEAVES_JUMP": (
-        "{event} at t = {t:.10g}: what rested where this jumps leaves there, and which way, and "
-        "when, depends on the side: start away from the jump, or let a mode of your own hold what "
-        "sticks"
+        "{event} at t = {t:.10g}: a value that rested at the jump leaves it, in a direction and at "
+        "a time that depend on the side: start away from the jump, or hold the sticking motion by "
+        "a mode"
     ),
     "EVENTS_NOT_COMMUTING": (
-        "{event} and others jump at once at t = {t:.10g}, and what follows depends on which comes"
-        " first, so nothing has sensitivities there: change a parameter, or compile without "
+        "{event} and others jump simultaneously at t = {t:.10g}, and the motion depends on their "
+        "order, so that no sensitivities exist there: change a parameter, or compile without "
         "sensitivities"
     ),
     "EVENTS_NO_MODES": (
-        "at t = {t:.10g} the dry friction or rigid stops of {event} have no modes that agree with "
-        "each other: whichever of them hold, a force passes its limit or a motion goes against it; "
-        "look for friction that is less at rest than sliding, and for forces that follow friction"
+        "at t = {t:.10g} the dry friction or rigid stops of {event} have no consistent modes: with "
+        "each choice a force exceeds its limit or a motion opposes its mode; check for friction "
+        "that is less at rest than sliding, and for forces that depend on friction"
     ),
     "EVENTS_INDETERMINATE": (
-        "at t = {t:.10g} {event} would stick beside a gear that holds the same motion: what the "
-        "gear loses depends on how they share the force, which nothing decides; let the gear be "
-        "ideal, or put an elastic shaft between them"
+        "at t = {t:.10g} {event} would stick while a gear holds the same motion: the losses of the "
+        "gear depend on their shares of the force, which are indeterminate; make the gear ideal, "
+        "or put an elastic shaft between them"
     ),
     "EVENTS_NEGATIVE_GAP": (
-        "{event} begins at t = {t:.10g} beyond its limit: let it begin within, or at the limit"
+        "{event} starts at t = {t:.10g} beyond its limit: start within the limit, or at it"
     ),
     "EVENTS_NO_IMPULSES": (
-        "at t = {t:.10g} the impact at {event} has no impulses that agree with each other: "
-        "whichever of them act, one pulls or a gap closes further"
+        "at t = {t:.10g} the impact at {event} has no consistent impulses: with each choice one is "
+        "tensile or a gap closes further"
     ),
     "EVENTS_COUPLED_IMPACTS": (
-        "{event} at t = {t:.10g} happens together with another impact that changes its speed, and "
-        "what follows depends on which comes first, so nothing has sensitivities there: change a "
-        "parameter, or compile without sensitivities"
+        "{event} at t = {t:.10g} coincides with another impact that changes its speed, and the "
+        "motion depends on their order, so that no sensitivities exist there: change a parameter, "
+        "or compile without sensitivities"
     ),
     "EVENTS_ENERGY_GAIN": (
-        "the impact at {event} at t = {t:.10g} would leave more energy than there was, as Newton's "
-        "law of impact may with friction: give a smaller restitution"
+        "the impact at {event} at t = {t:.10g} would gain energy, as Newton's law of impact may "
+        "with friction: give a smaller restitution"
     ),
     "EVENTS_NOT_UNIQUE": (
-        "at t = {t:.10g} the contact {event} may hold or let go: with friction as strong as this "
-        "more than one motion agrees with the laws (Painleve's paradox), so that none is chosen"
+        "at t = {t:.10g} the contact {event} may stay closed or open: with such strong friction "
+        "several motions satisfy the laws (Painleve's paradox): reduce the friction"
     ),
     "EVENTS_LOSSY_IMPACT": (
-        "at t = {t:.10g} an impact passes the gear with losses {event}, whose laws are those of "
-        "steady forces: let the gear be ideal, or put an elastic shaft between it and the stop"
+        "at t = {t:.10g} an impact passes the gear with losses {event}, whose laws hold for steady "
+        "forces: make the gear ideal, or put an elastic shaft between it and the stop"
     ),
     "EVENTS_LEAVES_ROOT": (
         "at t = {t:.10g} the argument of a root rests at zero, and the root, whose slope is "
@@ -240,12 +239,12 @@ VERDICTS = {
         "write a law with a finite slope there"
     ),
     "EVENTS_BELOW_TOLERANCE": (
-        "{event} at t = {t:.10g}: impacts follow each other faster and faster, and have become "
-        "too small for the tolerances; give a larger rest_speed, or smaller tolerances"
+        "{event} at t = {t:.10g}: impacts occur ever faster, and have become too small for the "
+        "tolerances; give a larger rest_speed, or smaller tolerances"
     ),
     "EVENTS_LOCKED_DIRECTION": (
-        "{event} turns at t = {t:.10g} the way that it locks, which takes an impact: let it start "
-        "at a relative speed of zero or more, and put an elastic shaft between it and a rigid stop"
+        "{event} turns at t = {t:.10g} in its locked direction, which needs an impact: start at a "
+        "relative speed of zero or more, and put an elastic shaft between it and a rigid stop"
     ),
     "spends": "the limit of {detail:g} events is reached",
     "stops": "event {event} ends the run",
@@ -255,18 +254,18 @@ VERDICTS = {
 #: Impacts that a message lists.
 _MOST_RESTS = 3
 
-#: Sentences that name edges.
+#: Statuses whose sentences name edges.
 _OF_EDGES = (
     *("EVENTS_NO_MODES", "EVENTS_LOCKED_DIRECTION", "EVENTS_NO_IMPULSES", "EVENTS_NEGATIVE_GAP"),
     *("EVENTS_ENERGY_GAIN", "EVENTS_NOT_UNIQUE", "EVENTS_INDETERMINATE", "EVENTS_LOSSY_IMPACT"),
 )
 
-#: What the names of events of friction and stops say of their edges.
+#: Endings of the names of events of friction and stops, after those of their edges.
 _EDGE = re.compile(r" (stops|turns its load|rests|hits|hits upper|hits lower)$")
 
 
-def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
-    """List what a sentence of :data:`VERDICTS` names: events, or edges with dry friction."""
+def subjects(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
+    """Return the events, or edges, that a sentence of :data:`EVENT_MESSAGES` names."""
     are_many = (
         "EVENTS_CASCADE",
         "EVENTS_SLIDING",
@@ -277,12 +276,11 @@ def blamed(name: str, event: str, fired: Sequence[str]) -> Sequence[str]:
     listed = fired if name in are_many else [event]
     if name not in _OF_EDGES:
         return listed
-    # Names of edges may hold blanks; the words after them do not vary.
     return [_EDGE.sub("", row) for row in listed]
 
 
 def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
-    """Name the rigid stops that an impact has brought to rest by their rule; empty if none.
+    """Return a sentence on impacts that ended in rest by the rule of rigid stops, else empty.
 
     ``records`` are those of :attr:`cotree.solvers.result.Trajectory.events`.
     """
@@ -298,49 +296,47 @@ def rest_note(rows: Sequence[EventRow], records: FloatArray) -> str:
     return f"Impacts ended in rest, slower than rest_speed: {shown}."
 
 
-def verdict(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
-    """Return the sentence of :data:`VERDICTS` that says why events end a run."""
+def event_message(name: str, events: Sequence[str], t: float = 0.0, detail: float = 0.0) -> str:
+    """Return the sentence of :data:`EVENT_MESSAGES` on events that end a run."""
     listed = ", ".join(f"'{event}'" for event in events)
-    return VERDICTS[name].format(event=listed, t=t, detail=detail)
+    return EVENT_MESSAGES[name].format(event=listed, t=t, detail=detail)
 
 
-# The share of the elapsed time that counts as the beginning, and the one that counts as the end.
+# Shares of the elapsed time up to the end of its beginning, and from the start of its end.
 _EARLY, _LATE = 0.1, 0.9
 
-# Growth by less than this has other reasons: in ten times the time a steady motion covers ten times
-# the way, and an accelerated one a hundred times.
+# The least factor of growth: within ten times the time a steady motion covers ten times the
+# distance, and an accelerated one a hundred times.
 _LEAST = 1e3
 
-# Nor does what grows more slowly than this power of time, as counts and angles do: an exponential
+# The least power of time by which a state grows; counts and angles grow more slowly. An exponential
 # that has grown a thousandfold grows as the power of 7.7 at its end.
 _LEAST_POWER = 7.0
 
-# Unknowns whose determinant is formed, and those that a message names; how far aside it is formed.
+# Most unknowns whose determinant is computed, and that a message names; distance of the points.
 _MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add to the message of a run that stopped early which state grows, or that a fold ended it."""
+    """Add to the message of a run that stopped early the state that grows, or a fold."""
     if trajectory.status == 0:
         return trajectory
-    said = growth(problem, trajectory) or fold(problem, trajectory)
-    if not said:
-        return trajectory
-    return replace(trajectory, message=f"{trajectory.message} {said}")
+    cause = growth(problem, trajectory) or fold(problem, trajectory)
+    return replace(trajectory, message=f"{trajectory.message} {cause}") if cause else trajectory
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:
-    """Report a fold of the algebraic equations where a run ended early, as a sentence, or empty.
+    """Return a sentence on a fold of the algebraic equations at the end of a run, or empty.
 
-    Two solutions meet at a fold, and none goes on: the determinant of the derivatives by the
-    unknowns has different signs on either side of it.
+    Two solutions meet at a fold and end: the determinant of the derivatives by the unknowns has
+    different signs on either side of it.
     """
     m, n = problem.n_algebraic, problem.n_states
     if not (0 < m <= _MOST_UNKNOWNS and trajectory.t.size) or problem.jacobian is None:
         return ""
     t, y = float(trajectory.t[-1]), trajectory.z[:n, -1].copy()
     signs = set()
-    # A kink may be near rather than at the last point.
+    # A kink may be near the last point.
     for i in range(n - m, n):
         for aside in (-_ASIDE, _ASIDE):
             there = y.copy()
@@ -354,13 +350,13 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
     unknowns = listed(f"'{name}'" for name in list(problem.names[n - m : n])[:_MOST_NAMED])
     return (
         f"The algebraic equations have a fold at t = {t:.6g}: two of their solutions for "
-        f"{unknowns} meet there, and none goes on. Let a mode switch there by events, or put a "
-        "storage, such as a small capacitor, into the loop."
+        f"{unknowns} meet and end there. Switch a mode there by events, or add a storage, such as "
+        "a small capacitor, to the loop."
     )
 
 
 def growth(problem: Problem, trajectory: Trajectory) -> str:
-    """Name the state that has grown most, as a sentence; empty where none has grown much.
+    """Return a sentence on the state that has grown most; empty if none has grown much.
 
     A state has grown if it has left the range of the first tenth of the run a thousandfold, is as
     large as ever in the last one, and grows there faster than any power of time below the seventh.
@@ -369,18 +365,18 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     n, start = problem.n_states, float(problem.settings.t_span[0])
     if not trajectory.t.size or not n:
         return ""
-    # The start may not be among the times that were asked for.
+    # The requested times may not include the start.
     t = np.abs(np.concatenate([[start], trajectory.t]) - start)
     y = np.abs(np.column_stack([problem.z0[:n], trajectory.z[:n]]))
     early, late = t <= _EARLY * t[-1], t >= _LATE * t[-1]
     with np.errstate(all="ignore"):
         floor = problem.state_atol / problem.settings.rtol
-        # The unknowns that the run began with may have been guesses.
+        # Initial algebraic unknowns may have been guesses.
         ranges = np.maximum(np.max(y[:, early], axis=1), floor)
         ranges[n - problem.n_algebraic :] = np.inf
         last, most = np.max(y[:, late], axis=1), np.max(y, axis=1)
-        # The power of time by which each grows at the end, and has grown since the last time before
-        # the last tenth: what swings may be at rest at the end.
+        # The power of time by which each grows at the end, or has grown in the last tenth: a
+        # swinging state may be at rest at the end.
         rate = (problem.state_rhs or problem.rhs)(float(trajectory.t[-1]), trajectory.z[:, -1])[:n]
         power = problem.direction * t[-1] * np.asarray(rate) / trajectory.z[:n, -1]
         before = np.flatnonzero(~late)
@@ -396,11 +392,11 @@ def growth(problem: Problem, trajectory: Trajectory) -> str:
     name = f"'{problem.names[worst]}'" if problem.names else f"State {worst}"
     return (
         f"{name} grows without bound: since t = {since:.4g} it has left the range of its beginning "
-        f"and reached {last[worst]:.3g}, {factors[worst]:.2g} times as much; look at the signs of "
-        "what feeds it."
+        f"and reached {last[worst]:.3g}, {factors[worst]:.2g} times as much; check the signs in "
+        "its equation."
     )
 
 
 def _left(direction: float, t: FloatArray, y: FloatArray, largest: float) -> float:
-    """Return the time, from the start on, at which a value last was within its first range."""
+    """Return the last time, from the start on, at which a value was within its first range."""
     return direction * float(t[np.flatnonzero(y <= largest)[-1]])

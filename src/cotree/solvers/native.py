@@ -16,14 +16,20 @@ from cotree.solvers.budgets import Progress, steps_spent, time_spent
 from cotree.solvers.engine import check_installed, load_engine
 from cotree.solvers.evaluate import BUDGET_SPENT, FAILED
 from cotree.solvers.job import Job, job_kind
-from cotree.solvers.messages import rest_note, singular_positions, stiffness_note, summary, verdict
+from cotree.solvers.messages import (
+    event_message,
+    rest_note,
+    singular_positions,
+    stiffness_note,
+    summary,
+)
 from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 
 if TYPE_CHECKING:
     from cotree.model.kernels import Newton
     from cotree.solvers.problem import Problem
-    from cotree.solvers.stiffness import Succession
+    from cotree.solvers.stiffness import MethodSwitch
 
 
 # Endings for which the equations are to blame, and not an event or the tolerances.
@@ -178,7 +184,7 @@ class Attempt:
         self.job.end()
         self._give_back()
 
-    def finish(self, successor: Succession | None = None) -> Trajectory:
+    def finish(self, successor: MethodSwitch | None = None) -> Trajectory:
         """Integrate to the end; ``successor`` may take over if the problem turns out stiff."""
         job, problem, method = self.job, self.problem, self.row.name
         ended = _run(job, problem, method, successor, self.ended)
@@ -253,7 +259,7 @@ def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
 
 
 def _run(
-    job: Job, problem: Problem, method: str, successor: Succession | None, ended: Ended | None
+    job: Job, problem: Problem, method: str, successor: MethodSwitch | None, ended: Ended | None
 ) -> Ended | Trajectory:
     """Advance a job to its end, or let its successor go on; free what the stepper holds."""
     try:
@@ -314,11 +320,11 @@ def _advance(
             return 0, "", True
         if result == _STOPPED:
             assert problem.events is not None  # one of which it was
-            return 0, verdict("stops", [problem.events.rows[job.job.event].name]), False
+            return 0, event_message("stops", [problem.events.rows[job.job.event].name]), False
         if result != _MORE:
             return 0, "", False
         if job.has_spent_events:
-            return BUDGET_SPENT, verdict("spends", [], detail=job.job.most_events), False
+            return BUDGET_SPENT, event_message("spends", [], detail=job.job.most_events), False
         # Checked after events, which end a run whatever is left of the budget of steps.
         if limit is not None and others + job.job.n_steps >= limit:
             return BUDGET_SPENT, steps_spent(limit), False

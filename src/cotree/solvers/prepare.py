@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from cotree.sharing import Kept
     from cotree.solvers.result import FloatArray
 
-
-if TYPE_CHECKING:
     Bound = Callable[[float, FloatArray, FloatArray, FloatArray | None], FloatArray]
+    Inputs = Callable[[float], FloatArray | None]
 
 _NONE = np.zeros(0)
 
@@ -49,9 +48,7 @@ class Functions:
     ``u(t)`` returns the inputs, (n_inputs,), or None for the model's own.
     """
 
-    def __init__(
-        self, model: CompiledModel, p: FloatArray, u: Callable[[float], FloatArray | None]
-    ) -> None:
+    def __init__(self, model: CompiledModel, p: FloatArray, u: Inputs) -> None:
         self._model, self._p, self._u, self._n = model, p, u, len(model.states)
         self._bound: dict[str, Bound] = {}
 
@@ -150,7 +147,7 @@ def reaching(
     model: CompiledModel,
     p: FloatArray,
     samples: Sequence[Samples],
-    u: Callable[[float], FloatArray | None],
+    u: Inputs,
 ) -> Callable[[float, FloatArray], None]:
     """Return the function that takes the samples due at a time, from the states that are there."""
     n = len(model.states)
@@ -164,9 +161,6 @@ def reaching(
 
     return reach
 
-
-if TYPE_CHECKING:
-    Inputs = Callable[[float], FloatArray | None]
 
 # Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
 _LARGEST_SHARE = 0.1
@@ -500,20 +494,12 @@ def _with_samples(
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
     """Return u as a function of time; None leaves it to the model."""
     if not model.inputs:
-        return _no_inputs
+        return lambda t: _NONE
     if not signals.by_position:
-        return _own_inputs
+        return lambda t: None
     own = model.bound("inputs", p)
     # The inputs of the scene are a buffer of the kernel, which the replaced ones must not change.
     return lambda t: signals.apply(t, own(t, _NONE, _NONE, _NONE).copy())
-
-
-def _no_inputs(t: float) -> FloatArray:
-    return _NONE
-
-
-def _own_inputs(t: float) -> None:
-    return None
 
 
 def _has_sparse_jacobian(model: CompiledModel) -> bool:

@@ -338,10 +338,6 @@ def _hint(name: str, known: Iterable[str]) -> str:
 FloatArray = npt.NDArray[np.float64]
 
 
-def _no_events() -> FloatArray:
-    return np.zeros((0, 2))
-
-
 @dataclass(frozen=True)
 class Statistics:
     """Work done by one integration.
@@ -416,7 +412,7 @@ class Trajectory:
     drift: Drift | None = None
     #: The events that happened, in order, a row each: time, [s], number of the event, derivatives
     #: of the time by the parameters, states before, and states after.
-    events: FloatArray = field(default_factory=_no_events)
+    events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     #: Whether it failed because equations could not be solved, however short the step.
     is_unsolved: bool = False
 

@@ -1,7 +1,7 @@
 """SciPy's methods: ``scipy.integrate.solve_ivp`` with the compiled rates and Jacobian.
 
-LSODA fails where nothing moves at the start, but will soon, as a stiff circuit does that a source
-of sine feeds: it begins far too long and may shorten a step only a few times.
+LSODA fails if all rates are zero at the start and grow soon after, as in a stiff circuit with a
+sine source: its first step is far too long, and it may shorten a step only a few times.
 
 In: a ``Problem`` without events, constraints and algebraic unknowns, and a method's name. Out: a
 ``Trajectory``. ``solve_ivp`` runs from one breakpoint to the next; its event function, which it
@@ -45,7 +45,7 @@ def first_step(
     longest: float,
     tolerances: tuple[float, FloatArray],
 ) -> float:
-    """Choose a first step, [s], from the rates and their change along a tiny one.
+    """Return a first step, [s], estimated from the rates and their change over a small step.
 
     E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, second edition,
     section II.4, for a method that begins with order 1.
@@ -56,7 +56,7 @@ def first_step(
     # d0, d1 and h0 of the reference: norms of values and rates in tolerances, and a step that
     # changes the values by a hundredth of themselves.
     size, slope = _norm(z * weights), _norm(rates * weights)
-    # A shorter step would be lost in the rounding of t.
+    # A shorter step is below the rounding of t.
     least = 4.0 * float(np.spacing(max(abs(t), abs(t_end))))
     trial = 1e-6 if min(size, slope) < 1e-5 else _SHARE * size / slope
     trial = min(max(trial, least), longest)
@@ -77,13 +77,13 @@ def _norm(scaled: FloatArray) -> float:
 
 _one_at_a_time = threading.RLock()
 
-# A method that gets nan for rates shortens its step until it gives up; one that goes on is stopped.
+# A method shortens its step if rates are nan; it is stopped after so many such evaluations.
 _MOST_IGNORED = 1000
 
 # A step is stored if its time is known to this share of the distance to the last one stored.
 _FINE = 1e-2
 
-#: The reason why Radau stops where its steps, however accurate they seem, would not follow.
+#: Message if Radau damps a growing mode, which its error estimate cannot detect.
 _DAMPED = "a mode grows faster than its steps can follow, which it damps: use 'rodas5'"
 
 
@@ -100,17 +100,17 @@ def solve_with_scipy(problem: Problem, method: str) -> Trajectory:
             f"The method '{method}' cannot take {what}: use '{METHODS[method].instead}', which "
             "runs in C."
         )
-    # What is not finite is watched and reported here; SciPy's own warnings say it once more.
-    with _alone(method), np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
+    # Values that are not finite are reported here, so SciPy's warnings are not needed.
+    with _serialized(method), np.errstate(all="ignore"), without_warnings(module=r"scipy\."):
         return _Run(problem, method).trajectory()
 
 
 @contextlib.contextmanager
-def _alone(method: str) -> Iterator[None]:
-    """Keep other threads out if a method has only one state in the whole process."""
+def _serialized(method: str) -> Iterator[None]:
+    """Lock out other threads if the state of a method is global to the process."""
     from scipy.integrate import _ode
 
-    # LSODA was Fortran with common blocks once; SciPy counted its users then.
+    # LSODA is Fortran with common blocks in older versions of SciPy.
     if method == "LSODA" and hasattr(_ode.lsoda, "active_global_handle"):
         with _one_at_a_time:
             yield
@@ -133,7 +133,7 @@ class _Run:
         self.stop: IntegrationStopError | None = None
 
     def trajectory(self) -> Trajectory:
-        """Integrate from breakpoint to breakpoint, and return what was stored."""
+        """Integrate from breakpoint to breakpoint, and return the stored points."""
         begin, problem = time.perf_counter(), self.problem
         if problem.settings.t_eval is None:
             self._store_step()
@@ -161,12 +161,12 @@ class _Run:
             n_steps=self.n_steps,
             seconds=time.perf_counter() - begin,
         )
-        said = [*summary(problem, self.method, self.t, reason), self.thinning.note]
+        sentences = [*summary(problem, self.method, self.t, reason), self.thinning.note]
         return Trajectory(
             t=np.array(self.times),
             z=np.array(self.columns).reshape(len(self.columns), problem.size).T.copy(),
             status=status,
-            message=" ".join(said).rstrip(),
+            message=" ".join(sentences).rstrip(),
             statistics=statistics,
         )
 
@@ -178,14 +178,14 @@ class _Run:
             self.problem.reach(start, self.z)
         self.evaluator.open_segment(start, end)
         limit = self._spent()
-        # With rates that are not finite SciPy's choice of a first step would never end.
+        # SciPy's choice of a first step does not end if rates are not finite.
         if limit is None and not np.isfinite(self.evaluator.rhs(start, self.z)).all():
             limit = IntegrationStopError(FAILED, "it cannot start")
         if limit is not None:
             raise limit
         segment = _Segment(self, start, end)
         wanted = self._wanted(start, end)
-        # SciPy wants each time once, in order. Without any it keeps no steps; they are kept here.
+        # SciPy needs distinct times in order. Without times, this class stores the steps.
         way = self.problem.direction
         times, places = np.unique(way * (wanted - start), return_inverse=True)
         try:
@@ -199,22 +199,22 @@ class _Run:
                 **segment.options(),
             )
         except (RuntimeError, ValueError) as error:
-            # SuperLU and the checks before LAPACK raise these; any other error is the user's own.
+            # SuperLU and the checks before LAPACK raise these; other errors are the user's.
             if not str(error).endswith(("exactly singular", "infs or NaNs")):
                 raise
-            said = "the iteration matrix is singular or not finite"
-            raise IntegrationStopError(FAILED, said) from None
+            reason = "the iteration matrix is singular or not finite"
+            raise IntegrationStopError(FAILED, reason) from None
         self.nlu += int(found.nlu)
         for t, place in zip(wanted.tolist(), places.tolist(), strict=True):
             if place < len(found.t):
                 self._store(t, segment.whole(found.y[:, place]))
         if self.stop is None and found.status == -1:
             is_short = "step size" in found.message and "less than" in found.message
-            said = ROUNDING_LEVEL if is_short else "the solver gave up on its step"
-            self.stop = IntegrationStopError(FAILED, said)
+            reason = ROUNDING_LEVEL if is_short else "the solver gave up on its step"
+            self.stop = IntegrationStopError(FAILED, reason)
 
     def step_done(self, t: float, z: FloatArray, rounding: float) -> None:
-        """Count a step, and keep its end where all steps are kept and can be told apart."""
+        """Count a step, and store its end if all steps are stored and its time is resolved."""
         self.n_steps += 1
         self.t, self.z = t, z
         self.evaluator.step_done()
@@ -223,19 +223,19 @@ class _Run:
             self._store_step()
 
     def _spent(self) -> IntegrationStopError | None:
-        """Return the stop of a run whose budget of steps is spent."""
+        """Return the exception of a run that has reached its limit of steps, else None."""
         limit = self.problem.settings.max_steps
         if limit is None or self.problem.steps_taken + self.n_steps < limit:
             return None
         return IntegrationStopError(BUDGET_SPENT, steps_spent(limit))
 
     def step_allowed(self) -> bool:
-        """Return whether the budget of steps has another one; if not, stop."""
+        """Return whether another step is allowed; if not, end the run."""
         self.stop = self.stop or self._spent()
         return self.stop is None
 
     def _wanted(self, start: float, end: float) -> FloatArray:
-        """Return the times asked for behind a start, up to an end; the first start belongs."""
+        """Return the requested times after a start, up to an end; the first start is included."""
         if self.problem.settings.t_eval is None:
             return np.zeros(0)
         times, way = np.asarray(self.problem.settings.t_eval, dtype=float), self.problem.direction
@@ -248,7 +248,7 @@ class _Run:
         self.columns.append(z)
 
     def _store_step(self) -> None:
-        """Store the last point; where there is no room, drop every second one."""
+        """Store the last point; if there is no memory, drop every second stored one."""
         if len(self.times) >= self.problem.most_rows:
             kept = self.thinning.thin()
             self.times, self.columns = self.times[kept], self.columns[kept]
@@ -257,10 +257,10 @@ class _Run:
 
 
 class _Segment:
-    """The functions of ``solve_ivp`` between two breakpoints; the object is one of its events, too.
+    """Functions of ``solve_ivp`` between two breakpoints; the object is also its event function.
 
-    Time begins at zero: late in a run the spacing of t would be felt in each step. The entries of z
-    that vanish at all times are left out.
+    Time begins at zero, since the spacing of a late t would disturb each step. Entries of z that
+    vanish at all times are left out.
     """
 
     terminal = True
@@ -273,9 +273,9 @@ class _Segment:
         self._w: FloatArray = np.zeros(0)  # the end of the step before
 
     def __call__(self, s: float, w: FloatArray) -> float:
-        """Take note of a step; change sign at the time where the run has to stop."""
+        """Record a step; return a value that changes sign where the run has to end."""
         run = self._run
-        if run.stop is not None:  # SciPy looks for the zero
+        if run.stop is not None:  # SciPy locates the zero
             return self._last - s
         if s == 0.0:
             self._w = w.copy()
@@ -308,19 +308,19 @@ class _Segment:
         return 1.0 if run.step_allowed() else 0.0
 
     def _is_turned(self, before: float, w: FloatArray) -> bool:
-        """Return whether a step is too short for its rates because a mode grows fast.
+        """Return whether a step ignores a fast growing mode.
 
-        Newton's method corrects by the residual, solved with I - h J / 2 or its like. With modes
-        that decay the correction has the sign of the error; with a growing mode it has the opposite
-        sign and the same size, so that the residual seems to vanish.
+        Newton's method corrects by the residual, solved with a matrix such as I - h J / 2. For
+        decaying modes the correction has the sign of the error; for a growing mode it has the
+        opposite sign and the same size, so that the residual seems to vanish.
         """
         step = self._last - before
-        # What the trapezoidal rule asks for beyond the step that was taken.
+        # The step of the trapezoidal rule less the actual one.
         rates = self.rates(before, self._w) + self.rates(self._last, w)
         left = 0.5 * step * rates - (w - self._w)
         rtol, atol = augmented_tolerances(self._run.problem)
         weights = 1.0 / (atol + rtol * np.maximum(np.abs(w), np.abs(self._w)))
-        # What is below the tolerance may point anywhere.
+        # Directions of residuals below the tolerance are arbitrary.
         seen = np.abs(left * weights) > 1.0
         if not np.any(seen) or self._matrix is None:
             return False
@@ -336,7 +336,7 @@ class _Segment:
         return z
 
     def rates(self, s: float, w: FloatArray) -> FloatArray:
-        """Return the rates of what is integrated; nan, which ends the method, once it must stop."""
+        """Return the rates of the integrated entries; nan, which ends the method, after a stop."""
         run = self._run
         if run.stop is None:
             try:
@@ -351,14 +351,14 @@ class _Segment:
         return np.full(len(w), np.nan)
 
     def options(self) -> dict[str, Any]:
-        """Return tolerances and the like, as ``solve_ivp`` has them."""
+        """Return the tolerances and other options of ``solve_ivp``."""
         run = self._run
         rtol, atol = augmented_tolerances(run.problem)
         longest = min(run.problem.max_step, abs(self._end - self._start))
         found: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": longest}
         if METHODS[run.method].implicit:
             found["jac"] = self._jacobian
-        # Its own first step is a share of the span, which fails where nothing moves yet.
+        # The default first step, a share of the span, fails if all rates are zero.
         if run.method == "LSODA":
             begin = 0.0, run.z[run.problem.integrated], self._end - self._start
             found["first_step"] = first_step(self.rates, *begin, longest, (rtol, atol))
@@ -371,8 +371,8 @@ class _Segment:
         if run.stop is not None and self._matrix is not None:
             return self._matrix
         try:
-            form = "dense_jacobian" if run.method == "LSODA" else "sized_jacobian"
-            matrix = getattr(evaluator, form)(self._start + s, z)
+            is_dense = run.method == "LSODA"
+            matrix = evaluator.augmented_jacobian(self._start + s, z, is_dense=is_dense)
         except IntegrationStopError as stop:
             run.stop = stop
             if self._matrix is None:

@@ -21,7 +21,7 @@ from cotree.solvers.native import begin_in_c, check_available, compiled_in
 from cotree.solvers.problem import check_problem, corner_times
 from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.stiffness import (
-    Succession,
+    MethodSwitch,
     bound_of_decay,
     cost_of_rodas5,
     fastest_decay,
@@ -47,7 +47,7 @@ _STIFF_TIME_CONSTANTS = 2000.0
 # grows: steps that follow the growth are then not much longer than stability allows.
 _MILD = 10.0
 
-# Takes problems without states, in C.
+# The method in C for problems without states.
 _STATIC = "dop853"
 
 _PROBE_STEPS = 20
@@ -70,7 +70,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     if method != "auto":
         return _solve(problem, method)
     before = time.perf_counter()
-    # The choice below probes with this engine: its compilation is counted apart from the run.
+    # The choice takes steps with this engine, whose compilation is counted separately.
     if not refusal("dop853", problem):
         load_engine("dop853")
     compiling = time.perf_counter() - before
@@ -81,10 +81,10 @@ def run(problem: Problem, method: str) -> Trajectory:
 
 
 def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
-    """Integrate anew with "ida" where another method could not solve for algebraic unknowns.
+    """Repeat the run with "ida" if another method could not solve for algebraic unknowns.
 
-    It solves for states and unknowns together, within an iteration that each step begins from a
-    prediction, where others have to solve for the unknowns at given states.
+    It solves for states and unknowns together, from a prediction in each step; other methods solve
+    for the unknowns at given states.
     """
     own = METHODS[first.statistics.method]
     if not (first.is_unsolved and problem.n_algebraic and own.family == "cotree"):
@@ -94,7 +94,7 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
     is_spent = problem.settings.max_steps is not None and taken >= problem.settings.max_steps
     if is_spent or (limit is not None and limit <= 0) or not has_sundials():
         return first
-    # Samples of a function are those of one integration alone.
+    # The samples of a function belong to one integration.
     if refusal("ida", problem) or problem.reach is not None:
         return first
     second = _solve(changed(problem.with_settings(time_limit=limit), steps_taken=taken), "ida")
@@ -102,34 +102,34 @@ def _with_ida(problem: Problem, first: Trajectory) -> Trajectory:
         return changed(first, message=f"{first.message} Nor did ida: {second.message}")
     return changed(
         second,
-        message=f"{second.message} ida began anew, since {first.message.rstrip('.')}.",
+        message=f"{second.message} ida restarted the run, since {first.message.rstrip('.')}.",
         statistics=summed(first.statistics, second.statistics),
     )
 
 
 def _solve_watched(problem: Problem, choice: Choice) -> Trajectory:
-    """Integrate, and let a method for stiff problems take over where one becomes stiff."""
+    """Integrate; a method for stiff problems takes over if the problem becomes stiff."""
     row = method_row(choice.method)
-    # Only the explicit steppers of the engine watch the stability of their steps.
+    # Only the explicit steppers of the engine test the stability of their steps.
     if row.family != "cotree" or row.implicit:
         return _solve(problem, choice.method)
-    successor = Succession(_solve, probe_steps(problem.settings.rtol))
+    successor = MethodSwitch(_solve, probe_steps(problem.settings.rtol))
     return _solve(problem, choice.method, successor, choice.begun)
 
 
 def _solve(
     problem: Problem,
     method: str,
-    successor: Succession | None = None,
+    successor: MethodSwitch | None = None,
     begun: Attempt | None = None,
 ) -> Trajectory:
-    """Integrate a checked problem with a named method, or with the one that stands in for it.
+    """Integrate a checked problem with a named method, or with its substitute.
 
-    ``begun`` is that integration where it has begun already.
+    ``begun`` is the integration if it has begun already.
     """
     row = method_row(method)
     if problem.n_states == problem.n_algebraic and row.family != "cotree":
-        # Nothing is integrated: any method in C solves for the unknowns at each wanted time.
+        # Any method in C solves for the unknowns at each requested time.
         attempt = begun or begin_in_c(problem, _STATIC)
         if not isinstance(attempt, str):
             return attempt.finish()
@@ -145,14 +145,14 @@ def _solve(
 
 
 def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
-    """Integrate with another method if C cannot run the given one, and report it."""
+    """Integrate with the substitute of a method that C cannot run, and report it."""
     what, other, method = beyond_scipy(problem), row.instead, row.name
     if row.family == "correctors":
         raise SolveError(
             f"The method '{method}' cannot take this problem: {why}. "
             f"Use '{other}', which takes states and sensitivities as one vector."
         )
-    # Rosenbrock's stages are off constraints that depend on each other: others in C take these.
+    # Stages of Rosenbrock methods violate dependent constraints; other methods in C do not.
     if what and problem.native is not None and other == "Radau":
         other = "cvode" if has_sundials() else "dopri5"
     elif what:
@@ -166,21 +166,21 @@ def _stand_in(problem: Problem, row: Method, why: str) -> Trajectory:
 
 
 def choose_method(problem: Problem) -> tuple[str, str]:
-    """Choose a method by the fastest decay at the start and after a few steps, with the reason.
+    """Return a method, chosen by the fastest decay at the start and after a few steps, and why.
 
-    Strongly damped modes whose time constant is a small part of the span force explicit methods to
-    steps that accuracy does not ask for. Modes that oscillate faster than they decay do not count:
-    accuracy needs short steps for them with any method. Stiffness that appears later than the
-    probed steps is seen by "dop853" itself; see :mod:`cotree.solvers.stiffness`.
+    Strongly damped modes whose time constant is a small part of the span restrict explicit methods
+    to steps that are shorter than accuracy requires. Modes that oscillate faster than they decay do
+    not count: accuracy needs short steps for them with any method. "dop853" itself detects
+    stiffness that appears after the probed steps; see :mod:`cotree.solvers.stiffness`.
 
-    Modes that grow at the start, from below the tolerance to where they decide, are damped by the
-    long steps of methods for stiff problems, whose error estimates cannot see them: there an
-    explicit method begins if it can, and the reason says so if it cannot.
+    Methods for stiff problems damp modes that grow from below the tolerance, which their error
+    estimates cannot detect. If there are such modes at the start, an explicit method begins if it
+    can; otherwise the reason mentions them.
 
     The choice is "dop853" or, if the problem is stiff, "rodas5", or "cvode" where that takes less
     time by the counts of its steps; with functions of Python "DOP853" or "BDF". "cvode" also takes
     stiff problems of many states, and of loops, which "rodas5" does not bring through singular
-    configurations; without scikit-sundae "BDF" takes its place where it can.
+    configurations; without scikit-sundae "BDF" replaces it if it can.
     """
     check_problem(problem)
     choice = _choose(problem)
@@ -190,7 +190,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
 
 
 class Choice(NamedTuple):
-    """A method, the reason why it was chosen, and its integration where that has begun."""
+    """A method, the reason for the choice, and its integration if that has begun."""
 
     method: str
     reason: str
@@ -223,8 +223,8 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
         return explicit, f"{explicit} was chosen: {reason}."
     method = stiff_method(problem)
     growth = rates.growth
-    # A mode that begins at the tolerance and grows e-fold this often stays below one: an implicit
-    # method may damp it and the result is still as good as the tolerance.
+    # A mode that begins at the tolerance and grows e-fold this often stays below one, so that an
+    # implicit method may damp it within the tolerance.
     if span * growth <= math.log(1.0 / _smallest_tolerance(problem)):
         return method, f"{method} was chosen: stiff, {length}{_saving(problem, method)}."
     grows = f"at the start a mode grows e-fold every {1.0 / growth:.3g} s"
@@ -240,16 +240,16 @@ def _chosen(problem: Problem, explicit: str, rates: Rates) -> tuple[str, str]:
 
 
 def _saving(problem: Problem, method: str) -> str:
-    """Describe that rodas5 would take longer, where that is why another method was chosen."""
+    """Return a remark that rodas5 would take longer, if that decided the choice."""
     cost = cost_of_rodas5(problem) if method == "cvode" else 0.0
     return f", and rodas5 would take about {cost:.2g} times as long" if cost > 1.0 else ""
 
 
 class Rates(NamedTuple):
-    """Rates of the modes that a choice follows from, [1/s].
+    """Rates of the modes that decide a choice, [1/s].
 
-    The fastest decay at the start and after a few steps, the one at the start alone, and the
-    fastest growth there; the latter two are sought if the first makes the problem stiff. A bound
+    They are the fastest decay at the start and after a few steps, the one at the start, and the
+    fastest growth there; the last two are computed if the first makes the problem stiff. A bound
     replaces the first if it excludes stiffness.
     """
 
@@ -260,7 +260,7 @@ class Rates(NamedTuple):
 
 
 def _rates(problem: Problem, probe: Probe) -> Rates:
-    """Find the rates, once for bitwise equal parameters and start of runs that share settings."""
+    """Return the rates, computed once for runs with bitwise equal parameters and starts."""
     native, shared = problem.native, problem.shared
     if native is None or shared is None:
         return probe.rates()
@@ -270,7 +270,7 @@ def _rates(problem: Problem, probe: Probe) -> Rates:
 class Probe:
     """Evaluation of the start of a problem and of a point a few steps later.
 
-    If possible the steps are the first ones of the run itself (``begun``), and none is taken twice.
+    If possible the steps are the first ones of the run itself (``begun``).
     """
 
     def __init__(self, problem: Problem, explicit: str) -> None:
@@ -278,16 +278,16 @@ class Probe:
         self.begun: Attempt | None = None
 
     def rates(self) -> Rates:
-        """Find the rates of modes."""
+        """Compute the rates of modes."""
         problem, explicit = self._problem, self._explicit
-        # Algebraic unknowns, and the samples of a function, are those of one integration alone.
+        # Algebraic unknowns and the samples of a function belong to one integration.
         if explicit != "dop853" or problem.reach is not None or problem.n_algebraic:
             return self._by_eigenvalues(_loose_steps(problem, explicit))
         start, first = (float(problem.settings.t_span[0]), problem.z0), None
         bound = bound_of_decay(problem, *start)
         if not self._is_mild(bound):
             first = fastest_decay(problem, [start])
-            if not self._is_mild(first):  # which decides, and no step has to be taken
+            if not self._is_mild(first):  # no step is needed
                 return self._by_eigenvalues([start], first)
         later = self._begin()
         bound = max([bound, *(bound_of_decay(problem, *point) for point in later)])
@@ -303,7 +303,7 @@ class Probe:
     def _by_eigenvalues(
         self, points: Sequence[tuple[float, FloatArray]], first: float | None = None
     ) -> Rates:
-        """Find the rates at some points, of which that at the first one may be known."""
+        """Compute the rates at some points; the decay at the first one may be known."""
         problem = self._problem
         if first is None:
             first = fastest_decay(problem, points[:1])
@@ -313,7 +313,7 @@ class Probe:
         return Rates(decay, first, fastest_growth(problem, *points[0]))
 
     def _begin(self) -> list[tuple[float, FloatArray]]:
-        """Take the first steps of the run, and give the point where they end."""
+        """Take the first steps of the run, and return the point where they end."""
         attempt = begin_in_c(self._problem, self._explicit)
         if isinstance(attempt, str):  # no compiler can build its engine
             return []
@@ -323,7 +323,7 @@ class Probe:
 
 
 def probe_steps(rtol: float) -> int:
-    """Return how many steps take "dop853" as far as a few loose ones, at a relative tolerance."""
+    """Return the number of steps of "dop853" that cover a few steps at a loose tolerance."""
     # Steps of a method of order 8 grow with the eighth root of the tolerance.
     share = max(1.0, _PROBE_RTOL / max(rtol, RTOL_FLOOR))
     return math.ceil(_PROBE_STEPS * math.pow(share, 0.125))
@@ -338,7 +338,7 @@ def _loose_steps(problem: Problem, method: str) -> list[tuple[float, FloatArray]
     """Return the start and a point a few loose steps later."""
     span = problem.settings.t_span
     if problem.reach is not None:
-        # Samples are taken by the run itself, from states that are as accurate as it is.
+        # Only the run itself takes samples.
         start, end = corner_times(problem)[:2].tolist()
         span = start, end
     rtol = max(problem.settings.rtol, _PROBE_RTOL)

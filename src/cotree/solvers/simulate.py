@@ -141,6 +141,7 @@ def run_values(
     warn_of_redundancy(problem, trajectory, redundant)
     left_out = _left_out(model) if redundant and model.sensitivities else []
     n, m = len(model.states), len(model.sensitivities)
+    compiling = trajectory.statistics.compile_seconds
     return {
         "t": trajectory.t,
         "y": trajectory.z[:n],
@@ -155,17 +156,11 @@ def run_values(
         "status": trajectory.status,
         "message": f"{trajectory.message} {run.start.told}".rstrip(),
         "statistics": trajectory.statistics,
-        "times": _times_of(trajectory, time.perf_counter() - begin),
+        "times": {"compile": compiling, "integrate": time.perf_counter() - begin - compiling},
         "drift": trajectory.drift,
         "redundant": redundant,
         **observed(preparation, run, trajectory, left_out),
     }
-
-
-def _times_of(trajectory: Trajectory, seconds: float) -> dict[str, float]:
-    """Separate the time to compile a method from the time to integrate."""
-    compiling = trajectory.statistics.compile_seconds
-    return {"compile": compiling, "integrate": seconds - compiling}
 
 
 def redundancy(

@@ -1,4 +1,4 @@
-"""Stiffness: rates of the modes of a problem, and the method for stiff problems that goes on.
+"""Stiffness: rates of the modes of a problem, and the switch to a method for stiff problems.
 
 The coefficients were fitted by least squares to the times of a step on 20 networks of 6 to 200
 species with up to 20 sensitivities (``benchmarks/stiff_choice.py`` makes such networks); estimates
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 _FEW = 6
 _ROUGH = 1e-2
 
-# Most restarts of the iteration. Eigenvalues that stand apart need a few; the slow modes of a long
-# ladder lie so close together that their order would take ten thousand.
+# Most restarts of the iteration. Well separated eigenvalues need a few; the clustered slow modes of
+# a long ladder would need ten thousand.
 _MOST_RESTARTS = 200
 
 
@@ -75,12 +75,6 @@ def fastest_growth(problem: Problem, t: float, z: FloatArray) -> float:
     # Modes that grow decay when the integration runs the other way.
     modes = _modes(problem, [(t, z)], -problem.direction)
     return float(np.max(-modes.real, initial=0.0))
-
-
-def largest_decaying(problem: Problem, t: float, z: FloatArray) -> float:
-    """Return the size of the largest eigenvalue among modes that decay, however slowly, [1/s]."""
-    modes = _modes(problem, [(t, z)], problem.direction)
-    return float(np.max(np.abs(modes), initial=0.0))
 
 
 def _modes(
@@ -213,25 +207,24 @@ def _of_cvode(work: StepWork, n: int, m: int) -> float:
 # Beyond it, factors that are kept for many steps win over eight stages that are cheap.
 _MOST_STATES = 150
 
-# A corner costs a multistep method some thirty short steps, of hundreds that a run takes.
+# A kink costs a multistep method some thirty short steps, of hundreds in a run.
 _MOST_CORNERS = 3
 
-# The test of the integrator looks at differences that rounding may spoil: what it finds is believed
-# where the Jacobian has a mode of at least this share of the bound of stability.
+# The integrator tests stiffness by differences that rounding may disturb. It is confirmed if the
+# Jacobian has a mode of at least this share of the stability bound.
 _CONFIRMED = 0.5
 
-# Where the value that an event looks at is within so many absolute tolerances of zero, a method
-# that begins there might find an event that has already happened, or one of a value that rests at
-# zero.
+# If an event function is within so many absolute tolerances of zero, a method that starts there may
+# locate an event a second time, or that of a value that rests at zero.
 _AT_ZERO = 10.0
 
 
 def stiff_method(problem: Problem) -> str:
     """Return the name of the method for a stiff problem.
 
-    That is "rodas5"; "cvode" if its steps cost so much less that a run does, for many states, and
-    for loops, which "rodas5" does not bring through singular configurations. Without scikit-sundae
-    "BDF", or what C takes if SciPy's methods do not apply.
+    That is "rodas5"; "cvode" if a run costs less, for many states, and for loops, since "rodas5"
+    does not pass singular configurations. Without scikit-sundae it is "BDF", or a method in C if
+    SciPy's methods do not apply.
     """
     is_wide = problem.n_states > _MOST_STATES and not problem.n_algebraic
     if problem.singular is None and not is_wide and not refusal("rodas5", problem):
@@ -249,7 +242,7 @@ def cost_of_rodas5(problem: Problem) -> float:
     A multistep method restarts at order one after each event and each corner, and where constraints
     move what it remembers; algebraic unknowns it would solve for at each evaluation.
     """
-    # How often a run passes corners of its rates is known as little as how often events happen.
+    # The number of kinks and events in a run is unknown.
     locates = problem.events is not None or (problem.has_corners and problem.direction > 0)
     has_restarts = locates or len(problem.breakpoints) > _MOST_CORNERS
     is_wide = problem.n_states > _MOST_STATES  # an elimination of it takes long to plan
@@ -261,25 +254,25 @@ def cost_of_rodas5(problem: Problem) -> float:
 
 
 @dataclass
-class Succession:
-    """Handover of one run to a method for stiff problems."""
+class MethodSwitch:
+    """The switch of one run to a method for stiff problems."""
 
     #: ``solve(problem, method)`` integrates with a named method.
     solve: Callable[[Problem, str], Trajectory]
-    #: Steps before this one are taken without asking whether the problem is stiff: the method was
-    #: chosen by them, whether they are taken for this run or were for an equal one.
+    #: The first step that is tested for stiffness; the steps before decided the choice of the
+    #: method.
     first_step: int = 0
-    note: str = ""  # the outcome as a sentence; empty while no other method was asked for
+    note: str = ""  # the outcome as a sentence; empty if no other method was tried
     _has_failed: bool = False
 
     def take_over(self, problem: Problem, first: Trajectory, job: Job) -> Trajectory | None:
         """Continue from where a stiff problem's job waits, to the end of the span.
 
-        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job is
-        to continue by itself.
+        ``first`` has the values stored so far. Returns the whole trajectory, or None if the job
+        continues.
         """
         c, method = job.job, first.statistics.method
-        # A copy, since the job may go on from this point after all.
+        # A copy, since the job may continue from this point.
         t, z, since = float(c.t), job.z.copy(), float(c.stiff_since)
         if self._has_failed or not is_confirmed(problem, t, z, float(c.last_step), method):
             return None
@@ -291,11 +284,11 @@ class Succession:
             return None
         other = stiff_method(problem)
         second = self.solve(rest, other)
-        became = f"from t = {since:.6g} on its steps were as short as stability asks"
-        # A method that fails is not asked again: each attempt would integrate up to the same place.
+        became = f"from t = {since:.6g} on its steps were as short as stability requires"
+        # Another attempt would fail at the same point.
         if second.status == FAILED:
             self._has_failed = True
-            self.note = f"{method} went on by itself, although {became}: {second.message}"
+            self.note = f"{method} continued, although {became}: {second.message}"
             return None
         note = f"{other} took over from {method} at t = {t:.10g}: stiff, {became}."
         return _joined(problem, first, replace(second, message=f"{second.message} {note}"))
@@ -305,13 +298,14 @@ def is_confirmed(problem: Problem, t: float, z: FloatArray, step: float, method:
     """Return whether a mode limits the step, [s], that an explicit method takes at (t, z)."""
     from cotree.codegen.tableaus import TABLEAUS
 
-    # The method is stable up to |lambda| h = bound; the modes that count are those that decay.
+    # The method is stable up to |lambda| h = bound, for decaying modes.
     bound = float(TABLEAUS[method].stable)
-    return step * largest_decaying(problem, t, z) >= _CONFIRMED * bound
+    sizes = np.abs(_modes(problem, [(t, z)], problem.direction))
+    return step * float(np.max(sizes, initial=0.0)) >= _CONFIRMED * bound
 
 
 def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
-    """Describe why no other method can begin at a point; nothing where one can."""
+    """Return why no other method can start at a point; empty if one can."""
     if problem.events is None:
         return ""
     values = np.abs(problem.events.values(t, z))
@@ -320,8 +314,8 @@ def _obstacle(problem: Problem, t: float, z: FloatArray, method: str) -> str:
         return ""
     name = problem.events.rows[int(near[0])].name
     return (
-        f"{method} went on by itself, although the problem is stiff at t = {t:.6g}: what event "
-        f"'{name}' looks at is zero there, where nothing can take over."
+        f"{method} continued, although the problem is stiff at t = {t:.6g}: the function of event "
+        f"'{name}' is zero there, where no other method can start."
     )
 
 
@@ -330,9 +324,8 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
     own = problem.settings
     wanted = own.t_eval
     if wanted is not None:
-        # Points are stored in the order of t_eval, so the rest of it is still wanted.
         wanted = wanted[len(first.t) :]
-        # Without any wanted point left the end is asked for, to have something to integrate to.
+        # The end of the span is requested if no other point is left.
         wanted = wanted if len(wanted) else np.array([own.t_span[1]])
     work, steps, events, limit = first.statistics, None, None, None
     taken = problem.steps_taken + work.n_steps
@@ -352,13 +345,13 @@ def _rest(problem: Problem, first: Trajectory, t: float, z: FloatArray) -> Probl
 
 
 def _joined(problem: Problem, first: Trajectory, second: Trajectory) -> Trajectory:
-    """Put two trajectories together: the second begins where the first ends."""
+    """Join two trajectories, of which the second begins where the first ends."""
     skipped = 0
     if problem.settings.t_eval is None:
-        # Where every step is stored, the second run repeats the point where the first one ended.
+        # If every step is stored, the second run repeats the last point of the first.
         skipped = int(bool(first.t.size and second.t.size and first.t[-1] == second.t[0]))
     elif len(first.t) == len(problem.settings.t_eval) and second.status == 0:
-        skipped = len(second.t)  # the end of the run, which nobody asked for
+        skipped = len(second.t)  # the end of the run, which was not requested
     t, z = second.t[skipped:], second.z[:, skipped:]
     return replace(
         second,

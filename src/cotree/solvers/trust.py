@@ -100,7 +100,8 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     drift = trajectory.drift
     if drift is None or trajectory.status != 0:
         return trajectory
-    rtol = problem.settings.rtol
+    rtol, method = problem.settings.rtol, trajectory.statistics.method
+    is_multistep = method in METHODS and METHODS[method].multistep
     tolerance = max(rtol, problem.settings.atol, _CORRECTED_RTOL)
     if drift.correction > FARTHEST_CORRECTION * tolerance:
         reason = (
@@ -108,7 +109,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
             f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have "
             f"gone on along another branch: give an rtol of {0.1 * rtol:.1g} or less."
         )
-    elif redundant and rtol > (loosest := _loosest(trajectory.statistics.method)):
+    elif redundant and rtol > (loosest := _ROUGH if is_multistep else _ROUGHEST):
         reason = (
             "constraints are redundant, and with so loose a tolerance steps that leave them come "
             f"back to another motion: give an rtol of {loosest:g} or less."
@@ -116,11 +117,6 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
     else:
         return trajectory
     return replace(trajectory, status=FAILED, message=f"{trajectory.message} But {reason}")
-
-
-def _loosest(method: str) -> float:
-    """Return the loosest relative tolerance that redundant constraints allow a method."""
-    return _ROUGH if method in METHODS and METHODS[method].multistep else _ROUGHEST
 
 
 def _left_free(
@@ -220,7 +216,7 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
     t = float(trajectory.t[places[worst]])
     reason = (
         f"{trajectory.statistics.method} cannot keep the tolerance: at t = {t:.10g} times are "
-        f"{_spacing(t):.2g} s apart, and over steps of {step:.2g} s the rates' dependence on time "
+        f"{math.ulp(t):.2g} s apart, and over steps of {step:.2g} s the rates' dependence on time "
         f"makes {shares[worst]:.2g} times the tolerance of that. Let the run begin nearer to "
         "t = 0, or loosen rtol."
     )
@@ -235,11 +231,7 @@ def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
     start, end = problem.settings.t_span
     # Steps are counted where there is any.
     steps = abs(end - start) / (n_steps + (n_steps == 0))
-    return _spacing(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
-
-
-def _spacing(t: float) -> float:
-    return math.ulp(t)
+    return math.ulp(max(abs(start), abs(end))) <= _FINE * problem.settings.rtol * steps
 
 
 def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: FloatArray) -> float:
@@ -249,7 +241,7 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     """
     y = z[: problem.n_states]
     low, high = sorted(problem.settings.t_span)
-    ahead = max(_REACH * step, _spacing(t))
+    ahead = max(_REACH * step, math.ulp(t))
     times = [at for at in (t - ahead, t + ahead) if low <= at <= high]
     try:
         here = _rates(problem, t, y)
@@ -260,7 +252,7 @@ def _share(problem: Problem, t: float, z: FloatArray, step: float, allowed: Floa
     sizes = [float(np.sqrt(np.mean(np.square(c[:n] / allowed[:n])))) for c in changes]
     least = min((size for size in sizes if np.isfinite(size)), default=0.0)
     # The change over the distance `ahead`, scaled to the rounding error of t: half a spacing.
-    return 0.5 * least * _spacing(t) / ahead
+    return 0.5 * least * math.ulp(t) / ahead
 
 
 def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:

@@ -206,10 +206,10 @@ def test_a_block_rocks_as_housner_says():
 
 def test_painleves_rod_is_named_where_nothing_or_more_than_one_motion_agrees():
     # Steep enough and rough enough: mu > 4/3.
-    with pytest.warns(RuntimeWarning, match=r"'c.normal' have no modes that agree with each other"):
+    with pytest.warns(RuntimeWarning, match=r"'c.normal' have no consistent modes"):
         rod(-1.0, 2.0).compile().simulate((0, 0.3), **TIGHT)
     with pytest.warns(
-        RuntimeWarning, match=r"the contact 'c.normal' may hold or let go: with fric"
+        RuntimeWarning, match=r"the contact 'c.normal' may stay closed or open: with such"
     ):
         rod(-1.0, 2.0, w=5.0).compile().simulate((0, 0.3), **TIGHT)
     # Sliding fast, it turns until the force that presses it down has no bound.

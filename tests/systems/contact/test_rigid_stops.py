@@ -262,7 +262,7 @@ def test_gaps_that_close_at_once():
     speeds = [result[f"M{i}.v"][-1] for i in range(3)]
     assert np.max(np.abs(np.array(speeds) - [-0.5, 0.0, 0.5])) <= CLOSE
     assert [len(result.events[f"F{i} hits"].t) for i in range(2)] == [1, 1]
-    with pytest.warns(RuntimeWarning, match="'F1 hits' at t = 0.3 happens together with another"):
+    with pytest.warns(RuntimeWarning, match="'F1 hits' at t = 0.3 coincides with another"):
         scene.compile(["u"]).simulate((0, 1), **TIGHT)
 
 
@@ -373,7 +373,7 @@ def test_a_stop_that_is_none_is_refused_by_name(fields, why):
 
 
 def test_a_start_beyond_a_limit_ends_the_run_with_its_name():
-    with pytest.warns(RuntimeWarning, match="'F' begins at t = 0 beyond its limit: let it begin"):
+    with pytest.warns(RuntimeWarning, match="'F' starts at t = 0 beyond its limit: start within"):
         ball(h=-0.1).compile().simulate((0, 1), **TIGHT)
 
 

@@ -164,7 +164,7 @@ def test_events_that_make_each_other_happen_without_end_stop(loop):
     scene.event("flip", "on", direction=1, set={"on": -1})
     scene.event("flop", "on", direction=-1, set={"on": 1})
     result = scene.compile().simulate((0, 1), method=loop)
-    assert "'flip', 'flop' make each other happen without end" in result.message
+    assert "'flip', 'flop' trigger each other without end" in result.message
 
 
 def test_what_lies_at_zero_has_passed_it(loop):
@@ -574,5 +574,5 @@ def test_a_relay_that_chatters_stops_with_a_message(loop):
     scene.event("forth", "j.s_dot", direction=1, set={"u": 2})
     result = scene.compile().simulate((0, 1), method=loop)
     assert result.status == -1
-    message = "events 'back', 'forth' make each other happen without end at t = 0.5: let a mode"
+    message = "events 'back', 'forth' trigger each other without end at t = 0.5: hold the"
     assert message in result.message

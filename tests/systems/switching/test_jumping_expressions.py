@@ -183,7 +183,7 @@ def test_dry_friction_swings_with_exact_sensitivities(method):
 @pytest.mark.parametrize("sensitivities", [[], ["F"]])
 def test_what_sticks_stops_with_the_expression(method, sensitivities):
     model = _slid("-F*sign(m.v)", F=2.0).compile(sensitivities)
-    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .*driven back to where this jumps"):
+    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .*driven back to the jump"):
         result = model.simulate((0, 2.0), method=method, **TIGHT)
     assert result.status < 0
     assert result.t[-1] == pytest.approx(0.5, rel=1e-6)
@@ -196,11 +196,11 @@ def test_what_rests_at_a_jump_stays_or_stops(method):
     assert not np.any(rests["m.v"])
     for force in ("5*t", "5*max(0, t - 0.4)", "5*t**3"):
         model = _slid(f"{force} - F*sign(m.v)", 0.0, F=2.0).compile()
-        with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) up'.*driven back to where this"):
+        with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) up'.*driven back to the"):
             assert model.simulate((0, 1.0), method=method).status < 0
     # Nothing shows at the start that a force will act; later it is found to have done so.
     model = _slid("5*exp(-1/(1e-9 + t)**2) - F*sign(m.v)", 0.0, F=2.0).compile()
-    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .*where this jumps"):
+    with pytest.warns(RuntimeWarning, match=r"'sign\(m.v\) .* the jump"):
         assert model.simulate((0, 1.0), method=method).status < 0
 
 
@@ -301,7 +301,7 @@ def test_jumps_at_once_that_come_apart_have_no_derivative(method):
     scene = _charged("E + K*floor(C.v/c) + K*floor(C.v/0.3)", E=2.0, K=0.3, c=0.25, R=1.0)
     result = scene.compile(["E"]).simulate((0, 1.0), method=method, **TIGHT)
     assert result.status == 0  # they stay at once where E changes
-    with pytest.warns(RuntimeWarning, match=r"'floor\(C.v / c\) up' and others jump at once"):
+    with pytest.warns(RuntimeWarning, match=r"'floor\(C.v / c\) up' and others jump simultaneously"):
         scene.compile(["c"]).simulate((0, 1.0), method=method, **TIGHT)
     assert scene.compile().simulate((0, 1.0), method=method).status == 0
 
