@@ -301,7 +301,9 @@ def test_jumps_at_once_that_come_apart_have_no_derivative(method):
     scene = _charged("E + K*floor(C.v/c) + K*floor(C.v/0.3)", E=2.0, K=0.3, c=0.25, R=1.0)
     result = scene.compile(["E"]).simulate((0, 1.0), method=method, **TIGHT)
     assert result.status == 0  # they stay at once where E changes
-    with pytest.warns(RuntimeWarning, match=r"'floor\(C.v / c\) up' and others jump simultaneously"):
+    with pytest.warns(
+        RuntimeWarning, match=r"'floor\(C.v / c\) up' and others jump simultaneously"
+    ):
         scene.compile(["c"]).simulate((0, 1.0), method=method, **TIGHT)
     assert scene.compile().simulate((0, 1.0), method=method).status == 0
 
