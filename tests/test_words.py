@@ -20,8 +20,9 @@ ANYWHERE = re.compile(
     r"is made of itself|leave it away|stands? still|what is there)\b",
     re.IGNORECASE,
 )
-ROOMS = ["components", "dag", "domains", "equations", "formulation", "graph", "lint", "program"]
-FOLDERS = [ROOT / "src/cotree" / room for room in [*ROOMS, "scene", "sensitivity"]]
+ROOMS = ["cli", "components", "dag", "design", "domains", "equations", "estimation", "formulation"]
+ROOMS += ["graph", "lint", "plot", "program", "readers", "scene", "sensitivity", "studies", "watch"]
+FOLDERS = [ROOT / "src/cotree" / room for room in ROOMS]
 FOLDERS += [ROOT / "templates/c" / room for room in ("integrators", "lanes", "newton")]
 FOLDERS += [
     ROOT / "templates/runtime" / room for room in ("job", "jumps", "kernels", "run", "stiff")

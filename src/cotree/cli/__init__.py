@@ -14,24 +14,13 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Without the name of the program; those of the process where absent.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Run the command line, with the arguments of the process by default; return the exit code."""
     begin_engine(sys.argv[1:] if arguments is None else arguments)
-    # Imported here, while a compiler may be at work.
-    from cotree.cli.app import main as obey
+    # This import takes long; the compiler works at the same time.
+    from cotree.cli.app import main as run
 
-    code = obey(arguments)
-    # A program of Python that calls with arguments of its own goes on, and may need the engine.
+    code = run(arguments)
+    # A Python program that passes arguments may still need the engine.
     if code and arguments is None:
         abandon_engine()
     return code

@@ -87,7 +87,7 @@ def sweep_scene(
     ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Keep results here as they are done; a killed sweep goes on from there."),
+        typer.Option(help="Store results in this folder; an interrupted sweep resumes from it."),
     ] = None,
     on_error: Annotated[
         str,

@@ -1,8 +1,8 @@
-"""Formulas of other tools, rewritten in the grammar of expressions.
+"""Conversion of formulas of other tools to the grammar of expressions.
 
-A reader spells the tokens of its grammar as Python does. Python parses that text, which nothing
-evaluates, and the tree is rewritten: names, conditions, powers, and functions of other names or
-forms. The result is checked like every expression of a scene.
+A reader converts the tokens of its grammar to Python's. Python parses that text, which is never
+evaluated, and the tree is rewritten: names, conditions, powers and functions. The result is checked
+like every expression of a scene.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-#: What readers write before a parenthesis that only groups; no tool has such a function.
+#: Prefix of parentheses that only group; no tool has a function of this name.
 GROUP = "ö"
 
 _LONGEST = 6000  # characters of a formula with its functions expanded
@@ -50,7 +50,7 @@ FORMS |= {f"a{name}": FORMS[f"arc{name}"] for name in ("sinh", "cosh", "tanh")}
 def python_text(
     text: str, token: re.Pattern[str], spell: Callable[[re.Match[str]], str], longest: int
 ) -> str:
-    """Spell a formula as Python does, token by token."""
+    """Convert a formula to Python's syntax, token by token."""
     text, parts, at = text.strip(), [], 0
     if len(text) > longest:
         raise ExpressionError(f"is longer than {longest} characters")
@@ -64,20 +64,20 @@ def python_text(
 
 
 def compared(a: ast.expr, operator: type[ast.cmpop], b: ast.expr) -> ast.expr:
-    """Return the comparison of two trees; the grammar has no equality, which is a <= b <= a."""
+    """Return the comparison of two trees; equality becomes two inequalities."""
     if operator in (ast.Eq, ast.NotEq):
         return fill("a <= b and a >= b" if operator is ast.Eq else "a < b or a > b", a, b)
     return ast.Compare(a, [operator()], [b])
 
 
 def is_condition(tree: ast.expr) -> bool:
-    """Return whether a tree is a condition, and no value."""
+    """Return whether a tree is a condition."""
     is_not = isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not)
     return is_not or isinstance(tree, (ast.Compare, ast.BoolOp))
 
 
 def as_condition(tree: ast.expr) -> ast.expr:
-    """Refuse a value in the place of a condition."""
+    """Return a condition; refuse a value."""
     if not is_condition(tree):
         raise ExpressionError(
             f"takes '{brief(ast.unparse(tree))}' for a condition, which is no comparison: write "
@@ -89,8 +89,8 @@ def as_condition(tree: ast.expr) -> ast.expr:
 class Rewriter(ast.NodeTransformer):
     """Rewriting of the tree of a formula.
 
-    ``name`` returns the tree that a name stands for; ``functions`` are those of the tool: those of
-    scenes, and keys of :data:`FORMS`.
+    ``name`` returns the tree that replaces a name; ``functions`` are those of the tool, which are
+    functions of scenes or keys of :data:`FORMS`.
     """
 
     #: Functions that :meth:`own_call` rewrites, with their number of arguments.
@@ -100,21 +100,21 @@ class Rewriter(ast.NodeTransformer):
         self._name, self._functions = name, (*functions, *self.own)
 
     def text(self, formula: str) -> str:
-        """Rewrite a formula that is spelt as Python does."""
+        """Rewrite a formula in Python's syntax."""
         try:
             return ast.unparse(self.value(read_tree(formula)))
         except RecursionError:
             raise ExpressionError("is nested deeper than expressions may be: split it") from None
 
     def value(self, tree: ast.expr) -> ast.expr:
-        """Rewrite what is to be a number; a condition counts one where it holds, else zero."""
+        """Rewrite a value; a condition becomes one if it is true, else zero."""
         found: ast.expr = self.visit(tree)
         if not is_condition(found):
             return found
         return fill("where(a, 1, 0)", found)
 
     def condition(self, tree: ast.expr) -> ast.expr:
-        """Rewrite what is to be a condition."""
+        """Rewrite a condition."""
         return as_condition(self.visit(tree))
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -126,7 +126,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.BinOp(self.value(node.left), node.op, self.value(node.right))
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.expr:
-        """Rewrite a sign or a negation, which readers spell ``~``."""
+        """Rewrite a sign, or a negation, for which readers write ``~``."""
         if isinstance(node.op, ast.Invert):
             return ast.UnaryOp(ast.Not(), self.condition(node.operand))
         return ast.UnaryOp(node.op, self.value(node.operand))
@@ -136,7 +136,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.BoolOp(node.op, [self.condition(part) for part in node.values])
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.expr:
-        """Rewrite ``a ? b : c``, which readers spell ``a if (b) else c``."""
+        """Rewrite ``a ? b : c``, for which readers write ``a if (b) else c``."""
         condition, value = self.condition(node.body), self.value(node.test)
         return fill("where(a, b, c)", condition, value, self.value(node.orelse))
 
@@ -150,7 +150,7 @@ class Rewriter(ast.NodeTransformer):
         return parts[0] if len(parts) == 1 else ast.BoolOp(ast.And(), parts)
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
-        """Rewrite a call of a function, or what is in parentheses."""
+        """Rewrite a call of a function, or an expression in parentheses."""
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name == GROUP and len(node.args) == 1:
             inner: ast.expr = self.visit(node.args[0])
@@ -159,7 +159,7 @@ class Rewriter(ast.NodeTransformer):
         return found or self._call(name, [self.value(arg) for arg in node.args])
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
-        """Rewrite a call that only one tool has; None for any other."""
+        """Rewrite a call of a function that only this tool has; None for other functions."""
         return None
 
     def _call(self, name: str, args: list[ast.expr]) -> ast.expr:
@@ -176,7 +176,7 @@ class Rewriter(ast.NodeTransformer):
         if form is None:
             return ast.Call(ast.Name(name), args, [])
         tree = fill(form, *args)
-        # Nested calls of what holds an argument several times would grow without bound.
+        # Nested calls that repeat their arguments grow exponentially.
         if len(uses) > count and len(ast.unparse(tree)) > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters as an expression")
         return tree

@@ -21,31 +21,31 @@ _LONGEST = 48  # leaves room for endings such as _damping within the 64 that a s
 
 @dataclass
 class Namer:
-    """Gives each element of a file a unique name."""
+    """Assignment of unique names to the elements of a file."""
 
-    #: Names that had to change: what the file calls it, by kind and name, to what the scene does.
+    #: Names in the scene that differ from those in the file, by kind and name in the file.
     changed: dict[tuple[str, str], str] = field(default_factory=dict)
     _taken: set[str] = field(default_factory=lambda: {"ground", *RESERVED, *FUNCTIONS})
     _alike: dict[str, int] = field(default_factory=dict)
 
     def give(self, kind: str, name: str) -> str:
-        """Translate a name of the file."""
+        """Return the name in the scene for a name of the file."""
         given = self.own(name)
         if given != name:
             self.changed[kind, name] = given
         return given
 
     def own(self, name: str) -> str:
-        """Name an element that the scene adds, as close to the wish as is free."""
+        """Return an unused name, as close to the wish as possible."""
         safe = _STRANGE.sub("_", name)[:_LONGEST] or "unnamed"
-        # Names are parsed as Python's in expressions: no digit first, no keyword.
+        # Names in expressions are Python identifiers.
         if safe[0].isdigit():
             safe = f"_{safe}"
         if keyword.iskeyword(safe):
             safe = f"{safe}_"
         found = safe
         while found in self._taken:
-            # Counted on, as a file may call a hundred thousand things alike.
+            # The count is kept, since a file may have a hundred thousand equal names.
             self._alike[safe] = self._alike.get(safe, 1) + 1
             found = f"{safe}_{self._alike[safe]}"
         self._taken.add(found)
@@ -53,18 +53,18 @@ class Namer:
 
 
 def scene_name(wish: str, kind: str) -> str:
-    """Name a scene, as close to the wish as a name that begins with a letter can be."""
+    """Return the name of a scene, as close to the wish as possible, beginning with a letter."""
     stem = Namer().own(wish).lstrip("_") or kind
     return stem if stem[0].isalpha() else f"{kind}_{stem}"
 
 
 def renaming_notes(changed: Mapping[tuple[str, str], str]) -> list[str]:
-    """Write a note on the names that had to change; see :attr:`Namer.changed`."""
+    """Return a note on changed names; see :attr:`Namer.changed`."""
     pairs = [f"{kind} '{brief(old)}' is '{new}'" for (kind, old), new in changed.items()]
     return [f"renamed: {listed(pairs)}"] if pairs else []
 
 
-#: Bytes that a file may have: it may come from a stranger.
+#: Largest size of an untrusted file, [byte].
 LARGEST_FILE = 20_000_000
 
 
@@ -79,13 +79,13 @@ class SourceLine:
         return f"{self.file}:{self.line}"
 
     def error(self, message: str) -> SceneError:
-        """Make the error that something is wrong on this line."""
+        """Return an error with file and line."""
         return SceneError(f"{self}: {message}")
 
 
 @contextmanager
 def located(at: SourceLine) -> Iterator[None]:
-    """Begin error messages of the scene with file and line, unless they begin with the file."""
+    """Prepend file and line to error messages of the scene, unless they begin with the file."""
     try:
         yield
     except ModelError as error:

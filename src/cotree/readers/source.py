@@ -13,23 +13,23 @@ if TYPE_CHECKING:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_START = 4096  # bytes in which the outermost element of an XML file is looked for
+_START = 4096  # bytes that must contain the outermost element of an XML file
 _COMMENT, _OUTERMOST = re.compile(rb"(?s)<!--.*?-->"), re.compile(rb"<([A-Za-z_][\w:.-]*)")
 
 
 def is_urdf(source: str | Path) -> bool:
-    """Whether a file is a robot description, by its ending, or as XML by its outermost element."""
+    """Return whether a file is a robot description, by its ending or its outermost element."""
     return _has_ending(source, ".urdf") or _begins_with(source, "robot")
 
 
 def is_sbml(source: str | Path) -> bool:
-    """Whether a file is an SBML model, by its ending, or as XML by its outermost element."""
-    # Any other XML file is taken for one too, and refused as none in its reader's words.
+    """Return whether a file is an SBML model, by its ending or its outermost element."""
+    # The reader refuses other XML files.
     return _has_ending(source, ".sbml", ".xml") and not _begins_with(source, "robot")
 
 
 def is_spice(source: str | Path) -> bool:
-    """Whether a file is a netlist, by its ending."""
+    """Return whether a file is a netlist, by its ending."""
     return _has_ending(source, ".cir", ".sp", ".net")
 
 
@@ -38,15 +38,15 @@ def _has_ending(source: str | Path, *endings: str) -> bool:
 
 
 def _begins_with(source: str | Path, tag: str) -> bool:
-    """Whether the outermost element of an XML file has a name; false where it cannot be read."""
+    """Return whether the outermost element of an XML file has a tag; False if it is unreadable."""
     if not _has_ending(source, ".xml"):
         return False
     try:
         with open(source, "rb") as file:
             start = file.read(_START)
     except (OSError, ValueError):
-        return False  # said by the reader
-    # Comments, declarations and processing instructions may come before it.
+        return False  # the reader reports the error
+    # Comments, declarations and processing instructions may precede it.
     found = _OUTERMOST.search(_COMMENT.sub(b"", start))
     return found is not None and found[1] == tag.encode()
 
@@ -54,10 +54,9 @@ def _begins_with(source: str | Path, tag: str) -> bool:
 def load_source(source: str | Path, scene_type: type[_Scene]) -> _Scene:
     """Read a shipped scene by its name, a TOML file, or a file of another tool.
 
-    ``.urdf`` is a robot description, ``.cir``, ``.sp`` and ``.net`` are netlists, ``.sbml`` an SBML
-    model, ``.xml`` that or a robot. Raises ModelError if there is no such scene, or it is wrong.
+    ``.urdf`` is a robot description, ``.cir``, ``.sp`` and ``.net`` are netlists, ``.sbml`` is an
+    SBML model, ``.xml`` a model or a robot. Raises ModelError if the scene is unknown or invalid.
     """
-    # The ending decides; shipped scenes have none and are found by the last branch.
     if is_urdf(source):
         from cotree.readers.urdf.scene import UrdfOptions, read_urdf_scene
 

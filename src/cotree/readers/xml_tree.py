@@ -1,7 +1,7 @@
 """XML as a tree with line numbers, without external entities.
 
-Expat parses it. Document type declarations, and with them entities of any kind, are refused, as
-are more elements, depth or text than a description of a mechanism has.
+Expat parses the text. Document type declarations, which define entities, are refused. Numbers of
+elements, depth and lengths of attributes are limited.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ class Element:
 
     tag: str  # its name, with its prefix as written
     attributes: dict[str, str]
-    at: SourceLine  # where it begins
-    #: The elements in it. Text between them is not kept.
+    at: SourceLine  # its first line
+    #: Its child elements; text between them is not kept.
     children: list[Element] = field(default_factory=list)
 
     def all(self, tag: str) -> list[Element]:
-        """List the children of a name."""
+        """Return the children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, tag: str) -> Element | None:
-        """Return the first child of a name, if there is one."""
+        """Return the first child with a tag, or None."""
         return next((child for child in self.children if child.tag == tag), None)
 
 
 class _Builder:
     def __init__(self, where: str, deepest: int, most: int) -> None:
-        # The text is in UTF-8 by now, whatever its first line says.
+        # The text is decoded already, whatever encoding its first line declares.
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
-        # Entities are declared in a document type, so that none can expand or reach another file.
+        # Without document types there are no entities, which could access other files.
         self.parser.StartDoctypeDeclHandler = self.refuse_doctype
         self.file = where
         self.root: Element | None = None
@@ -66,7 +66,6 @@ class _Builder:
             self.open[-1].children.append(element)
         else:
             self.root = element
-        # The elements that are open, outermost first; the next one is a child of the last.
         self.open.append(element)
 
     def end(self, _: str) -> None:

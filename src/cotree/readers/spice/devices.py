@@ -1,4 +1,4 @@
-"""Elements of netlists, one function for each letter: words of a line to edges."""
+"""Elements of netlists: one function for each letter adds edges from the words of a line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _Key = TypeVar("_Key")
 
 
 def find_couplings(place: Instance, lines: list[Line]) -> None:
-    """Find the inductors that are coupled, before they are written."""
+    """Find the inductors that are coupled, before elements are added."""
     inductors = {line.key: line for line in lines if line.key[0] == "l"}
     for line in lines:
         if line.key[0] == "k":
@@ -40,7 +40,7 @@ def find_couplings(place: Instance, lines: list[Line]) -> None:
 
 
 def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
-    """Couple the inductors of a K statement, each with each."""
+    """Couple all inductors of a K statement with each other."""
     names = [word.lower() for word in line.words[1:-1]]
     if len(names) < 2 or "=" in line.words:
         raise line.at.error(f"{line.name} needs two inductors or more, and a number")
@@ -50,7 +50,7 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
                 f"{line.name} couples '{brief(name)}', which is no inductor here"
                 f"{nearest(name, inductors)}"
             )
-    # Merge the groups of both inductors: coupling is transitive through shared flux.
+    # Merge the groups of the inductors, since coupling is transitive.
     whole = Coupled()
     for name in names:
         old = place.coupled.get(name, Coupled({name: inductors[name]}))
@@ -72,23 +72,22 @@ def _in_order(lines: dict[_Key, Line]) -> dict[_Key, Line]:
 
 
 def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None:
-    """Return the sign of each winding against the first; None where no coupling is 1 or -1.
+    """Return the sign of each winding relative to the first; None if no coupling is 1 or -1.
 
-    Refuses couplings of which only some are complete, and signs that contradict each other.
+    Refuses groups in which only some couplings are complete, and contradicting signs.
     """
     values = {
         pair: (place.scope.value(line.words[-1], line.at), line)
         for pair, line in coupled.couplings.items()
     }
-    # Only numbers can be told to be complete; parameters may change.
+    # Only numbers can be complete; parameters may change.
     complete = {pair: value for pair, (value, _) in values.items() if value in (1.0, -1.0)}
     if not complete:
         return None
-    # The first winding defines the direction of the flux; zero marks a coupling that is not
-    # complete.
+    # The first winding defines the direction of the flux; zero means that a coupling is incomplete.
     first, *others = coupled.inductors
     signs = {first: 1.0} | {name: complete.get(frozenset((first, name)), 0.0) for name in others}
-    # With one flux the coupling of two windings is the product of their signs against the first.
+    # For a single flux, the coupling of two windings is the product of their signs.
     for a, b in combinations(coupled.inductors, 2):
         pair = frozenset((a, b))
         if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
@@ -112,8 +111,7 @@ def coupled_fields(
         fields[WINDINGS[i - 1]], fields[f"inductance{i}"] = nodes, inductance
     values: dict[str, Any] = {}
     for pair, line in coupled.couplings.items():
-        # A statement may couple several inductors: its number is one parameter for all of their
-        # pairs.
+        # All pairs of a statement share one parameter.
         if line.key not in values:
             values[line.key] = place.principal(line, line.words[-1], "1")
         i, j = (number[name] for name in pair)
@@ -121,9 +119,9 @@ def coupled_fields(
     return fields
 
 
-#: Geometry that serves capacitances and leakage per area, of which models here have none.
+#: Geometry for capacitances and leakage per area, which are not modelled.
 _UNUSED_OF_CHANNELS = {"ad", "as", "pd", "ps", "nrd", "nrs"}
-_DEFAULT_SIZE = 1e-4  # m, as ngspice has it
+_DEFAULT_SIZE = 1e-4  # m, the default of ngspice
 
 
 def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -144,8 +142,8 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
 
 
 def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
-    """Leave the second of two coefficients of temperature out, of no effect at 27 degrees."""
-    # TC=1m,2u is split into words: what stands behind the first value is a number.
+    """Remove the second of two temperature coefficients, which has no effect at 27 degrees."""
+    # TC=1m,2u is split into words: a number after the first value is the second coefficient.
     words = [word.lower() for word in rest[:-3]]
     after = words.index("tc") + 3 if "tc" in words else 0
     if not after or read_number(rest[after]) is None:
@@ -153,7 +151,7 @@ def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     return rest[:after] + rest[after + 1 :]
 
 
-#: Component, field and unit of the elements of one value, and their settings besides it.
+#: Component, field, unit and further settings of elements with one value.
 _ONE_PORTS = {
     "r": ("resistor", "resistance", "ohm", {"m", "tc", "tc1", "tc2"}),
     "c": ("capacitor", "capacitance", "F", {"m", "ic"}),
@@ -167,7 +165,7 @@ def _valued(
     """Read words, settings and value of an element: a word, or ``R=``, ``C=``, ``L=``."""
     key = line.key[0]
     words, given = _parts(line, {key, *known}, range(2, 4))
-    # Exactly one of both forms gives the value.
+    # Exactly one of both forms is required.
     if (len(words) == 3) == (key in given):
         raise line.at.error(f"{line.name} needs one value")
     word = words[2] if len(words) == 3 else given[key]
@@ -177,8 +175,8 @@ def _valued(
 
 
 def _one_port(place: Instance, line: Line) -> None:
-    """Add a resistor, a capacitor, or an inductor that shares no flux with others."""
-    # Its K statement writes it, together with those that it shares flux with.
+    """Add a resistor, a capacitor, or an inductor without couplings."""
+    # The K statement adds coupled inductors.
     if line.key in place.coupled:
         return
     key = line.key[0]
@@ -186,7 +184,7 @@ def _one_port(place: Instance, line: Line) -> None:
     words, given, value = _valued(place, line, known)
     nodes = [place.node(word) for word in words[:2]]
     if place.sheet.amount(value) == 0.0:
-        # No resistance and no inductance join two nodes, and no capacitance is nothing.
+        # A resistance or an inductance of zero is a short, and a capacitance of zero is omitted.
         if key != "c":
             place.add_short(line.words[0], nodes)
         return
@@ -207,10 +205,7 @@ def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
 def _initial_value(
     place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]
 ) -> dict[str, Any]:
-    """Return the initial value of a storage, where the netlist asks for ``uic``.
-
-    It is the voltage ``v``, [V], of a capacitor or the current ``i``, [A], of an inductor.
-    """
+    """Return the initial ``v`` of a capacitor or ``i`` of an inductor, if there is ``uic``."""
     key = line.key[0]
     if not place.sheet.uses_initial or key == "r":
         return {}
@@ -224,7 +219,7 @@ def _initial_value(
 
 
 def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
-    """Return the voltage between two nodes by .ic, zero at nodes that it does not name."""
+    """Return the voltage between two nodes according to .ic, whose default is zero."""
     ends = []
     for word in (plus, minus):
         own = place.node(word)
@@ -239,9 +234,9 @@ def _given_voltage(place: Instance, plus: str, minus: str) -> Value:
 
 
 def _coupling(place: Instance, line: Line) -> None:
-    """Add coupled inductors as one edge, named as the first of their couplings."""
+    """Add coupled inductors as one edge with the name of their first coupling."""
     coupled = place.coupled[line.words[1].lower()]
-    # One edge stands for the whole group: the other statements of the group add nothing.
+    # The first statement of a group adds the edge.
     if line.key != coupled.first:
         return
     windings: dict[str, tuple[list[str], Value]] = {}
@@ -254,7 +249,7 @@ def _coupling(place: Instance, line: Line) -> None:
         start = _initial_value(place, inductor, words, given)
         if start:
             initial[name] = start
-    # Windings without leakage share one flux, which coupled inductances cannot describe.
+    # Complete coupling would make the inductance matrix singular.
     signs = complete_signs(place, coupled)
     if signs is not None:
         _one_flux(place, coupled, windings, initial, signs)
@@ -272,10 +267,10 @@ def _one_flux(
     initial: Mapping[str, dict[str, Any]],
     signs: Mapping[str, float],
 ) -> None:
-    """Add windings of one flux: the first as an inductor, ideal transformers from it to others.
+    """Add windings of one flux: the first as an inductor, the others by ideal transformers.
 
-    What the inductor carries is what the first winding would with the others open: the sum of the
-    currents, each by the root of its inductance.
+    The inductor carries the magnetising current: the sum of the currents, weighted by the square
+    roots of the inductances.
     """
     (first, (nodes, own)), *others = windings.items()
     start = [text_of(initial[first]["i"])] if first in initial else []
@@ -286,7 +281,7 @@ def _one_flux(
     begin = {"i": " + ".join(start)} if start else {}
     place.add(coupled.inductors[first].words[0], "inductor", nodes, {"inductance": own}, begin)
     for name, (pair, value) in others:
-        # Turns are proportional to the roots of inductances.
+        # Turns are proportional to the square roots of inductances.
         ratio = f"{text_of(signs[name])}*sqrt({text_of(own)}/{text_of(value)})"
         fields = {"primary": nodes, "secondary": pair, "ratio": ratio}
         place.add(coupled.inductors[name].words[0], "transformer", (), fields)
@@ -300,7 +295,7 @@ def _independent(place: Instance, line: Line) -> None:
     nodes = [place.node(word) for word in line.words[1:3]]
     source = read_source(line.words[3:], place.scope, place.sheet.times, line.at)
     fields = dict(source.fields)
-    # A waveform has several numbers, none of which deserves the name of the source.
+    # Only a constant value becomes a parameter with the name of the source.
     if source.is_constant:
         label, unit = place.label(line.words[0]), "V" if is_voltage else "A"
         fields["value"] = place.sheet.own_parameter(label, fields["value"], line.at, unit)
@@ -309,7 +304,7 @@ def _independent(place: Instance, line: Line) -> None:
 
 
 def _controlled(place: Instance, line: Line) -> None:
-    """Add a source that a voltage or a current controls, or a polynomial of several."""
+    """Add a source that is controlled by a voltage, a current, or a polynomial of several."""
     if has_polynomial(line):
         add_polynomial(place, line)
     elif line.key[0] in "eg" and has_law(line):
@@ -336,14 +331,13 @@ def _by_current(place: Instance, line: Line) -> None:
     current = current_of(place, line, words[2])
     nodes = [place.node(word) for word in words[:2]]
     kind, unit = ("voltage", "ohm") if line.key[0] == "h" else ("current", "1")
-    # The controlling current is that of a voltage source, which needs no ammeter of its own.
+    # The controlling current is that of a voltage source.
     law = f"{text_of(place.principal(line, words[3], unit))}*{current}"
     place.add(line.words[0], f"{kind}_source", nodes, {kind: law})
 
 
 def _area(place: Instance, line: Line, words: tuple[str, ...], given: dict[str, str]) -> Value:
-    """Read the area factor of a device, and ignore ``off``."""
-    # ``off`` is a first guess for the operating point in other simulators.
+    """Read the area factor of a device; ``off``, a guess for the operating point, is ignored."""
     rest = [word for word in words if word.lower() != "off"]
     if len(rest) > 1 or (rest and "area" in given):
         raise line.at.error(f"'{brief(rest[-1])}' is one word too many")
@@ -360,8 +354,7 @@ def _diode(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:2]]
     initial: dict[str, Any] = {}
-    # Behind a series resistance the state is the voltage of an inner port, which ``.ic`` does not
-    # give.
+    # With a series resistance, the state is the voltage of an inner port, not that of ``.ic``.
     is_state = {"junction_capacitance", "transit_time"} & fields.keys()
     if place.sheet.uses_initial and is_state and "series_resistance" not in fields:
         voltage = _given_voltage(place, words[0], words[1])
@@ -381,32 +374,32 @@ def _bipolar(place: Instance, line: Line) -> None:
     _hold_charges(place, line, fields)
     nodes = [place.node(word) for word in words[:3]]
     substrate = place.node(words[3] if at == 4 else "0")
-    # Without either, nothing flows into the substrate, and three nodes suffice.
+    # Otherwise no current flows into the substrate.
     if {"leakage", "substrate_capacitance"} & fields.keys():
         nodes.append(substrate)
     place.add(line.words[0], model.component, nodes, fields)
 
 
-#: Charges in transit, and the capacitance of the junction that they need beside them.
+#: Transit times, and the junction capacitances that they require.
 _TRANSITS = {
     "transit_time": "junction_capacitance",
     "forward_transit_time": "be_capacitance",
     "reverse_transit_time": "bc_capacitance",
 }
 
-#: Capacitance that junctions are given where their models have transit times only, in farads per
-#: second of the run: a milliampere takes a volt from it in a ten-millionth of the run. Without
-#: any, what the charge leaves at once is a voltage that no step can follow.
+#: Default capacitance of junctions with a transit time, [F] per second of the run: a milliampere
+#: changes its voltage by a volt in a ten-millionth of the run. Without a capacitance, the voltage
+#: would jump when the stored charge vanishes.
 _LEAST_CAPACITANCE = 5e-11
 
 
 def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None:
-    """Add a small capacitance, scaled by the run, to junctions with a transit time and none."""
+    """Add a small capacitance to junctions with a transit time and no capacitance."""
     if not place.sheet.times.stop:
         return
     least = _LEAST_CAPACITANCE * place.sheet.times.stop
     wanted = [capacity for transit, capacity in _TRANSITS.items() if transit in fields]
-    # The charge of a modulated base also depends on the voltage of the collector junction.
+    # With base-width modulation, the charge depends on the voltage of the collector junction, too.
     is_modulated = fields.keys() & BASE_CHARGE and "forward_transit_time" in fields
     if is_modulated and "bc_capacitance" not in wanted:
         wanted.append("bc_capacitance")
@@ -421,7 +414,7 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
 
 
 def _field_effect(place: Instance, line: Line) -> None:
-    """Add a transistor with its overlaps, the diodes of its bulk and its resistances."""
+    """Add a field-effect transistor with overlap capacitances, bulk diodes and resistances."""
     known = {"w", "l", "m"} | _UNUSED_OF_CHANNELS
     words, given = _parts(line, known, range(5, 7))
     model = place.model(words[4], "m", line)
@@ -433,24 +426,21 @@ def _field_effect(place: Instance, line: Line) -> None:
     )
     count = _count(place, line, given)
     drain, gate, source, bulk = map(place.node, words[:4])
-    # From here on drain and source are the inner nodes: channel, diodes and overlaps lie behind the
-    # resistances.
+    # Channel, diodes and overlaps are connected to the inner nodes of drain and source.
     drain = _inner(place, line, model, "rd", drain, count)
     source = _inner(place, line, model, "rs", source, count)
     fields = channel_fields(model, scaled(width, count), length)
     ends = (drain, gate, source) if "body_effect" not in fields else (drain, gate, source, bulk)
     place.add(line.words[0], model.component, ends, fields)
     for side, end in (("cbd", drain), ("cbs", source)):
-        # Between equal nodes a diode carries no current.
         if bulk != end:
-            # The diodes of an n channel conduct from the bulk, those of a p channel into it.
+            # The diodes of an n-channel conduct from the bulk, those of a p-channel into it.
             pair = (bulk, end) if model.component == "mosfet_n" else (end, bulk)
             own = bulk_fields(model, side, place.sheet.gmin, count)
             place.add(f"{line.words[0]}_{side}", "diode", pair, own)
     overlaps = (("cgdo", drain, width), ("cgso", source, width), ("cgbo", bulk, length))
     for side, end, size in overlaps:
         per_length = model.values[side]
-        # A capacitance between equal nodes does nothing.
         if not is_zero(per_length) and end != gate:
             name = f"{line.words[0]}_{side}"
             capacitance = scaled(scaled(per_length, size), count)
@@ -460,7 +450,7 @@ def _field_effect(place: Instance, line: Line) -> None:
 def _inner(
     place: Instance, line: Line, model: DeviceModel, name: str, node: str, count: Value
 ) -> str:
-    """Put a resistance between a terminal and the channel, where the model has one."""
+    """Add the resistance between a terminal and the channel; return the inner node."""
     if is_zero(model.values[name]):
         return node
     inner = place.sheet.names.own(place.label(f"{line.words[0]}_{name}"))
@@ -469,7 +459,7 @@ def _inner(
     return inner
 
 
-#: The function that adds the elements of each letter.
+#: Functions that add the elements, by letter.
 DEVICES: dict[str, Callable[[Instance, Line], None]] = {
     **dict.fromkeys("rcl", _one_port),
     "k": _coupling,

@@ -1,6 +1,6 @@
-"""Elements by laws of voltages, currents and time, and controlled sources by polynomials.
+"""Elements with laws of voltages, currents and time, and sources controlled by polynomials.
 
-As in ngspice, ``x^y`` is that of the size of x, and powers group from the left.
+As in ngspice, ``x^y`` is the power of the absolute value of x, and powers group from the left.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ def add_polynomial(place: Instance, line: Line) -> None:
     The coefficients become parameters ``NAME_p0``, ``NAME_p1``, ...
     """
     letter, rest = line.key[0], line.words[4:]
-    # Digits of other scripts pass ``isdigit``, hence ASCII is asked first.
+    # ``isdigit`` is true for digits of other scripts.
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
     if not 1 <= n <= _MOST_ARGUMENTS:
         raise line.at.error(f"POLY needs how many it is of, in parentheses, 1 to {_MOST_ARGUMENTS}")
-    # A voltage is named by its two nodes, a current by the source that it flows in.
+    # A voltage has two nodes, a current the name of its source.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
@@ -59,7 +59,7 @@ def add_polynomial(place: Instance, line: Line) -> None:
     coefficients: list[Value] = []
     for i, word in enumerate(words):
         value = place.scope.value(word, line.at)
-        # A zero is left out of the law instead, where a parameter would keep its term.
+        # Zeros omit terms of the law, so they do not become parameters.
         if not is_zero(value):
             label = place.label(f"{line.words[0]}_p{i}")
             value = place.sheet.own_parameter(label, value, line.at)
@@ -70,9 +70,8 @@ def add_polynomial(place: Instance, line: Line) -> None:
 
 
 def _law(coefficients: list[Value], arguments: list[str]) -> str:
-    """Write a polynomial without its absent terms."""
+    """Return the text of a polynomial without its zero terms."""
     terms = []
-    # The monomials go on without end.
     for coefficient, factors in zip(coefficients, _monomials(arguments), strict=False):
         if not is_zero(coefficient):
             terms.append("*".join([text_of(coefficient), *factors]))
@@ -90,16 +89,15 @@ def _monomials(arguments: list[str]) -> Iterator[list[str]]:
 
 
 def voltage_between(place: Instance, plus: str, minus: str, at: SourceLine) -> str:
-    """Write the voltage between two nodes as part of an expression."""
+    """Return the text of the voltage between two nodes."""
     ends = [place.node(word) for word in (plus, minus)]
     place.sheet.named += [(end, word, at) for end, word in zip(ends, (plus, minus), strict=True)]
     first, second = ("0" if node == "ground" else f"{node}.v" for node in ends)
-    # The voltage of the ground is zero and no state.
     return f"({first} - {second})" if second != "0" else first
 
 
 def current_of(place: Instance, line: Line, name: str) -> str:
-    """Write the current of a voltage source as part of an expression."""
+    """Return the text of the current of a voltage source."""
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
         raise line.at.error(
@@ -108,16 +106,16 @@ def current_of(place: Instance, line: Line, name: str) -> str:
     return f"{source}.i"
 
 
-#: Name, two nodes, and what follows: a law behind the sign of equality, which some leave out.
+#: Name, two nodes, and a law after an equals sign, which some simulators omit.
 _LAW = re.compile(
     r"\S+[\s(,]+[^\s(),=]+[\s,]+[^\s(),=]+[\s),]+([A-Za-z]+)\s*(?:=\s*|(?=[{']))(.*)\Z", re.ASCII
 )
 _SIGNALS = re.compile(r"(?<![\w.])[vi]\s*\(|(?<![\w.])time(?![\w.])", re.IGNORECASE | re.ASCII)
 
-#: Share of the hysteresis at which a comparison tells whether a switch is on at the start.
+#: Distance of the thresholds of a comparison from the centre, in multiples of the hysteresis.
 _BEYOND = 1.000001
 
-#: What each name before a law says that the source gives, by the letter of the element.
+#: Kind of the source by the name before its law, for each letter of elements.
 _GIVES = {
     "b": {"v": "voltage", "i": "current"},
     "e": {"value": "voltage", "vol": "voltage", "v": "voltage"},
@@ -137,7 +135,7 @@ def has_signals(word: str) -> bool:
 
 
 def law_of(place: Instance, line: Line, text: str) -> str:
-    """Write an expression of voltages, currents, time and parameters as scenes do."""
+    """Convert an expression of voltages, currents, time and parameters to that of a scene."""
     own = text.strip()
     if own[:1] + own[-1:] in ("{}", "''"):
         own = own[1:-1]
@@ -164,9 +162,9 @@ def add_law(place: Instance, line: Line) -> None:
 
 
 def add_switch(place: Instance, line: Line) -> None:
-    """Add a switch: a resistance of two values, by a voltage (S) or a current (W).
+    """Add a switch: a resistance of two values, controlled by a voltage (S) or a current (W).
 
-    With hysteresis, whether it is on is the mode ``NAME_on``.
+    With hysteresis it has a mode ``NAME_on``.
     """
     letter = line.key[0]
     words = line.words[1:]
@@ -193,12 +191,11 @@ def add_switch(place: Instance, line: Line) -> None:
     if not is_zero(values[width]):
         scene, name = place.sheet.scene, place.sheet.names.own(place.label(f"{line.words[0]}_on"))
         scene.mode(name, 1 if is_on else 0, doc="whether the switch is on")
-        # Where the mode alone decides, which its own events change: these come first, just before
-        # what the comparison would do.
+        # The mode shifts the threshold beyond the levels of its events, which then occur first.
         threshold = f"({at} + {_BEYOND!r}*{half}*(1 - 2*{name}))"
         scene.event(f"{name}_up", f"{given} - {upper}", direction=1, set={name: "1"})
         scene.event(f"{name}_down", f"{given} - {lower}", direction=-1, set={name: "0"})
-        # What the start says is kept from there on.
+        # The mode at the start follows from the signal.
         first = f"where({given} > {upper}, 1, where({given} < {lower}, 0, {name}))"
         scene.event(f"{name}_begin", "t", direction=1, set={name: first})
     law = f"where({given} > {threshold}, {text_of(values['ron'])}, {text_of(values['roff'])})"

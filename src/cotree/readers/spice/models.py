@@ -1,4 +1,4 @@
-"""Models of devices: translation of ``.model`` parameters to fields of components."""
+"""Models of devices: conversion of ``.model`` parameters to fields of components."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
     from cotree.readers.spice.netlist import ModelCard
 
-#: k T / e at 27 degrees Celsius, [V], with the constants that ngspice has (CODATA of 2014).
+#: k T / e at 27 degrees Celsius, [V], with the constants of ngspice (CODATA 2014).
 THERMAL_VOLTAGE = 1.38064852e-23 * 300.15 / 1.6021766208e-19
 
-#: Of no effect at the temperature that all is given at, or of noise only.
+#: Parameters of temperature dependence and of noise, which have no effect.
 _NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
 
 
@@ -24,10 +24,10 @@ _NO_EFFECT = frozenset(("eg", "xti", "xtb", "kf", "af", "tnom", "ptf"))
 class ModelParameter:
     """A parameter of a model."""
 
-    default: float  # its value where a model leaves it out
+    default: float
     field: str  # the component's field
-    area: str = ""  # what the factor of area does: ``*``, ``/`` or nothing
-    unit: str = ""  # for people
+    area: str = ""  # operation with the area factor: ``*``, ``/`` or none
+    unit: str = ""
 
 
 _DIODE = {
@@ -72,8 +72,7 @@ _BIPOLAR = {
     "tf": ModelParameter(0.0, "forward_transit_time", "", "s"),
     "tr": ModelParameter(0.0, "reverse_transit_time", "", "s"),
 }
-#: Field-effect transistors of level 1. No fields are named: functions of their own make fields and
-#: elements of these values.
+#: Field-effect transistors of level 1; functions below derive fields and elements from the values.
 _FIELD_EFFECT = {
     "vto": ModelParameter(0.0, "", "", "V"),
     "kp": ModelParameter(2e-5, "", "", "A/V^2"),
@@ -110,7 +109,7 @@ _ALIASES = {
     },
     "m": {"vt0": "vto"},
 }
-#: Switches by a voltage, and by a current.
+#: Switches controlled by a voltage, and by a current.
 _RESISTANCES = {
     "ron": ModelParameter(1.0, "", "", "ohm"),
     "roff": ModelParameter(1e12, "", "", "ohm"),
@@ -130,7 +129,7 @@ _TABLES = {
     **{"s": _VOLTAGE_SWITCH, "w": _CURRENT_SWITCH},
 }
 
-#: Letters of the elements that types of models serve, and what they are here.
+#: Letter of the elements and component, by type of the model.
 TYPES = {
     **{"d": ("d", "diode"), "npn": ("q", "bjt_npn"), "pnp": ("q", "bjt_pnp")},
     **{"nmos": ("m", "mosfet_n"), "pmos": ("m", "mosfet_p")},
@@ -142,9 +141,9 @@ TYPES = {
 class DeviceModel:
     """A model with its values."""
 
-    letter: str  # that of its elements
-    component: str  # what they become
-    values: Mapping[str, Value]  # by name, all that the model may have
+    letter: str  # of its elements
+    component: str  # type of its edges
+    values: Mapping[str, Value]  # all parameters by name
 
 
 def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> DeviceModel:
@@ -162,7 +161,6 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
             raise card.at.error(f"'{brief(written)}' is given twice")
         seen.add(name)
         if name in _NO_EFFECT:
-            # Read without a name, the value makes no parameter: nothing depends on it.
             if own("", word, "") != 27.0 and name == "tnom":
                 raise card.at.error("tnom must be 27: nothing is scaled with temperature here")
         elif name not in table:
@@ -172,7 +170,6 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
             )
         else:
             values[name] = own(name, word, table[name].unit)
-    # Diodes and bipolar transistors have no level.
     if values.get("level", 1.0) != 1.0:
         raise card.at.error("field-effect transistors of level 1 only are modelled here")
     return DeviceModel(letter, component, values)
@@ -183,15 +180,13 @@ def device_fields(model: DeviceModel, area: Value, gmin: Value) -> dict[str, Val
     fields: dict[str, Value] = {}
     for name, row in _TABLES[model.letter].items():
         value = model.values[name]
-        # What is zero is not there: resistances, charges, and voltages and currents without end;
-        # but for what has another default, such as an exponent of the doping.
+        # A zero omits a resistance or a charge, and means infinity for voltages and currents,
+        # except for parameters with a nonzero default.
         if row.field and not (is_zero(value) and row.default == 0.0):
             fields[row.field] = scaled(value, area, row.area) if row.area else value
     ideality = model.values.get("n", 1.0)
-    # The ideality factor N multiplies the thermal voltage in the exponent.
     fields["thermal_voltage"] = scaled(ideality, THERMAL_VOLTAGE)
     for name in ("forward_ideality", "reverse_ideality"):
-        # A factor of one would add a term to the law that changes nothing.
         if fields.get(name) == 1.0:
             del fields[name]
     if gmin:
@@ -216,9 +211,9 @@ def bulk_fields(model: DeviceModel, side: str, gmin: float, count: Value = 1.0) 
 
 
 def channel_fields(model: DeviceModel, width: Value, length: Value) -> dict[str, Value]:
-    """Return the fields of a field-effect transistor's channel; size of its gate in [m]."""
+    """Return the fields of a field-effect transistor's channel; width and length are in m."""
     v = model.values
-    # Diffusion under the gate shortens the channel at both ends.
+    # Lateral diffusion shortens the channel at both ends.
     inner = length if is_zero(v["ld"]) else f"{text_of(length)} - 2*{text_of(v['ld'])}"
     fields: dict[str, Value] = {
         # Level 1 of Shichman and Hodges: KP W / L.

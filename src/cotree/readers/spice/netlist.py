@@ -1,4 +1,4 @@
-"""The statements of a netlist, sorted: circuits with their elements, models and parameters."""
+"""Statements of a netlist, by circuit: elements, models and parameters."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 
-_LONGEST_LINE = 100_000  # characters, continued lines counted in
-# A dollar begins a comment only between spaces: it may be part of a name.
+_LONGEST_LINE = 100_000  # characters of a statement with its continuation lines
+# A dollar sign may be part of a name, so it begins a comment only between spaces.
 _COMMENT = re.compile(r";|//|(?:^|\s)\$(?:\s|$)")
 
-#: An expression in braces or quotes, a sign of equality, or a word.
+#: An expression in braces or quotes, an equals sign, or a word.
 _WORD = re.compile(r"\{[^{}]*\}|'[^']*'|=|[^\s(),={}']+")
 _ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_][\w.]*)\s*=(?!=)\s*", re.ASCII)
 _BETWEEN = re.compile(r"[\s(),]*")
@@ -28,17 +28,17 @@ class Line:
     """A statement of a netlist."""
 
     at: SourceLine  # its first line in the file
-    words: tuple[str, ...]  # its words as they are written
-    text: str = ""  # all of it, continuations joined
+    words: tuple[str, ...]  # its words as written
+    text: str = ""  # the whole statement, with joined continuation lines
 
     @property
     def key(self) -> str:
-        """Its first word, in small letters."""
+        """Its first word, in lower case."""
         return self.words[0].lower()
 
     @property
     def name(self) -> str:
-        """Its first word as it is written, in quotes, for messages."""
+        """Its first word as written, in quotes, for messages."""
         return f"'{brief(self.words[0])}'"
 
 
@@ -46,7 +46,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
     """Return the statements of a netlist, from the second line up to ``.end``."""
     at, whole = SourceLine(file, 0), ""
     is_skipped = False
-    # The first line is the title, whatever it looks like.
+    # The first line is the title.
     for number, raw in enumerate([*text.splitlines()[1:], ""], start=2):
         here = SourceLine(file, number)
         match = _COMMENT.search(raw)
@@ -64,7 +64,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
             yield Line(at, _words(whole, at), whole)
         at, whole = here, ""
         first = line.split(None, 1)[0].lower()
-        if first in (".control", ".endc"):  # what a simulator is to do, no part of the circuit
+        if first in (".control", ".endc"):  # commands of a simulator
             is_skipped = first == ".control"
         elif first == ".end" and not is_skipped:
             return
@@ -77,7 +77,7 @@ def read_lines(text: str, file: str) -> Iterator[Line]:
 def _words(line: str, at: SourceLine) -> tuple[str, ...]:
     found, i = [], 0
     while True:
-        # Parentheses and commas separate words as spaces do.
+        # Parentheses and commas separate words, like spaces.
         i = _BETWEEN.match(line, i).end()  # type: ignore[union-attr]
         if i == len(line):
             break
@@ -92,7 +92,7 @@ def _words(line: str, at: SourceLine) -> tuple[str, ...]:
 
 
 def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
-    """Read ``name = value`` from a row of words; names in small letters."""
+    """Read ``name = value`` from a sequence of words; names become lower case."""
     found: dict[str, str] = {}
     for i in range(0, len(words), 3):
         triple = words[i : i + 3]
@@ -106,7 +106,7 @@ def settings(words: tuple[str, ...], at: SourceLine) -> dict[str, str]:
 
 
 def assignments(line: Line) -> dict[str, tuple[str, str]]:
-    """Read ``name = value`` behind the first word, where values may hold spaces and parentheses."""
+    """Read ``name = value`` after the first word; values may contain spaces and parentheses."""
     text = line.text.split(None, 1)[1] if len(line.words) > 1 else ""
     marks = list(_ASSIGNMENT.finditer(text))
     found: dict[str, tuple[str, str]] = {}
@@ -131,7 +131,7 @@ def split_settings(words: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, 
 _LARGEST = 100_000  # statements
 _DEEPEST = 20  # subcircuits within each other
 
-#: Analyses and prints that a scene has no use for.
+#: Analyses and output statements, which are ignored.
 _PASSED_OVER = frozenset(
     (".print", ".plot", ".probe", ".save", ".op", ".ac", ".dc", ".noise", ".tf", ".four")
 ) | {".nodeset", ".width", ".title", ".meas", ".measure", ".sens", ".pz", ".disto"}
@@ -140,7 +140,7 @@ _ELEMENTS = frozenset("rlckviefghbswdqmx")
 
 @dataclass(frozen=True)
 class ModelCard:
-    """A ``.model``: its name as written, its type in small letters, its parameters."""
+    """A ``.model``: its name as written, its type in lower case, its parameters."""
 
     name: str
     type: str
@@ -150,18 +150,18 @@ class ModelCard:
 
 @dataclass
 class Circuit:
-    """The whole netlist, or the inside of a subcircuit."""
+    """The main circuit, or a subcircuit."""
 
-    name: str  # as it is written
-    at: SourceLine  # where it begins
-    pins: tuple[str, ...] = ()  # its nodes that are seen from outside
-    #: Its parameters with their values as written.
+    name: str  # as written
+    at: SourceLine  # its first line
+    pins: tuple[str, ...] = ()  # its external nodes
+    #: Default values of its parameters, as written.
     defaults: dict[str, str] = field(default_factory=dict)
     elements: list[Line] = field(default_factory=list)
-    #: By name in small letters.
+    #: By name in lower case.
     models: dict[str, ModelCard] = field(default_factory=dict)
     circuits: dict[str, Circuit] = field(default_factory=dict)
-    #: Names as written, values as written, lines.
+    #: Names and values as written, and lines.
     parameters: list[tuple[str, str, SourceLine]] = field(default_factory=list)
 
 
@@ -169,15 +169,15 @@ class Circuit:
 class Netlist:
     """A netlist."""
 
-    circuit: Circuit  # the outermost
+    circuit: Circuit  # the main circuit
     transient: Line | None = None  # its ``.tran``
     held: list[Line] = field(default_factory=list)  # its ``.ic``
     options: list[Line] = field(default_factory=list)  # its ``.options`` and ``.temp``
-    passed_over: list[str] = field(default_factory=list)  # statements that a scene has no use for
+    passed_over: list[str] = field(default_factory=list)  # ignored statements
 
 
 def parse_netlist(text: str, where: str) -> Netlist:
-    """Sort the statements of a netlist."""
+    """Parse the statements of a netlist."""
     return _Parser(where).parse(text)
 
 
@@ -185,7 +185,7 @@ class _Parser:
     def __init__(self, where: str) -> None:
         self.where = where
         self.netlist = Netlist(Circuit("", SourceLine(where, 1)))
-        # The circuits that are open, the innermost last: statements belong to that.
+        # The open circuits, the innermost last.
         self.open = [self.netlist.circuit]
         self.commands: dict[str, Callable[[Line], None]] = {
             ".model": self._model,
@@ -212,12 +212,10 @@ class _Parser:
 
     def _take(self, line: Line) -> None:
         key = line.key
-        # Commands and elements of a subcircuit between .subckt and .ends go to the innermost
-        # circuit.
         if key in self.commands:
             self.commands[key](line)
         elif key in (".include", ".inc", ".lib"):
-            # A netlist may come from a stranger: it must not choose which files are read.
+            # An untrusted netlist must not read other files.
             raise line.at.error(
                 f"{key} would read another file, which is not done: paste what it holds here"
             )
@@ -244,7 +242,6 @@ class _Parser:
         self.open[-1].models[name.lower()] = card
 
     def _parameters(self, line: Line) -> None:
-        # SPICE ignores case; scenes show names as they are written.
         rows = [(name, value, line.at) for name, value in assignments(line).values()]
         self.open[-1].parameters += rows
 
@@ -252,14 +249,13 @@ class _Parser:
         if len(self.open) > _DEEPEST:
             raise line.at.error(f".subckt within more than {_DEEPEST} others")
         words, given = split_settings(line.words[1:])
-        # Some simulators mark the parameters of a subcircuit by this word.
+        # In some simulators this word precedes the parameters.
         words = tuple(word for word in words if word.lower() != "params:")
         if not words:
             raise line.at.error(".subckt needs a name")
         name, pins = words[0], words[1:]
         if name.lower() in self.open[-1].circuits:
             raise line.at.error(f"there is a second .subckt '{brief(name)}'")
-        # Two nodes of the circuit outside cannot go by one name.
         if len({pin.lower() for pin in pins}) < len(pins):
             raise line.at.error(f".subckt '{brief(name)}' has two pins of one name")
         defaults = settings(given, line.at)

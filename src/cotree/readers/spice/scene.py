@@ -1,7 +1,7 @@
-"""SPICE netlists to scenes.
+"""Scenes from SPICE netlists.
 
-Elements become edges, instances of subcircuits are written out, values become parameters named as
-their elements. See docs/spice.md for what is read and what becomes of it.
+Elements become edges, instances of subcircuits are expanded, and values become parameters with the
+names of their elements. docs/spice.md lists what is supported.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Writer(Sheet[_Scene]):
     def write(self) -> _Scene:
         """Write the whole netlist."""
         whole, top = self.netlist.circuit, Scope()
-        # Options, parameters, times and held voltages come before the elements, wherever they stand
-        # in the file: values, waveforms and initial states of elements depend on them.
+        # Values, waveforms and initial states of elements depend on options, parameters, times and
+        # initial voltages, which are read first.
         for line in self.netlist.options:
             self._option(line, top)
         own: dict[str, ParameterRow] = {}
@@ -74,7 +74,7 @@ class Writer(Sheet[_Scene]):
         for line in self.netlist.held:
             self._held(line, top)
         self._circuit(whole, Instance(self, whole, top), 0)
-        # The first line is never read: an element there is lost, which is a frequent mistake.
+        # Elements in the first line, the title, are a frequent mistake.
         if not self.scene.edges:
             raise whole.at.error("no elements: is the first line the title?")
         ends = {
@@ -119,7 +119,7 @@ class Writer(Sheet[_Scene]):
             row = [i for i, word in enumerate(line.words) if word == "="]
             given = {}
             for i in row:
-                # Word 0 is the statement itself: a name stands at 1 or after it.
+                # Word 0 is the statement.
                 if i < 2 or i + 1 >= len(line.words):
                     raise line.at.error("= stands between a name and a value")
                 given[line.words[i - 1].lower()] = line.words[i + 1]
@@ -135,7 +135,7 @@ class Writer(Sheet[_Scene]):
                         "as they are at the temperature wanted"
                     )
             else:
-                # Tolerances and methods of simulators are not those of the engines here.
+                # Tolerances and methods of other simulators are ignored.
                 self.netlist.passed_over.append(f".options {brief(name)}")
 
     def _transient(self, line: Line, scope: Scope) -> None:
@@ -152,7 +152,7 @@ class Writer(Sheet[_Scene]):
 
     def _held(self, line: Line, scope: Scope) -> None:
         words = line.words[1:]
-        # Parentheses only separate words, so that ``v(node)=value`` is four of them.
+        # Parentheses separate words, so that ``v(node)=value`` has four words.
         for i in range(0, len(words), 4):
             four = words[i : i + 4]
             if len(four) < 4 or four[0].lower() != "v" or four[2] != "=":
@@ -184,7 +184,7 @@ class Writer(Sheet[_Scene]):
             if line.key[0] == "x":
                 self._instance(line, place, depth)
         rest = [line for line in circuit.elements if line.key[0] != "x"]
-        # Inductors that share flux are written by their K statement, all others by themselves.
+        # The K statement adds coupled inductors.
         find_couplings(place, rest)
         for line in sorted(rest, key=_turn):
             place.check_name(line)
@@ -195,7 +195,7 @@ class Writer(Sheet[_Scene]):
         words, given = split_settings(line.words[1:])
         words = tuple(word for word in words if word.lower() != "params:")
         outer.check_name(line)
-        # The bound also stops a subcircuit that contains itself.
+        # The limit also refuses a subcircuit that contains itself.
         if depth >= _DEEPEST:
             raise line.at.error(f"subcircuits within more than {_DEEPEST} others")
         if not words:
@@ -210,24 +210,24 @@ class Writer(Sheet[_Scene]):
         values = settings(given, line.at)
         path = f"{outer.path}{line.words[0]}."
         for pin, node in zip(circuit.pins, words[:-1], strict=True):
-            # A pin is the outer node under a name of the subcircuit.
+            # A pin is a node of the outer circuit.
             self.nodes[path, pin.lower()] = outer.node(node)
-        # Names are looked up where the subcircuit is defined, not where it is used.
+        # Names refer to the circuit in which the subcircuit is defined.
         inner = Scope({}, home.scope)
         place = Instance(self, circuit, inner, path, home)
-        # As in ngspice: what the instance gives goes before ``.param`` of the subcircuit, and that
-        # before a default.
+        # As in ngspice, values of the instance take precedence over ``.param`` of the subcircuit,
+        # and these over defaults.
         rows = {name: (name, word, line.at) for name, word in circuit.defaults.items()}
         rows |= {row[0].lower(): row for row in circuit.parameters}
         check_known(values, rows, f"{line.at}: subcircuit {what} has no parameter")
-        # A value given by the instance is meant in the circuit around it, others within.
+        # Values of the instance refer to the enclosing circuit, others to the subcircuit.
         seen = {name: (outer.scope.value(word, line.at), line.at) for name, word in values.items()}
         self._parameters(rows, inner, path, seen)
         self._circuit(circuit, place, depth + 1)
 
 
 def _turn(line: Line) -> int:
-    """Return in which turn an element is added: what others name comes before them."""
+    """Return the order in which an element is added, after the elements that it names."""
     if line.key[0] == "k":
         return 2
     return 3 if line.key[0] in "fhbsw" or has_signals(line.text) else 1

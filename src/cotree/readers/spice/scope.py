@@ -1,4 +1,4 @@
-"""Circuits of a netlist as they are written out: the outermost, and instances of subcircuits."""
+"""The scene of a netlist, and expansion of its circuit and of instances of subcircuits."""
 
 from __future__ import annotations
 
@@ -22,27 +22,26 @@ if TYPE_CHECKING:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_GMIN = 1e-12  # S, as ngspice has it
+_GMIN = 1e-12  # S, the default of ngspice
 
 
 class Sheet(Generic[_Scene]):
-    """A scene with the names and settings of the netlist that is written to it."""
+    """A scene, with names and settings of its netlist."""
 
     def __init__(self, scene: _Scene, file: str) -> None:
         self.scene, self.file, self.times = scene, file, Times()
-        self.uses_initial = False  # whether the run begins at initial values, as ``uic`` demands
-        self.gmin = _GMIN  # conductance beside each junction, [S]
-        # Parameters have names of their own in a scene: an element and its value may share one.
+        self.uses_initial = False  # whether ``uic`` starts the run at initial values
+        self.gmin = _GMIN  # conductance parallel to each junction, [S]
+        # An element and a parameter may have the same name.
         self.names, self.parameter_names = Namer(), Namer()
         self.nodes: dict[tuple[str, str], str] = {}
-        self.voltages: dict[str, Value] = {}  # that ``.ic`` gives, by node
-        #: Nodes whose voltages are named, as in the scene and as written, and where.
+        self.voltages: dict[str, Value] = {}  # those of ``.ic``, by node
+        #: Nodes whose voltages are used: names in the scene and as written, and lines.
         self.named: list[tuple[str, str, SourceLine]] = []
         self._shorts: dict[str, str] = {}
 
     def own_parameter(self, name: str, value: Value, at: SourceLine, unit: str = "") -> Value:
-        """Make a parameter of a number, and return its name; expressions stay as they are."""
-        # The parameters that an expression is made of can be changed instead.
+        """Declare a number as a parameter, and return its name; return expressions unchanged."""
         if isinstance(value, str):
             return value
         own = self.parameter_names.give("parameter", name)
@@ -51,7 +50,7 @@ class Sheet(Generic[_Scene]):
         return own
 
     def amount(self, value: Value) -> float | None:
-        """Evaluate a value at the parameters of the scene; None where it varies."""
+        """Evaluate a value with the parameters of the scene; None if it varies."""
 
         def known(name: str) -> Node:
             if name not in self.scene.parameters:
@@ -66,7 +65,7 @@ class Sheet(Generic[_Scene]):
             return None
 
     def join(self, nodes: Sequence[str]) -> bool:
-        """Join two nodes by a short; False where shorts join them already."""
+        """Join two nodes by a short; return False if shorts join them already."""
         first, second = map(self._joined, nodes)
         self._shorts[second] = first
         return first != second
@@ -79,7 +78,6 @@ class Sheet(Generic[_Scene]):
     def node(self, path: str, name: str) -> str:
         """Return the node of a name in an instance."""
         key = (path, name.lower())
-        # The ground is the same in all subcircuits.
         if name.lower() in ("0", "gnd"):
             return "ground"
         if key not in self.nodes:
@@ -89,57 +87,55 @@ class Sheet(Generic[_Scene]):
 
 @dataclass
 class Coupled:
-    """Inductors that share flux."""
+    """Coupled inductors."""
 
-    #: Their statements, by name in small letters, in the order of the netlist.
+    #: Their statements, by name in lower case, in the order of the netlist.
     inductors: dict[str, Line] = field(default_factory=dict)
     #: The statement K of each pair, in the order of the netlist.
     couplings: dict[frozenset[str], Line] = field(default_factory=dict)
 
     @property
     def first(self) -> str:
-        """Name of the first K, in small letters."""
+        """Name of the first K statement, in lower case."""
         return next(iter(self.couplings.values())).key
 
 
 @dataclass
 class Instance:
-    """A circuit that is written out once, with the meaning of its names."""
+    """An expanded circuit, with its names."""
 
-    sheet: Sheet[Any]  # what it is written to
+    sheet: Sheet[Any]  # the scene
     circuit: Circuit  # its statements
     scope: Scope  # its parameters
-    path: str = ""  # names of the instances that it is in, each with a dot behind it
-    #: Instance in which names that are not found here are looked up.
+    path: str = ""  # names of the enclosing instances, each followed by a dot
+    #: The enclosing instance, for names that are not defined here.
     defined_in: Instance | None = None
-    #: Edges by names of elements in small letters.
+    #: Edges by names of elements in lower case.
     edges: dict[str, str] = field(default_factory=dict)
-    #: Of inductors that share flux, by name in small letters: all that do.
+    #: Groups of coupled inductors, by name of each in lower case.
     coupled: dict[str, Coupled] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
     _models: dict[str, DeviceModel] = field(default_factory=dict)
 
     def label(self, name: str) -> str:
-        """Name something of this place for the scene."""
+        """Return the name in the scene of something in this instance."""
         return f"{self.path}{name}".replace(".", "_")
 
     def check_name(self, line: Line) -> None:
-        """Refuse a second element of a name."""
-        # SPICE ignores case: R1 and r1 are one name.
+        """Refuse a second element of a name; SPICE ignores case."""
         if line.key in self.taken:
             raise line.at.error(f"there is a second {line.name}")
         self.taken.add(line.key)
 
     def _around(self) -> Iterator[Instance]:
-        """List this circuit and those in which it is defined, the innermost first."""
+        """Return this circuit and the enclosing ones, the innermost first."""
         place: Instance | None = self
         while place is not None:
             yield place
             place = place.defined_in
 
     def circuit_named(self, name: str, at: SourceLine) -> tuple[Circuit, Instance]:
-        """Look up a subcircuit, and the place of its definition."""
-        # The innermost definition hides those around it.
+        """Find a subcircuit by name, and the instance that defines it."""
         for place in self._around():
             found = place.circuit.circuits.get(name.lower())
             if found is not None:
@@ -152,13 +148,12 @@ class Instance:
         return any(name.lower() in place.circuit.models for place in self._around())
 
     def model(self, name: str, letter: str, line: Line) -> DeviceModel:
-        """Look up the model of an element, here or in the circuits around."""
+        """Find the model of an element, here or in an enclosing circuit."""
         key = name.lower()
         place = next((place for place in self._around() if key in place.circuit.models), None)
         if place is None:
             raise line.at.error(f"there is no .model '{brief(name)}'")
-        # A model is read where it is defined, once: its parameters are shared by all of its
-        # elements.
+        # All elements of a model share its parameters.
         found = place._read(key)
         if found.letter != letter:
             raise line.at.error(f"model '{brief(name)}' is not for elements {letter.upper()}")
@@ -170,7 +165,7 @@ class Instance:
 
             def own(parameter: str, word: str, unit: str) -> Value:
                 value = self.scope.value(word, card.at)
-                # Zeros leave terms out of the laws, which is decided before parameters have values.
+                # Zeros omit terms of the laws, so they do not become parameters.
                 if not parameter or parameter == "level" or value == 0.0:
                     return value
                 label = self.label(f"{card.name}_{parameter}")
@@ -192,8 +187,7 @@ class Instance:
         initial: Mapping[str, Any] | None = None,
     ) -> str:
         """Add an edge to the scene, and return its name there."""
-        # Nodes and elements of a netlist may have the same names; in a scene each name is given
-        # once.
+        # In a scene, unlike a netlist, nodes and elements must have different names.
         edge = self.sheet.names.give("element", self.label(name))
         self.sheet.scene.edge(edge, type, *nodes, initial=initial, **fields)
         self.edges[name.lower()] = edge
@@ -201,12 +195,12 @@ class Instance:
         return edge
 
     def add_short(self, name: str, nodes: Sequence[str]) -> None:
-        """Add a source of no voltage between nodes that no other short joins."""
+        """Add a voltage source of 0 V between nodes that shorts do not join yet."""
         if self.sheet.join(nodes):
             self.add(name, "voltage_source", nodes, {"voltage": 0.0})
 
     def _check_signs(self, edge: str) -> None:
-        """Refuse values that a component's fields do not take, where parameters decide them."""
+        """Refuse expressions whose values have a sign that the component does not allow."""
         own = self.sheet.scene.edges[edge]
         for name, value in own.fields.items():
             row = own.component.field(name)
@@ -217,10 +211,10 @@ class Instance:
                 continue
             if {"nonnegative": found < 0.0, "nonzero": found == 0.0}.get(row.sign, True):
                 wanted = {"nonnegative": "not be negative", "nonzero": "not be zero"}
-                told = wanted.get(row.sign, "be positive")
-                raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {told}")
+                must = wanted.get(row.sign, "be positive")
+                raise ParameterError(f"{name} of '{edge}' is {found:.6g}: it must {must}")
 
     def principal(self, line: Line, word: str, unit: str) -> Value:
-        """Read the value of an element; a number becomes a parameter of the element's name."""
+        """Read the value of an element; a number becomes a parameter with the element's name."""
         value = self.scope.value(word, line.at)
         return self.sheet.own_parameter(self.label(line.words[0]), value, line.at, unit)

@@ -1,6 +1,6 @@
 """Waveforms of independent sources: DC, SIN, PULSE, PWL, EXP, SFFM, AM.
 
-Numbers that are not given or zero take the defaults that ngspice has.
+Numbers that are absent or zero have the defaults of ngspice.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from cotree.readers.spice.values import Scope, Value, is_zero, read_number, text
 if TYPE_CHECKING:
     from cotree.readers.names import SourceLine
 
-# The most numbers that each waveform takes.
+# Largest number of values of each waveform.
 _WAVEFORMS = {"sin": 6, "pulse": 7, "pwl": 20_000, "exp": 6, "sffm": 7, "am": 5}
 _DEGREE = "0.017453292519943295"  # rad
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times of ``.tran``, from which waveforms take their defaults; None where there is none."""
+    """Times of ``.tran``, the defaults of waveforms; None without ``.tran``."""
 
     step: float | None = None
     stop: float | None = None
@@ -29,11 +29,11 @@ class Times:
 
 @dataclass(frozen=True)
 class Source:
-    """Scene form of an independent source."""
+    """Shape and fields of an independent source."""
 
-    shape: str  # ``""`` for one given value, ``sine``, ``pulse`` or ``piecewise``
-    fields: dict[str, Any]  # fields of the component, ``value`` standing for its voltage or current
-    is_constant: bool = False  # whether it is a given value as a number, worth a parameter
+    shape: str  # ``""`` for a single value, ``sine``, ``pulse`` or ``piecewise``
+    fields: dict[str, Any]  # fields of the component; ``value`` is its voltage or current
+    is_constant: bool = False  # whether it is a given value, which may become a parameter
 
 
 def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLine) -> Source:
@@ -49,11 +49,11 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
             if not rest:
                 raise at.error("DC needs a value")
             constant, is_given = scope.value(rest.pop(0), at), True
-        elif key == "ac":  # what it does in an analysis of small signals
+        elif key == "ac":  # for a small-signal analysis
             while rest and read_number(rest[0]) is not None:
                 rest.pop(0)
         elif key in _WAVEFORMS:
-            # Numbers of a waveform end where the next part of the statement begins.
+            # The numbers end at the next part of the statement.
             count = next((i for i, w in enumerate(rest) if w.lower() in ("ac", "dc")), len(rest))
             waveform = _waveform(key, tuple(rest[:count]), scope, times, at)
             rest = rest[count:]
@@ -63,9 +63,9 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
                 "EXP, SFFM and AM are"
             )
         else:
-            # A bare word is a number or the name of a parameter, which needs no braces.
+            # A number, or the name of a parameter without braces.
             constant, is_given = scope.value(word, at), True
-    # Beside a waveform, DC sets the operating point of other analyses only.
+    # With a waveform, DC is for the operating point of other analyses.
     if waveform is not None:
         return waveform
     return Source("", {"value": constant}, is_constant=True)
@@ -73,7 +73,7 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
 
 @dataclass(frozen=True)
 class _Numbers:
-    """Numbers of a waveform as they are given; those that are not given are zero."""
+    """Numbers of a waveform; absent ones are zero."""
 
     values: list[Value]
     times: Times
@@ -83,11 +83,10 @@ class _Numbers:
         return self.values[place] if place < len(self.values) else 0.0
 
     def or_else(self, place: int, default: float | None, what: str) -> Value:
-        """Return the number at a place, or its default if it is absent or zero.
+        """Return the number at a place, or its default if it is absent or zero, as in ngspice.
 
-        The default is None where there is no ``.tran`` to take it from.
+        The default is None if it requires ``.tran``, and there is none.
         """
-        # A number that is zero counts as absent, as in ngspice.
         if not is_zero(self[place]):
             return self[place]
         if default is None:
@@ -96,7 +95,7 @@ class _Numbers:
 
     @property
     def once(self) -> float | None:
-        """The frequency of one period in a run."""
+        """The frequency with one period in the run."""
         return None if not self.times.stop else 1.0 / self.times.stop
 
 
@@ -117,14 +116,14 @@ def _piecewise(numbers: list[float], at: SourceLine) -> Source:
     if len(numbers) < 2 or len(numbers) % 2:
         raise at.error("PWL needs pairs of a time and a value")
     times, values = numbers[::2], numbers[1::2]
-    # A table needs two points, and one value holds for all times.
+    # A single point is a constant.
     if len(times) == 1:
         return Source("", {"value": values[0]}, is_constant=True)
     return Source("piecewise", {"times": times, "values": values})
 
 
 def _turn(frequency: Value, time: str, phase: Value) -> str:
-    """Write an angle that grows linearly with time from a phase in degrees."""
+    """Return the text of an angle that grows linearly with time, from a phase in degrees."""
     angle = "" if is_zero(phase) else f" + {text_of(phase)}*{_DEGREE}"
     return f"2*pi*{text_of(frequency)}*{time}{angle}"
 
@@ -136,7 +135,7 @@ def _since(delay: Value) -> str:
 def _sine(given: _Numbers) -> Source:
     frequency = given.or_else(2, given.once, "the frequency of SIN")
     delay, decay, phase = (given[i] for i in range(3, 6))
-    # A decaying sine is no component of its own: an expression describes it.
+    # There is no component for a decaying sine.
     if not is_zero(decay):
         passed = _since(delay)
         turn = _turn(frequency, passed, phase)
@@ -152,7 +151,7 @@ def _sine(given: _Numbers) -> Source:
 
 def _pulse(given: _Numbers) -> Source:
     fields: dict[str, Any] = {"low": given[0], "high": given[1]}
-    # An edge of no length is as long as the simulator's output step.
+    # Edges of zero length take the output step of the simulator.
     for place, name in ((3, "rise"), (4, "fall")):
         fields[name] = given.or_else(place, given.times.step, f"the {name} of PULSE")
     # Without a width the pulse lasts to the end of the run.
@@ -163,12 +162,12 @@ def _pulse(given: _Numbers) -> Source:
 
 def _exponential(given: _Numbers) -> Source:
     low, high, step = text_of(given[0]), text_of(given[1]), given.times.step
-    # Its manual says that the first delay is zero where it is left out; ngspice takes the step.
+    # The default of the first delay is zero in the manual of ngspice, and the step in ngspice.
     first = given.or_else(2, step, "the delay of EXP")
     rise = given.or_else(3, step, "the time constant of EXP")
     second = given.or_else(4, step, "the second delay of EXP")
     if is_zero(given[4]):
-        # The default of the second delay counts from the first.
+        # The default of the second delay is relative to the first.
         second = f"{text_of(first)} + {text_of(second)}"
     fall = given.or_else(5, step, "the second time constant of EXP")
 
@@ -184,7 +183,7 @@ def _frequency_modulated(given: _Numbers) -> Source:
     carrier = given.or_else(2, given.once, "the carrier of SFFM")
     signal = given.or_else(4, given.once, "the frequency of SFFM")
     index, phase, inner = (given[i] for i in (3, 5, 6))
-    # The phase of the carrier swings by the modulation index, in radians.
+    # The modulation index is the amplitude of the phase, [rad].
     swing = f"{text_of(index)}*sin({_turn(signal, 't', inner)})"
     wave = f"{text_of(given[1])}*sin({_turn(carrier, 't', phase)} + {swing})"
     return Source("", {"value": f"{text_of(given[0])} + {wave}"})

@@ -1,4 +1,4 @@
-"""Numbers with suffixes, and expressions of parameters in the scene's own small grammar."""
+"""Numbers with suffixes and expressions of parameters, in the grammar of scenes."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ _TOKEN = re.compile(
     re.ASCII,
 )
 _SIGNAL = re.compile(r"([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)", re.I | re.ASCII)
-#: Signs as Python has them.
+#: Operators in Python's syntax.
 _SPELT = {"^": "**", "&&": "and", "||": "or", "!": "~", "?": "if (", ":": ") else"}
 _SPELT |= {"(": f"{GROUP}("}
-#: Functions of other names or forms than those of scenes.
+#: Functions that scenes do not have, or by another name.
 _FORMS = (
     *("ln", "log10", "sgn", "arctan", "asinh", "acosh", "atanh"),
     *("u", "uramp", "ceil", "pwr", "limit"),
 )
-#: A factor in the place of the point, as resistors are printed.
+#: A suffix in the place of the decimal point, as on resistors.
 _PRINTED = re.compile(r"([+-]?\d+)([A-Za-zµ]+)(\d+)\Z", re.ASCII)
 _ATTO = re.compile(rf"(?<![\w.]){_DIGITS}([aA][A-Za-z]*)(?!\w)", re.ASCII)
 _SUFFIXES = {
@@ -51,14 +51,14 @@ _SUFFIXES = {
     **{"u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "a": 1e-18},
 }
 _WORD = re.compile(r"[a-z_]\w*", re.ASCII)
-_LONGEST = 6000  # characters of an expression, parameters put in
+_LONGEST = 6000  # characters of an expression after substitution of parameters
 
 
 def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> list[str]:
     """Sort parameters such that each comes after those that its value names.
 
-    They stay in the order of the file otherwise. A name that leads back to itself is left where it
-    is: it means that of the circuit around, or is unknown. ``given`` are known already.
+    Otherwise they are in the order of the file. In a cycle a name refers to the enclosing circuit,
+    or is unknown. ``given`` are known already.
     """
     done: dict[str, None] = {}
     begun: set[str] = set()
@@ -77,7 +77,7 @@ def ordered(rows: Mapping[str, ParameterRow], given: Collection[str] = ()) -> li
 
 
 def read_number(word: str) -> float | None:
-    """Read a number with a suffix; a unit is ignored. None if it is no number."""
+    """Read a number with a suffix and an ignored unit; None if it is not a number."""
     match = _NUMBER.match(word)
     if match is None:
         return None
@@ -86,7 +86,7 @@ def read_number(word: str) -> float | None:
 
 
 def number_text(word: str) -> str:
-    """Write a number with a suffix as scenes do."""
+    """Convert a number with a suffix to the syntax of scenes."""
     check_point(word)
     value = read_number(word)
     if value is None:
@@ -95,7 +95,7 @@ def number_text(word: str) -> str:
 
 
 def check_point(word: str) -> None:
-    """Refuse numbers with their factor in the place of the point, which simulators read apart."""
+    """Refuse numbers with a suffix in the place of the point, on which simulators disagree."""
     match = _PRINTED.match(word)
     if match is not None:
         whole, factor, rest = match.groups()
@@ -106,7 +106,7 @@ def check_point(word: str) -> None:
 
 
 def _is_ampere(letters: str) -> bool:
-    """Whether a number ends with a unit that looks like the factor atto."""
+    """Return whether letters after a number are the unit ampere, not the suffix atto."""
     small = letters.lower()
     return small == "a" or small.startswith("amp")
 
@@ -115,31 +115,28 @@ def _scaled(digits: str, letters: str) -> float:
     small = letters.lower()
     if _is_ampere(letters):
         return float(digits)
-    # Upper and lower case are the same, so that m is milli and meg is mega; letters after the
-    # factor are a unit.
+    # Case is ignored, so that m is milli and meg is mega; letters after the suffix are a unit.
     suffix = next((s for s in ("meg", "mil") if small.startswith(s)), small[:1])
     if suffix not in _SUFFIXES:
         return float(digits)
     power = round(math.log10(_SUFFIXES[suffix])) if suffix != "mil" else 0
-    # A mil is no power of ten, and digits with an exponent take no second one.
     if suffix == "mil" or "e" in digits.lower():
         return float(digits) * _SUFFIXES[suffix]
-    return float(f"{digits}e{power}")  # rounded once: 1.1u is 1.1e-6
+    return float(f"{digits}e{power}")  # a single rounding: 1.1u is 1.1e-6
 
 
 @dataclass(frozen=True)
 class Scope:
     """Meaning of names in a circuit or in an instance of a subcircuit."""
 
-    #: By name in small letters: numbers, or texts of expressions.
+    #: Numbers or texts of expressions, by name in lower case.
     values: dict[str, Value] = field(default_factory=dict)
-    outer: Scope | None = None  # scope in which names that are not found here are looked up
+    outer: Scope | None = None  # the enclosing scope
     #: Remarks about the file, kept in the outermost scope.
     remarks: list[str] = field(default_factory=list)
 
     def remark(self, text: str) -> None:
-        """Add a note for the user, once."""
-        # Remarks belong to the file: those of instances are kept in the outermost scope.
+        """Add a remark to the outermost scope, once."""
         scope = self
         while scope.outer is not None:
             scope = scope.outer
@@ -147,7 +144,7 @@ class Scope:
             scope.remarks.append(text)
 
     def find(self, name: str) -> Value | None:
-        """Look up a parameter, in the inner scope first."""
+        """Return the value of a parameter, from the innermost scope that has it."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.values:
@@ -158,7 +155,6 @@ class Scope:
     def value(self, word: str, at: SourceLine) -> Value:
         """Read a number, a parameter's name, or an expression in braces or quotes."""
         self._check_unit(word, at)
-        # Numbers go first: what looks like one is never a name.
         number = read_number(word)
         if number is not None:
             return number
@@ -170,7 +166,7 @@ class Scope:
             raise at.error(f"'{brief(word)}' {error}") from None
 
     def number(self, word: str, at: SourceLine) -> float:
-        """Read what must be a number."""
+        """Read a number; refuse expressions of parameters."""
         value = self.value(word, at)
         if isinstance(value, str):
             raise at.error(f"'{brief(word)}' must be a number without parameters")
@@ -189,7 +185,7 @@ class Scope:
     def _expression(self, body: str) -> Value:
         text = SpiceFormula(self).text(body)
         expression = parse(text, "an expression")
-        # Names in the text are parameters of the scene, on which the value is to depend.
+        # Names are parameters of the scene, which may change.
         if expression.names:
             return text
         value = expression.lower(Dag(), dict[str, "Node"]().__getitem__).value
@@ -201,8 +197,8 @@ class Scope:
 class SpiceFormula(Rewriter):
     """Rewriting of expressions of a netlist.
 
-    ``signal`` writes a voltage or a current, of the letter, one name or two; without it there are
-    none.
+    ``signal`` returns the text of a voltage or a current from its letter and one or two names; if
+    it is None, signals are refused.
     """
 
     own: ClassVar = {"if": 3, "ternary_fcn": 3, "pow": 2}
@@ -212,12 +208,12 @@ class SpiceFormula(Rewriter):
     ) -> None:
         super().__init__(lambda name: self._put[name], (*FUNCTIONS, *_FORMS))
         self._scope, self._signal = scope, signal
-        #: What stands for names, by marks that keep it from being rewritten.
+        #: Trees that replace names, by placeholders.
         self._put: dict[str, ast.expr] = {}
         self._length = 0
 
     def text(self, formula: str) -> str:
-        """Rewrite an expression as it is written in a netlist."""
+        """Rewrite an expression of a netlist."""
         if not formula.strip():
             raise ExpressionError("ends where a value should stand")
         return super().text(python_text(formula, _TOKEN, self._spelt, _LONGEST))
@@ -239,7 +235,7 @@ class SpiceFormula(Rewriter):
                 )
             return f"{'ternary_fcn' if name == 'if' else name}("
         text = self._named(word) if match["name"] else self._signal_text(word)
-        # Parameters may double with each level of definitions.
+        # Nested definitions can grow exponentially.
         self._length += len(text)
         if self._length > _LONGEST:
             raise ExpressionError(f"is longer than {_LONGEST} characters with its parameters")
@@ -259,7 +255,7 @@ class SpiceFormula(Rewriter):
     def _named(self, word: str) -> str:
         name = word.lower()
         found = self._scope.find(name)
-        # A parameter may be called pi, too, and goes before the constant.
+        # A parameter takes precedence over a constant of the same name.
         if found is not None:
             return text_of(found)
         known = {"pi": repr(math.pi)}
@@ -270,7 +266,7 @@ class SpiceFormula(Rewriter):
         return known[name]
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:
-        """Rewrite a choice or a power."""
+        """Rewrite a conditional expression or a power."""
         if name == "ternary_fcn" and len(args) == 3:
             return fill("where(a, b, c)", self.condition(args[0]), *map(self.value, args[1:]))
         if name == "pow" and len(args) == 2:
@@ -292,10 +288,10 @@ class SpiceFormula(Rewriter):
         return self._power(base, self.value(exponent))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> ast.expr:
-        """Raise a value; in laws that of voltages and currents is of their size, as in ngspice."""
+        """Return a power; in laws it is that of the absolute value, as in ngspice."""
         power = exponent.value if isinstance(exponent, ast.Constant) else None
         is_even = isinstance(power, float) and power % 2.0 == 0.0
-        # An even power needs no sign removed, nor does the power of a number.
+        # Even powers, and powers of numbers, do not need the absolute value.
         if self._signal is not None and not (is_even or isinstance(base, ast.Constant)):
             self._scope.remark(
                 "powers of voltages and currents are those of their sizes, as in ngspice: write "
@@ -306,13 +302,12 @@ class SpiceFormula(Rewriter):
 
 
 def text_of(value: Value) -> str:
-    """Write a value as a part of an expression."""
-    # Parentheses keep the value one operand whatever stands beside it.
+    """Return a value in parentheses, as an operand of an expression."""
     return f"({value!r})" if isinstance(value, float) else f"({value})"
 
 
 def scaled(value: Value, factor: Value, sign: str = "*") -> Value:
-    """Multiply or divide two values; a factor of one changes nothing."""
+    """Multiply or divide two values."""
     if factor == 1.0:
         return value
     if isinstance(value, float) and isinstance(factor, float):

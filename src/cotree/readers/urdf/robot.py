@@ -1,8 +1,7 @@
-"""A robot description as given in a file: links and joints, checked one by one.
+"""Robot descriptions: links, joints, and the tree that they form.
 
 In: the elements of a URDF file (the Unified Robot Description Format of ROS). Out: a
-:class:`Robot`. What it says of itself only is checked here; that links and joints make a tree is
-checked by :mod:`cotree.readers.urdf.robot`.
+:class:`Robot`, and its joints in order.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ _Named = TypeVar("_Named", "RobotLink", "Joint")
 
 
 def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
-    """Order the joints from the root, the link that is no joint's child, outwards.
+    """Return the root, the link that is not a child of any joint, and the joints in order.
 
-    Each joint comes after the one that its parent hangs on; siblings as in the file. Raises
-    SceneError if names occur twice, a joint names a link that is not there, or they make no tree.
+    Each joint comes after that of its parent; siblings are in the order of the file. Raises
+    SceneError if a name occurs twice, a link is missing, or links and joints do not form a tree.
     """
     links = _by_name("link", robot.links)
     _by_name("joint", robot.joints)
-    # The joint that each link hangs on, and those that hang on each link.
+    # The joint whose child a link is, and the joints whose parent it is.
     onto: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in robot.joints:
@@ -52,8 +51,8 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
-    # With one joint above each link but the root, links and joints make a tree unless some go round
-    # in a circle apart from it.
+    # Each link except the root has one joint, so that links and joints form a tree unless there is
+    # a separate cycle.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
         raise robot.links[0].at.error("the joints go round in a circle")
@@ -61,7 +60,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
         first, second = (brief(link.name) for link in roots[:2])
         raise roots[1].at.error(f"links '{first}' and '{second}' both hang on no joint: join them")
     ordered: list[Joint] = []
-    # Depth first, with siblings in the order of the file.
+    # Depth first, siblings in the order of the file.
     waiting = below[roots[0].name][::-1]
     while waiting:
         joint = waiting.pop()
@@ -75,10 +74,10 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
 
 
 def check_mimics(joints: Iterable[Joint]) -> None:
-    """Require that every mimic follows a joint with one coordinate, and none follows itself."""
+    """Refuse mimics of joints without exactly one coordinate, and cycles of mimics."""
     by_name = {joint.name: joint for joint in joints}
     for joint in by_name.values():
-        # A fixed joint has no coordinate that could follow another.
+        # A fixed joint has no coordinate.
         if joint.mimic is None or joint.type == "fixed":
             continue
         what = f"joint '{brief(joint.name)}'"
@@ -97,7 +96,7 @@ def check_mimics(joints: Iterable[Joint]) -> None:
                 f"{what} mimics '{brief(leader.name)}', which has not one coordinate: its type is "
                 f"{leader.type}"
             )
-    # Follow each chain of mimics until it ends or meets one that is known to end.
+    # Follow each chain of mimics to its end, or to a joint that was checked before.
     settled: set[str] = set()
     for joint in by_name.values():
         trail: set[str] = set()
@@ -110,12 +109,12 @@ def check_mimics(joints: Iterable[Joint]) -> None:
             trail.add(follower.name)
             mimic = follower.mimic if follower.type != "fixed" else None
             follower = None if mimic is None else by_name[mimic.joint]
-        # Chains that end are not followed again: the work is linear in the number of joints.
+        # The number of operations is linear in the number of joints.
         settled |= trail
 
 
 def has_one_coordinate(joint: Joint) -> bool:
-    """Whether a joint turns about or slides along one axis."""
+    """Return whether a joint rotates about or slides along one axis."""
     return joint.type in ("revolute", "continuous", "prismatic")
 
 
@@ -133,23 +132,23 @@ def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
 
 Vector = tuple[float, float, float]
 
-# Narrower than float(), which takes nan, inf, underscores and digits of other scripts.
+# Unlike float(), it refuses nan, inf, underscores and digits of other scripts.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?\Z")
-_LARGEST = 1e15  # metres, kilograms: beyond it products overflow, and nothing is built of it
+_LARGEST = 1e15  # in SI units; products of larger numbers could overflow
 _LONGEST_NAME = 500
 _ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A place, [m], and roll, pitch and yaw about fixed axes, [rad]."""
+    """A position, [m], and roll, pitch and yaw about fixed axes, [rad]."""
 
     xyz: Vector = _ZERO
     rpy: Vector = _ZERO
 
 
 def child_of(element: Element, tag: str, what: str) -> Element:
-    """Return a child element that must exist."""
+    """Return a required child element."""
     found = element.first(tag)
     if found is None:
         raise element.at.error(f"<{element.tag}> of {what} has no <{tag}>")
@@ -157,7 +156,7 @@ def child_of(element: Element, tag: str, what: str) -> Element:
 
 
 def name_of(element: Element, what: str, attribute: str = "name") -> str:
-    """Return a name that must exist."""
+    """Return a required name."""
     found = element.attributes.get(attribute, "").strip()
     if not found:
         raise element.at.error(f'the {what} has no name: write {attribute}="..."')
@@ -167,17 +166,16 @@ def name_of(element: Element, what: str, attribute: str = "name") -> str:
 
 
 def number_of(element: Element, name: str, what: str, default: float | None = None) -> float:
-    """Return a number, which must exist where there is no default."""
+    """Return a number, which is required if there is no default."""
     if name not in element.attributes and default is not None:
         return default
     return _number(element, name, _text(element, name, what).strip(), what)
 
 
 def vector_of(element: Element, name: str, what: str, default: Vector | None = _ZERO) -> Vector:
-    """Return three numbers; a default of None where they must exist."""
+    """Return three numbers, which are required if the default is None."""
     if name not in element.attributes and default is not None:
         return default
-    # URDF writes vectors as words in one attribute.
     parts = _text(element, name, what).split()
     if len(parts) != 3:
         raise element.at.error(
@@ -213,7 +211,7 @@ def _number(element: Element, name: str, text: str, what: str) -> float:
     return value
 
 
-#: Types of joints, with whether they have an axis.
+#: Types of joints, and whether they have an axis.
 JOINT_TYPES = {
     "fixed": False,
     "revolute": True,
@@ -230,7 +228,7 @@ MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 class Inertial:
     """Inertia of a link."""
 
-    #: Of the centre of mass, and of the axes that the moments are about, in the link's axes.
+    #: Pose of the centre of mass and of the axes of the moments, in the link's axes.
     pose: Pose
     mass: float  # [kg]
     moments: tuple[float, ...]  # ixx, ixy, ixz, iyy, iyz, izz, [kg m^2]
@@ -238,7 +236,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class RobotLink:
-    """A link: its name, the line where it begins, its inertia if it has any, and its shapes."""
+    """A link: its name, its line, its inertia if it has one, and its shapes."""
 
     name: str
     at: SourceLine
@@ -262,21 +260,20 @@ class Joint:
     #: Its name, and one of :data:`JOINT_TYPES`.
     name: str
     type: str
-    at: SourceLine  # where it begins
+    at: SourceLine  # its first line
     #: Its links.
     parent: str
     child: str
-    pose: Pose  # of the child's axes in the parent's, where its coordinate is zero
+    pose: Pose  # of the child's axes in the parent's at a coordinate of zero
     axis: Vector  # in the child's axes
-    #: [N s/m or N m s/rad], [N or N m].
-    damping: float
-    friction: float
-    mimic: Mimic | None  # where its coordinate is that of another joint
+    damping: float  # [N s/m] or [N m s/rad]
+    friction: float  # [N] or [N m]
+    mimic: Mimic | None  # if its coordinate follows that of another joint
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Contents of a file: name, links, joints, and counts of elements that are not read."""
+    """Contents of a file: name, links, joints, and numbers of ignored elements by tag."""
 
     name: str
     links: tuple[RobotLink, ...]
@@ -294,7 +291,7 @@ def read_robot(root: Element) -> Robot:
             raise child.at.error(f"<{brief(child.tag)}> is a macro: run xacro on the file first")
     links = tuple(_link(element) for element in root.all("link"))
     joints = tuple(_joint(element) for element in root.all("joint"))
-    # Elements that are not read (materials, transmissions, plugins) are counted for a note.
+    # Ignored elements, such as materials, transmissions and plugins, are listed in a note.
     ignored = Counter(child.tag for child in root.children if child.tag not in known)
     if not links:
         raise root.at.error("the robot has no links")
@@ -340,8 +337,7 @@ def _joint(element: Element) -> Joint:
         for end in ("parent", "child")
     ]
     axis_element, axis = element.first("axis"), (1.0, 0.0, 0.0)
-    # URDF's default axis is x. The length of an axis does not matter, but there must be a
-    # direction.
+    # The default axis is x. The length of an axis is arbitrary, but not zero.
     if JOINT_TYPES[kind] and axis_element is not None:
         axis = vector_of(axis_element, "xyz", what, axis)
         if max(map(abs, axis)) < 1e-6:
@@ -382,7 +378,7 @@ def _mimic(joint: Element, what: str) -> Mimic | None:
 
 
 def _visuals(elements: Sequence[Element]) -> list[Visual]:
-    """List the shapes that can be drawn; wrong ones are left out, since mechanics need none."""
+    """Return the shapes for drawings; invalid ones are omitted."""
     found = []
     for element in elements:
         geometry = element.first("geometry")

@@ -1,8 +1,8 @@
-"""URDF robots to scenes.
+"""Scenes from URDF robots.
 
-Each link is a node, each joint an edge: arms and welds place it, its type moves it. Each inertia
-is a ``rigid_body`` on an arm to the centre of mass, whose fields are parameters. See docs/urdf.md
-for what becomes of each element.
+Each link is a node and each joint an edge, which arms and welds connect. Each inertia is a
+``rigid_body`` at the end of an arm to the centre of mass; its fields are parameters. docs/urdf.md
+lists the edges of all elements.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 Rows = list[list[float]]
 
-#: Share of an angle within which it is a quarter turn that was written with all digits.
+#: Relative tolerance for multiples of a quarter turn that are written with all digits.
 _ROUNDING = 4e-16
 _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 
 
 def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
-    """Form Rz(yaw) Ry(pitch) Rx(roll), from turned to first frame's components; None if none turns.
+    """Compute Rz(yaw) Ry(pitch) Rx(roll), from rotated to original components; None for identity.
 
-    Angles, [rad], that are within ``snap`` of a multiple of a quarter turn are taken as that.
+    Angles, [rad], within ``snap`` of a multiple of a quarter turn are rounded to it.
     """
     (cr, sr), (cp, sp), (cy, sy) = (_cosine_and_sine(angle, snap) for angle in rpy)
     rows = [
@@ -56,13 +56,13 @@ def rotation_rows(rpy: Sequence[float], snap: float) -> Rows | None:
     ]
     rows = [[entry + 0.0 for entry in row] for row in rows]  # no negative zeros
     identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    # Without a rotation the axes of both nodes are the same, and no product is formed with them.
+    # Without a rotation the equations contain no product with the matrix.
     return None if rows == identity else rows
 
 
 def _cosine_and_sine(angle: float, snap: float) -> tuple[float, float]:
     quarters = round(angle / (0.5 * math.pi))
-    # A quarter turn in decimals is off by the rounding of its last digit.
+    # The last digit of a quarter turn in decimals is rounded.
     gap = abs(angle - quarters * 0.5 * math.pi)
     if gap <= max(snap, _ROUNDING * abs(angle)):
         return _QUARTERS[quarters % 4]
@@ -71,7 +71,7 @@ def _cosine_and_sine(angle: float, snap: float) -> tuple[float, float]:
 
 _Scene = TypeVar("_Scene", bound=SceneDescription)
 
-_STANDARD_GRAVITY = 9.81  # m/s^2, as Pinocchio has it
+_STANDARD_GRAVITY = 9.81  # m/s^2, as in Pinocchio
 _FRICTION_SPEED = 0.01  # rad/s or m/s
 _COORDINATE = {"revolute": "theta", "continuous": "theta", "prismatic": "s"}
 
@@ -81,9 +81,9 @@ class UrdfOptions:
     """Options for reading a robot."""
 
     base: str = "fixed"  # whether the root link is welded to the ground or free to move
-    #: Whether joints that mimic others follow them; else they are joints of their own.
+    #: Whether joints that mimic others follow them; else they move independently.
     mimic: bool = True
-    #: Angles of frames this close, [rad], to a multiple of a quarter turn are taken as that.
+    #: Angles of frames this close to a multiple of a quarter turn are rounded to it, [rad].
     snap: float = 0.0
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ def read_urdf_text(text: str, where: str, scene_type: type[_Scene], options: Urd
 
 
 class _SceneWriter(Generic[_Scene]):
-    """Adds a robot's parts to a scene, from the root outwards."""
+    """Adds links and joints of a robot to a scene, from the root outwards."""
 
     def __init__(self, scene_type: type[_Scene], robot: Robot, options: UrdfOptions) -> None:
         self.robot, self.options = robot, options
@@ -123,22 +123,22 @@ class _SceneWriter(Generic[_Scene]):
         self.free_mimics: list[str] = []
         self.visuals: list[Visual] = []
         self.gravity = self.namer.own("g")
-        # The z axis of a robot's root points up by convention.
+        # By convention the z axis of the root points up.
         gravity: list[float | str] = [0.0, 0.0, f"-{self.gravity}"]
         self.scene = scene_type(scene_name(robot.name, "robot"), gravity=gravity)
 
     def write(self, root: RobotLink, joints: Sequence[Joint], where: str) -> _Scene:
         self.scene.parameter(self.gravity, _STANDARD_GRAVITY, unit="m/s^2", doc="gravity")
-        # Links and joints are named first: what the reader adds has to evade their names.
+        # Links and joints keep their names; those that the reader adds must differ.
         self.node = {link.name: self.namer.give("link", link.name) for link in self.robot.links}
         self.edge = {joint.name: self.namer.give("joint", joint.name) for joint in joints}
         base = self.namer.own("base")
-        # URDF does not say whether the root is fixed.
+        # URDF does not specify whether the root is fixed.
         root_type = "free" if self.options.base == "free" else "weld"
         self.scene.edge(base, root_type, "ground", self.node[root.name])
         for joint in joints:
             self._add_joint(joint)
-        # A joint may follow one that comes after it in the tree, hence all joints are there first.
+        # A joint may follow a later one, so mimics are added after all joints.
         by_name = {joint.name: joint for joint in joints}
         for joint in joints:
             self._add_mimic(joint, by_name)
@@ -154,7 +154,7 @@ class _SceneWriter(Generic[_Scene]):
         if joint.type == "fixed":
             self._place(edge, parent, child, joint.pose, weld=True)
             return
-        # A joint moves from its own frame, which the origin places on the parent.
+        # The origin is the frame of the joint on the parent.
         start = parent
         if joint.pose != Pose():
             start = self.namer.own(f"{edge}_frame")
@@ -173,12 +173,11 @@ class _SceneWriter(Generic[_Scene]):
         initial: dict[str, float] = {}
         terms = []
         if self._follows(joint):
-            # A follower has no drive of its own: its start has to satisfy the constraint of its
-            # gear.
+            # A follower has no drive, and its initial value satisfies the constraint of its gear.
             initial = self._mimicked_start(joint)
         else:
             terms.append(self.namer.own(f"{edge}_{drive}"))
-            # Actuators are inputs that a run may replace.
+            # Actuators are inputs, which a run may replace.
             self.scene.input(terms[0], 0.0, unit=unit, doc=f"drives joint {joint.name[:100]}")
         per = "N s/m" if slides else "N m s/rad"
         if joint.damping:
@@ -186,7 +185,7 @@ class _SceneWriter(Generic[_Scene]):
         if joint.friction:
             friction = self._parameter(f"{edge}_friction", joint.friction, unit)
             rate, speed = f"{edge}.{_COORDINATE[joint.type]}_dot", self._friction_speed()
-            # Smooth, so that the equations and their sensitivities stay continuous at rest.
+            # Smooth, so that equations and sensitivities are continuous at rest.
             terms.append(f"-{friction}*{rate}/sqrt({rate}**2 + {speed}**2)")
         if terms:
             fields[drive] = " ".join(terms)
@@ -194,7 +193,7 @@ class _SceneWriter(Generic[_Scene]):
         self.scene.edge(edge, kind, start, child, initial=initial, **fields)
 
     def _friction_speed(self) -> str:
-        """Name the rate over which friction changes its sign, one for all joints."""
+        """Return the speed scale at which friction changes its sign, one for all joints."""
         if "friction_speed" not in self.scene.parameters:
             self.speed = self._parameter("friction_speed", _FRICTION_SPEED, "")
         return self.speed
@@ -203,7 +202,7 @@ class _SceneWriter(Generic[_Scene]):
         return self.options.mimic and joint.mimic is not None and has_one_coordinate(joint)
 
     def _mimicked_start(self, joint: Joint) -> dict[str, float]:
-        """Return the start of a mimicking joint, whose leader starts at zero."""
+        """Return the initial value of a joint whose leader starts at zero."""
         factors = []
         follower = joint
         by_name = {other.name: other for other in self.robot.joints}
@@ -211,7 +210,6 @@ class _SceneWriter(Generic[_Scene]):
             factors.append(follower.mimic)
             follower = by_name[follower.mimic.joint]
         value = 0.0
-        # From the leader, which starts at zero, to the follower.
         for mimic in reversed(factors):
             value = mimic.multiplier * value + mimic.offset
         return {_COORDINATE[joint.type]: value} if value else {}
@@ -240,18 +238,16 @@ class _SceneWriter(Generic[_Scene]):
         node = self.node[link.name]
         self.visuals += [replace(visual, node=node) for visual in link.visuals]
         inertial = link.inertial
-        # A link without inertia is a frame.
         if inertial is None:
             return
-        # Files often give zeros where they mean that there is no inertia.
+        # Many files contain zeros instead of omitting the inertia.
         if inertial.mass == 0.0 and not any(inertial.moments):
             self.empty.append(f"'{link.name}'")
             return
         self._add_inertia(node, inertial)
 
     def _add_inertia(self, node: str, inertial: Inertial) -> None:
-        # Equations of motion hold about the centre of mass; moments are about the axes of the
-        # inertial frame, which the arm turns to.
+        # The arm leads to the centre of mass, in the axes of the inertial frame.
         centre = self.namer.own(f"{node}_com")
         vector = [
             self._parameter(f"{node}_c{axis}", value, "m")
@@ -272,7 +268,7 @@ class _SceneWriter(Generic[_Scene]):
             "ground",
             centre,
             mass=mass,
-            # URDF gives the entries of the tensor, so that products of inertia keep their signs.
+            # URDF lists entries of the tensor, including the signs of the products of inertia.
             inertia=[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
         )
 
@@ -294,7 +290,7 @@ class _SceneWriter(Generic[_Scene]):
         return found
 
     def _notes(self) -> Iterator[str]:
-        """List the elements that were not read, and those that were renamed."""
+        """Return notes on ignored, changed and renamed elements."""
         if self.robot.ignored:
             counts = sorted(self.robot.ignored.items())
             yield "not read: " + _quoted(f"{n} <{brief(tag)}>" for tag, n in counts)
@@ -308,5 +304,5 @@ class _SceneWriter(Generic[_Scene]):
 
 
 def _quoted(items: Iterable[str]) -> str:
-    """List the first few items, each cut short where it is long."""
+    """List the first few items, shortened."""
     return listed(brief(item, 140) for item in items)
