@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from importlib import import_module
 from unittest.mock import patch
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 import cotree
 from cotree import Scene, SceneError
-from cotree.components import COMPONENTS, OWN
+from cotree.components import COMPONENTS, FAMILIES, OWN
 from cotree.scene.component_methods import ComponentMethods
 from cotree.scene.description import SceneDescription
 from cotree.scene.edge import examples, usage_of
@@ -111,3 +112,9 @@ def test_unknown_types_are_proposed_for(word, meant):
 def test_what_is_like_nothing_lists_all():
     with pytest.raises(SceneError, match="known: rigid_body, arm, "):
         usage_of("qqqq")
+
+
+def test_each_module_has_the_types_of_its_row():
+    for family, names in FAMILIES.items():
+        rows = import_module(f"cotree.components.{family}").COMPONENTS
+        assert names.split() == [row.name for row in rows]

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import io
 import sys
+from importlib import import_module
 from pathlib import Path  # noqa: TC003 - typer reads the annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from cotree.cli.arguments import (
     check_animated,
     check_folder,
     check_picture,
 )
-from cotree.cli.fitting import fit_scene, optimise_scene
-from cotree.cli.guide import new_scene, show_components
 from cotree.cli.options import (
     INTERRUPTED,
     Csv,
@@ -35,7 +36,6 @@ from cotree.cli.options import (
     write_file,
 )
 from cotree.cli.studies import bench_scene, check_scene, derived_values, lint_scene, warn_of
-from cotree.cli.sweep import sweep_scene
 from cotree.errors import Error, SceneError
 from cotree.methods import names_of
 from cotree.report import Report
@@ -106,8 +106,42 @@ def export_scene(
     typer.echo(f"wrote {unit.path}: FMI {unit.version}, {' and '.join(unit.kinds)}, for {where}")
 
 
+#: Commands in the order of the help.
+_ORDER = (
+    "run sweep optimise fit generate export equations graph lint check bench save components new "
+    "scenes"
+)
+
+#: Functions of commands whose modules are imported where one is called, or all are listed.
+_LATER = {
+    "sweep": "sweep.sweep_scene",
+    "optimise": "fitting.optimise_scene",
+    "fit": "fitting.fit_scene",
+    "components": "guide.show_components",
+    "new": "guide.new_scene",
+}
+
+
+class Commands(TyperGroup):
+    """Commands, of which some are imported at their first use."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return _ORDER.split()
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; None where there is none of the name."""
+        if cmd_name in _LATER and cmd_name not in self.commands:
+            module, _, function = _LATER[cmd_name].partition(".")
+            alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+            alone.command(cmd_name)(getattr(import_module(f"cotree.cli.{module}"), function))
+            self.commands[cmd_name] = get_command(alone)
+        return super().get_command(ctx, cmd_name)
+
+
 app = typer.Typer(
     name="cotree",
+    cls=Commands,
     help="From a linear graph of a dynamic system to compiled C with exact sensitivities.",
     add_completion=False,
     no_args_is_help=True,
@@ -227,11 +261,6 @@ def run_scene(
         raise typer.Exit(1)
 
 
-app.command("sweep")(sweep_scene)
-app.command("optimise")(optimise_scene)
-app.command("fit")(fit_scene)
-
-
 @app.command("generate")
 @with_options()
 def generate_project(
@@ -333,10 +362,6 @@ def save_scene(
 ) -> None:
     """Write a scene as TOML, whatever it was read from."""
     write_file(output, read_scene(scene).save)
-
-
-app.command("components")(show_components)
-app.command("new")(new_scene)
 
 
 @app.command("scenes")

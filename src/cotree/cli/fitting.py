@@ -25,14 +25,14 @@ from cotree.cli.options import (
     write_file,
 )
 from cotree.errors import ParameterError, SolveError, brief
-from cotree.estimation.conditions import MOST_STEPS
+from cotree.scene.settings import STEPS_OF_FIT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
 @with_options(
-    max_steps=MOST_STEPS,
+    max_steps=STEPS_OF_FIT,
     inputs="In place of an input: a number, or an expression, whose new names are in --set or "
     "--estimate; a column with its name is it, too; may be repeated.",
 )

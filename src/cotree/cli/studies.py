@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cotree.build.cache import kept
 from cotree.cli.arguments import (
     check_folder,
     check_picture,
@@ -62,10 +63,15 @@ def lint_scene(
 
 def warn_of(scene: Scene) -> None:
     """Print the findings of lint on a scene that is about to run, to standard error."""
-    from cotree.lint import lint
 
-    # Errors are reported by the run itself, and unused names do not change results.
-    found = [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
+    def findings() -> list[Finding]:
+        from cotree.lint import lint
+
+        # Errors are reported by the run itself, and unused names do not change results.
+        return [row for row in lint(scene, is_formed=False) if not row.rule.startswith("unused")]
+
+    # Most scenes have none, which is remembered; lines are those of the file as it is now.
+    found = findings() if kept(("findings", scene), lambda: bool(findings())) else []
     for row in found[:_MOST_WARNINGS]:
         typer.echo(str(row), err=True)
     if len(found) > _MOST_WARNINGS:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cotree.equations import Quantity
 from cotree.naming import c_string, split_name
+from cotree.quantities import Quantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

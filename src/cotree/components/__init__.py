@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, MutableMapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cotree.components import (
-    chemical,
-    contact,
-    electrical,
-    electrochemical,
-    friction,
-    hydraulic,
-    mechanical,
-    multibody,
-    thermal,
-    transducers,
-    transistors,
-)
 from cotree.components.component import (
     Acts,
     Component,
@@ -28,31 +17,78 @@ from cotree.components.component import (
     Shape,
 )
 from cotree.components.law import Law
-from cotree.components.register import make_component, make_network_component
 from cotree.components.terminal import Integral, Kind, Terminal, content_of, integral_of
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
+
+#: Names of the built-in types by module, whose ``COMPONENTS`` has their rows.
+FAMILIES: Mapping[str, str] = {
+    "multibody": "rigid_body arm weld revolute prismatic cylindrical universal spherical planar "
+    "free screw distance slot knife_edge rolling_disc rolling_ellipsoid gear constraint spring "
+    "damper force torque line_force bushing",
+    "contact": "translational_rigid_stop rotational_rigid_stop contact rigid_contact",
+    "electrical": "resistor capacitor nonlinear_capacitor three_terminal_capacitor inductor "
+    "nonlinear_inductor switch transformer gyrator vcvs vccs ccvs cccs ideal_op_amp nullor "
+    "voltage_source current_source sine_voltage sine_current pulse_voltage pulse_current "
+    "piecewise_voltage piecewise_current coupled_inductors",
+    "transistors": "diode bjt_npn bjt_pnp mosfet_n mosfet_p",
+    "hydraulic": "hydraulic_resistor orifice valve tank accumulator inertance pipe pump "
+    "pressure_source flow_source",
+    "thermal": "heat_capacitor thermal_resistor convection radiation temperature_source "
+    "heat_source",
+    "mechanical": "translational_mass translational_spring translational_damper "
+    "translational_stop translational_backlash translational_friction force_source "
+    "velocity_source lever rotational_inertia rotational_spring rotational_damper "
+    "rotational_stop rotational_backlash rotational_friction torque_source speed_source shaft "
+    "ideal_gear planetary_gear rack_and_pinion",
+    "friction": "lossy_gear translational_dry_friction rotational_dry_friction "
+    "translational_lugre rotational_lugre clutch brake translational_brake one_way_clutch",
+    "chemical": "species reaction molar_flow_source concentration_source",
+    "electrochemical": "open_circuit_voltage butler_volmer double_layer nernst battery_cell",
+    "transducers": "dc_motor voice_coil hydraulic_cylinder hydraulic_machine solenoid",
+}
+
+
+class Catalogue(MutableMapping[str, Component]):
+    """Component types by name; the module of a family is imported when one of it is asked for."""
+
+    def __init__(self) -> None:
+        #: Each type, or the module that has it.
+        self._rows: dict[str, Component | str] = {
+            name: family for family, names in FAMILIES.items() for name in names.split()
+        }
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._rows
+
+    def __getitem__(self, name: str) -> Component:
+        """Return a type."""
+        row = self._rows[name]
+        if isinstance(row, str):
+            family = import_module(f"{__name__}.{row}").COMPONENTS
+            # Rows that others have replaced meanwhile stay.
+            self._rows |= {own.name: own for own in family if self._rows.get(own.name) == row}
+        found = self._rows[name]
+        assert isinstance(found, Component)
+        return found
+
+    def __setitem__(self, name: str, row: Component) -> None:
+        self._rows[name] = row
+
+    def __delitem__(self, name: str) -> None:
+        del self._rows[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
 
 #: Every component type, by the name that scenes use.
-COMPONENTS: dict[str, Component] = {
-    row.name: row
-    for family in (
-        multibody,
-        contact,
-        electrical,
-        transistors,
-        hydraulic,
-        thermal,
-        mechanical,
-        friction,
-        chemical,
-        electrochemical,
-        transducers,
-    )
-    for row in family.COMPONENTS
-}
+COMPONENTS = Catalogue()
 
 
 def register_component(
@@ -111,6 +147,8 @@ def register_component(
     >>> lamp.ports[0].kind.name
     'DISSIPATOR'
     """
+    from cotree.components.register import make_component, make_network_component
+
     if name in OWN:
         raise SceneError(f"the component '{name}' is built in: choose another name")
     if domain:

@@ -13,18 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components.component import Adapted, Component, Field, Given, Nodes, optional, value
 from cotree.components.law import Law
+from cotree.components.law import law_symbol as symbol
 from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-
-def symbol(name: str) -> Any:
-    """Make the symbol of an argument of a law."""
-    import sympy
-
-    return sympy.Symbol(name, real=True)
 
 
 def junction_current(voltage: Any, saturation_current: Any, thermal_voltage: Any) -> Any:

@@ -25,9 +25,9 @@ from cotree.components.diodes import (
     is_absent,
     junction_current,
     split_extras,
-    symbol,
 )
 from cotree.components.law import Law
+from cotree.components.law import law_symbol as symbol
 from cotree.components.ports import resistive, scalar
 from cotree.components.terminal import Kind, PortMeasure, Terminal
 from cotree.errors import SceneError

@@ -10,10 +10,13 @@ x_p' = rates_p``. All values are nodes of one arena.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cotree.dag.nodes import PARAMETER, Dag, Node, substitute, symbols_in
 from cotree.errors import ParameterError, listed
+from cotree.quantities import PositionRow as PositionRow  # noqa: TC001
+from cotree.quantities import Quantity as Quantity  # noqa: TC001
+from cotree.quantities import RedundantRow as RedundantRow  # noqa: TC001
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -94,15 +97,6 @@ def substituted(
 
 #: The largest number of parameters that a message names.
 _MOST_SHOWN = 5
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A named parameter, input or output, with its unit and meaning."""
-
-    name: str
-    unit: str = ""
-    doc: str = ""
 
 
 @dataclass(frozen=True)
@@ -369,26 +363,3 @@ class DerivedParameter:
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""
         return f"parameter '{self.name}' is derived, {self.name} = {self.text}{tail}"
-
-
-@dataclass(frozen=True)
-class RedundantRow:
-    """An initial value of a variable that follows from states."""
-
-    name: str  # of the variable
-    states: tuple[str, ...]  # the states from which the variable follows
-    is_position: bool = False  # whether it is a position, which follows along an f-circuit
-
-
-@dataclass(frozen=True)
-class PositionRow:
-    """A position that is not a state: the sum of those along its f-circuit."""
-
-    #: Of the position.
-    name: str
-    unit: str
-    terms: tuple[tuple[int, int], ...]  # signs, and the states by their numbers
-
-    def sum_of(self, values: Any) -> Any:
-        """Sum an array of states, or of their sensitivities, along its last axis."""
-        return sum(sign * values[..., i] for sign, i in self.terms)

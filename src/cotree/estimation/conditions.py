@@ -179,10 +179,6 @@ def check_measured(
             raise ParameterError(f"{where} has the standard deviation {noise}: give a positive one")
 
 
-#: Far from the estimates a run may become stiff: it then fails early, and the step is rejected.
-MOST_STEPS = 100_000
-
-
 class Columns:
     """The parameters and initial values that a member sets for one condition.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cotree.arguments import check_choice, check_mapping, check_names, check_whole
 from cotree.errors import ParameterError, SolveError, brief, check_known, nearest
-from cotree.estimation.conditions import MOST_STEPS, Condition
+from cotree.estimation.conditions import Condition
 from cotree.estimation.estimated import (
     Array,
     Estimated,
@@ -24,7 +24,7 @@ from cotree.estimation.observing import Observed, Observer, measured_rows
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
 from cotree.scene.expressions import check_number
-from cotree.scene.settings import settings_from
+from cotree.scene.settings import STEPS_OF_FIT, settings_from
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -121,7 +121,7 @@ class _Assembly:
     def problem(self, **given: Any) -> Problem:
         """Compile the models and assemble the problem, for runs with some settings."""
         scene = self._observer.scene
-        settings = settings_from(scene.defaults, {"max_steps": MOST_STEPS, **given})
+        settings = settings_from(scene.defaults, {"max_steps": STEPS_OF_FIT, **given})
         new = set().union(*(run.new for run in self._runs))
         wanted = [n for n in self._ranges if n in scene.parameters or n in new]
         wanted += [n for n in self._ranges if "." in n and n not in wanted]

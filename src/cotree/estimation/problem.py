@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import ParameterError
-from cotree.estimation.conditions import MOST_STEPS, check_condition, check_measured
+from cotree.estimation.conditions import check_condition, check_measured
 from cotree.estimation.estimated import Array, Scaled
 from cotree.estimation.groups import Group
 from cotree.estimation.likelihood import Likelihood, Predictions
 from cotree.model.arrays import as_array
-from cotree.scene.settings import Settings
+from cotree.scene.settings import STEPS_OF_FIT, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -63,7 +63,7 @@ class Problem:
         settings: Settings | None = None,
     ) -> None:
         self.estimated, self.conditions = tuple(estimated), tuple(conditions)
-        self.measured, self.settings = measured, settings or Settings(max_steps=MOST_STEPS)
+        self.measured, self.settings = measured, settings or Settings(max_steps=STEPS_OF_FIT)
         self.scaled = Scaled(self.estimated)
         if len(set(self.scaled.names)) < len(self.scaled.names):
             raise ParameterError(

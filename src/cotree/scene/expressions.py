@@ -26,13 +26,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
-from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, ParameterError, brief, nearest
 from cotree.quiet import without_warnings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+    from cotree.dag.nodes import Dag, Node
 
 _WORDS = re.compile(rf"(?<!\w)({'|'.join(keyword.kwlist)})(?=\.[A-Za-z_])")
 _MARK = "_ö"
@@ -441,6 +441,8 @@ def entries(value: FieldValue | None) -> Iterator[Expression]:
 @lru_cache(maxsize=1024)
 def _vanishes(expression: Expression) -> bool:
     """Return whether an expression folds to zero for any values of its names."""
+    from cotree.dag.nodes import Dag
+
     dag, places = Dag(), {name: i for i, name in enumerate(sorted(expression.names))}
     try:
         return expression.lower(dag, lambda name: dag.symbol("p", places[name])).is_zero

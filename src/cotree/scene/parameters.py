@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
-from cotree.dag.nodes import Dag
 from cotree.errors import ExpressionError, ParameterError, SceneError, UnitError, nearest
 from cotree.naming import check_text
 from cotree.scene.expressions import Expression, check_number, parse
@@ -19,7 +18,7 @@ from cotree.units import check_unit
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from cotree.dag.nodes import Node
+    from cotree.dag.nodes import Dag, Node
 
 
 @dataclass(frozen=True)
@@ -139,6 +138,8 @@ def parameter_nodes(
 
 def parameter_values(parameters: Mapping[str, Parameter]) -> dict[str, float]:
     """Return the scene's value of every parameter."""
+    from cotree.dag.nodes import Dag
+
     dag = Dag()
     nodes = parameter_nodes(parameters, dag, lambda row: dag.constant(row.number))
     return {name: _value(node) for name, node in nodes.items()}

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.components import Shape
 from cotree.components.ports import HEAT
-from cotree.dag.nodes import Dag, Node
 from cotree.errors import ExpressionError, SceneError, brief
 from cotree.naming import RESERVED
 from cotree.scene.edge import Edge, make_edge
@@ -310,6 +309,8 @@ def _whole(text: str, index: Mapping[str, int], what: str) -> int:
 
 
 def _number(text: str, index: Mapping[str, int], what: str) -> float:
+    from cotree.dag.nodes import Dag, Node
+
     dag = Dag()
 
     def resolve(name: str) -> Node:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from cotree.arguments import is_list
 from cotree.components import Role
-from cotree.components.mechanical import ON_JOINTS
 from cotree.components.ports import HEAT, loss_of, with_heat
 from cotree.domains import DOMAINS
 from cotree.errors import SceneError
@@ -142,6 +141,8 @@ def _heat_nodes(edge: str, value: object) -> tuple[str, str]:
 def _refuse_joint(edge: str, component: Component, rest: Mapping[str, Any]) -> None:
     """Raise if a two-node component names a joint; suggest types that act on one."""
     if "joint" in rest and component.field("joint") is None:
+        from cotree.components.mechanical import ON_JOINTS
+
         others = " or ".join(ON_JOINTS.get(component.name, ()))
         cure = f"use a {others} instead" if others else "remove the joint"
         raise SceneError(

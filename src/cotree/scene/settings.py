@@ -35,6 +35,10 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 #: Steps and events of a run without budgets of its own.
 MOST_STEPS, MOST_EVENTS = 1_000_000, 100_000
 
+#: The same of a run whose parameters are estimated. Far from the estimates it may become stiff: it
+#: then fails early, and the step is rejected.
+STEPS_OF_FIT = 100_000
+
 
 class OtherSettings(TypedDict, total=False):
     """Settings of ``simulate`` besides its named arguments; see :class:`Settings`."""

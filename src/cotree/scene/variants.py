@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.arguments import check_names
 from cotree.components import Component, Kind, Law, Role, Terminal, integral_of
-from cotree.components.diodes import symbol
+from cotree.components.law import law_symbol
 from cotree.errors import ParameterError, SceneError, brief, check_known, nearest
 from cotree.scene.description import Edge, SceneDescription
 from cotree.scene.expressions import Expression, parse
@@ -250,7 +250,7 @@ def _terminal_at_rest(terminal: Terminal, is_short: bool) -> Terminal:
         static = static.subs(rates)
     # A current that does not depend on the port's own voltage is given; otherwise the port is a
     # dissipator.
-    if static is None or symbol("across") not in static.free_symbols:
+    if static is None or law_symbol("across") not in static.free_symbols:
         law = Law(lambda: 0) if static is None else Law.of(static)
         return replace(terminal, kind=Kind.THROUGH_SOURCE, storage=None, through=law)
     return replace(terminal, kind=Kind.DISSIPATOR, storage=None, through=Law.of(static))

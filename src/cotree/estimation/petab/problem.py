@@ -15,7 +15,6 @@ import numpy as np
 from cotree.arguments import check_whole
 from cotree.ensemble.batch import load_batch
 from cotree.errors import SolveError
-from cotree.estimation.conditions import MOST_STEPS
 from cotree.estimation.estimated import Estimated
 from cotree.estimation.multistart import Search, StartRecord, minimise_from_starts
 from cotree.estimation.petab.model import mapped
@@ -23,7 +22,7 @@ from cotree.estimation.petab.priors import Priors, sample_starts
 from cotree.estimation.petab.tables import Tables, read_tables
 from cotree.estimation.problem import Problem
 from cotree.estimation.result import FitResult
-from cotree.scene.settings import Settings
+from cotree.scene.settings import STEPS_OF_FIT, Settings
 from cotree.solvers.engine import build_ahead
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ def read_petab(
     >>> problem.log_likelihood()  # doctest: +SKIP
     -138.22199
     """
-    given: dict[str, Any] = {"max_steps": MOST_STEPS, **settings}
+    given: dict[str, Any] = {"max_steps": STEPS_OF_FIT, **settings}
     shared, tables = Settings(method=method, **given), read_tables(path)
     # The compiler builds the engines while Python reads and forms the model; most models are
     # stiff, and runs to a steady state are done by rodas5.
