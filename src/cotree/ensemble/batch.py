@@ -46,7 +46,7 @@ from cotree.solvers.refusals import refusal
 from cotree.solvers.result import Drift, FloatArray, Statistics, Trajectory
 from cotree.solvers.simulate import redundancy
 from cotree.solvers.stiffness import is_confirmed, stiff_method
-from cotree.solvers.trust import held, is_fine, timely
+from cotree.solvers.trust import check_constraint_drift, check_time_resolution, is_fine
 from cotree.tolerances import LIMITS
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class BlockInC:
         Its times may be too late for its steps, or constraints may not have held it.
         """
         if self.ended[member] in (DONE, STOPPED):
-            run = timely(problem, self._trajectory(member))
+            run = check_time_resolution(problem, self._trajectory(member))
             if not self._is_held(problem, run, lambda: problem.held):
                 self.rerun_single(member)
 
@@ -176,9 +176,11 @@ class BlockInC:
         """Return whether a run succeeded, and constraints held it."""
         # Reactions that are not unique have no sensitivities.
         is_exact, redundant = problem.n_sensitivities > 0 and bool(self.pattern.plan.outputs), 0
-        if is_exact or held(problem, run, 1).status != 0:
+        if is_exact or check_constraint_drift(problem, run, 1).status != 0:
             redundant = redundancy(self.pattern.plan.model, constraints(), run)
-        return held(problem, run, redundant).status == 0 and not (is_exact and redundant)
+        return check_constraint_drift(problem, run, redundant).status == 0 and not (
+            is_exact and redundant
+        )
 
     def requeue_rejected(self) -> bool:
         """Requeue members that lanes have left, for scalar runs; return whether there are any."""

@@ -1,4 +1,4 @@
-"""One run of a method in C: a structure that C advances some steps at once, and what it says."""
+"""One run of a method in C: a structure that C advances by some steps at a time."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Rows to begin with, and rows that move at once when others are dropped.
+# Initial number of rows, and number of rows that are copied at a time when others are dropped.
 _FIRST_ROWS, _ROWS_AT_ONCE = 256, 1024
 
 
@@ -52,7 +52,7 @@ class Rows:
         self._pointers: tuple[Any, Any] = (ffi.NULL, ffi.NULL)
 
     def begin(self, problem: Problem) -> None:
-        """Make room for the rows of a run; those of an earlier one are void."""
+        """Allocate the rows of a run, and discard those of an earlier one."""
         self._keeps_steps = problem.settings.t_eval is None
         self.thinning, self._n_thinned = Thinning(), 0
         first = min(_FIRST_ROWS, self._most_room)
@@ -62,9 +62,9 @@ class Rows:
         self._job.times, self._job.values = self._pointers
 
     def stored(self, z: FloatArray, *, is_cut: bool) -> tuple[FloatArray, FloatArray]:
-        """Return the stored times and values, each shape (..., n_t), with where the job stands.
+        """Return the stored times and values, each of shape (..., n_t), up to the job's point.
 
-        ``is_cut``: the job stopped early, and that point is stored whether it was asked for or not.
+        ``is_cut``: the job stopped early, and its last point is stored in any case.
         """
         kept = int(self._job.n_kept)
         # A step that was dropped may be the last one.
@@ -77,13 +77,12 @@ class Rows:
         return self.times[:kept].copy(), self.values[:kept].T.copy()
 
     def steps_with_room(self, most_steps: int) -> int:
-        """Make room for steps up to the bound, drop some beyond it; tell how many may be taken."""
+        """Allocate rows for steps, or drop stored ones; return how many steps may be taken."""
         if not self._keeps_steps:
             return most_steps
         while True:
             kept = int(self._job.n_kept)
-            # A row for each step, one for the start, one for the end, and where others were dropped
-            # those of events beside them.
+            # A row for each step, the start and the end, and for events if steps were dropped.
             each = 1 if self.thinning.stride == 1 else 2
             needed = kept + each * most_steps + 2
             if needed <= self._room:
@@ -97,7 +96,7 @@ class Rows:
             self._keep_rows(0, self.thinning.thin())
 
     def drop_between(self) -> None:
-        """Drop the new steps between those that are to be stored."""
+        """Drop the new steps that are not to be stored."""
         if not self._keeps_steps:
             return
         # An event may have replaced the last row that was counted.
@@ -109,7 +108,7 @@ class Rows:
         """Keep some of the rows from ``first`` on."""
         if chosen.step != 1:
             places = range(first, int(self._job.n_kept))[chosen]
-            # Rows move to where nothing is needed any more, part by part: no copy of all is made.
+            # Part by part, so that no copy of all rows is made.
             for start in range(0, len(places), _ROWS_AT_ONCE):
                 part = places[start : start + _ROWS_AT_ONCE]
                 to = slice(first + start, first + start + len(part))
@@ -119,7 +118,7 @@ class Rows:
         self._n_thinned = int(self._job.n_kept)
 
     def _make_room(self, rows: int) -> None:
-        """Make room for kept values; existing ones stay."""
+        """Allocate rows; existing ones are copied."""
         kept = int(self._job.n_kept)
         times, values = np.zeros(rows), np.zeros((rows, self._n))
         times[:kept], values[:kept] = self.times[:kept], self.values[:kept]
@@ -131,19 +130,18 @@ class Rows:
 
 T = TypeVar("T")
 
-# Jobs of one kind that wait to begin again: as many as threads may run at the same time on a small
-# machine. Those with more memory than this, [byte], take longer to run than to make.
+# Most idle jobs of one kind, as many as threads of a small machine, and most bytes of one: larger
+# jobs take longer to run than to build.
 _MOST_JOBS, _MOST_BYTES = 8, 2**18
 
-# Sets of values whose findings are kept.
+# Most stored results for sets of values.
 _MOST_FINDINGS = 64
 
 
 class Shared:
-    """Jobs and numbers that runs with the same settings share, safely between threads.
+    """Jobs and results that runs with the same settings share; it is thread-safe.
 
-    ``is_repeatable``: runs with equal numbers are equal; functions of Python may remember their
-    calls.
+    ``is_repeatable``: runs with equal numbers are equal, since no function of Python is called.
     """
 
     def __init__(self, *, is_repeatable: bool) -> None:
@@ -151,24 +149,24 @@ class Shared:
         self._idle: dict[Hashable, deque[Job]] = {}
         self._findings: Kept[object] = Kept(_MOST_FINDINGS)
 
-    def idle_job(self, kind: Hashable) -> Job | None:
-        """Take a job of a kind that waits to begin again; None where there is none."""
+    def acquire(self, kind: Hashable) -> Job | None:
+        """Return an idle job of a kind; None if there is none."""
         idle = self._idle.get(kind)
         try:
             return idle.pop() if idle else None
-        except IndexError:  # another thread was quicker
+        except IndexError:  # another thread took it
             return None
 
-    def give_back(self, job: Job) -> None:
+    def release(self, job: Job) -> None:
         """Return a finished job to the pool."""
         if job.is_reusable and job.n_bytes <= _MOST_BYTES:
             self._idle.setdefault(job.kind, deque(maxlen=_MOST_JOBS)).append(job)
 
     def finding(self, make: Callable[[], T], *of: FloatArray) -> T:
-        """Return what was found out from some numbers, or find it out."""
+        """Return the result of ``make`` for some numbers, computed once."""
         if not self._is_repeatable:
             return make()
-        # Bits and lengths, so that no two sets of numbers are the same.
+        # Bits and lengths are different for different sets of numbers.
         key = blake2b(b"".join(array.tobytes() for array in of), digest_size=16).digest()
         found: T = self._findings.of((key, *map(len, of)), make)  # type: ignore[assignment]
         return found
@@ -179,14 +177,14 @@ def job_kind(row: Method, problem: Problem, *, is_extended: bool) -> Hashable:
     return row.name, is_extended, problem.settings.t_eval is None
 
 
-# Singular positions of a run whose edges are named.
+# Most singular positions of a run whose edges are named.
 _MOST_CROSSINGS = 5
 
 # Sentences by status.
 _SENTENCES = dict(enumerate(SENTENCES.values()))
 
 
-# Members of the structure that times and the longest step decide.
+# Members of the structure that depend on times and the longest step only.
 _OF_TIMES = ("t", "n_corners", "scale", "max_step", "n_wanted")
 
 
@@ -196,9 +194,9 @@ def _times_of(problem: Problem) -> tuple[Any, ...]:
 
 
 class Job:
-    """A job of an engine, with all that it points to; it must be ended.
+    """A job of an engine, with the arrays that it points to; it must be ended.
 
-    A job that has ended may begin again, with other values: what it points to stays in place.
+    A job that has ended may begin again with other values, in the same arrays.
 
     Attributes
     ----------
@@ -209,11 +207,11 @@ class Job:
     z : ndarray, shape (n_states * (1 + n_sensitivities),)
         The last good point, which C moves.
     rows : Rows
-        What C keeps of the run.
+        The stored points of the run.
     kind : object
         See :func:`job_kind`.
     is_reusable : bool
-        Whether another run may begin with it.
+        Whether another run may use it.
     rescue : Rescue
         Search for points that the iterations in C do not find.
     is_wide : bool
@@ -258,7 +256,7 @@ class Job:
         known = as_tested(row, problem)
         self._tolerances = Tolerances(known, is_left)
         c.n, c.atol = len(self._places), problem.settings.atol
-        # Correctors do not go back to what happens within a step.
+        # Correctors do not return to a point within a step.
         c.is_tested = int(row.family == "correctors")
         c.stepper = getattr(self._lib, f"cotree_{engine.stepper}_stepper")()
         self.is_wide = False
@@ -268,21 +266,21 @@ class Job:
             aid = SundialsAid(engine, row, problem, c.model)
             c.aid, self.is_wide = aid.address, aid.is_wide
             self._kept.append(aid)
-        # SUNDIALS' own memory is made anew for each run, and functions of Python belong to one.
+        # SUNDIALS' memory and functions of Python belong to one run.
         native = problem.native
         asks_python = bool(native.functions) or problem.reach is not None
         self.is_reusable = engine.functions is None and not asks_python
         # A record holds time, event, sensitivities of the time, and states before and after.
         self._width = 2 + problem.n_sensitivities + 2 * problem.n_states
         self.records = np.zeros((0, self._width))
-        # The most records of one step: C returns where there is no room for as many.
+        # The most records of one step, for which C needs memory before each step.
         self._at_once = 0
         if problem.events is not None:
             self._at_once = len(problem.events.rows) + LIMITS.event_rounds
-        # The structure as each run begins with it: where things are, and nothing of a run.
+        # The structure at the beginning of each run, with pointers only.
         self._blank = self._ffi.new("cotree_job *", c[0])
         self.rows = Rows(self._ffi, c, problem)
-        # What the tolerances and the times were put in place for.
+        # The values of the last run, from which tolerances and times were computed.
         self._sizes: list[bytes | None] = []
         self._corners: FloatArray = np.zeros(0)
         self._wanted: FloatArray | None = None
@@ -292,14 +290,14 @@ class Job:
         self.begin(problem)
 
     def begin(self, problem: Problem) -> None:
-        """Begin a run, of the same problem or of one with other values, times and functions."""
+        """Begin a run of the problem, or of one with other values, times and functions."""
         assert problem.native is not None  # of the same kind
         c, native = self.job, problem.native
         c[0] = self._blank[0]
         self._callbacks.errors.clear()
         self.rescue.problem, self.rescue.complaint = problem, ""
         if not self._has_newton and problem.singular is not None:
-            # Off constraints that depend on each other there are no rates: C projects points first.
+            # Rates exist only on dependent constraints: C projects points first.
             c.is_strict = int(bool(problem.singular(problem.settings.t_span[0], problem.z0)))
         self._put("p", native.model.p)
         self._put("k", native.model.k)
@@ -316,11 +314,11 @@ class Job:
         if not is_timed:
             self._set_times(problem)
         self.rows.begin(problem)
-        self._looks_from: int | None = None
+        self._tested_from: int | None = None
         if self._at_once:
             bound = most_rows(self._width)
             c.most_events = min(problem.settings.max_events or bound, bound)
-        # Last, since the size follows from all that is filled in.
+        # Last, since the size depends on the other members.
         if is_timed:
             self._arrays["memory"].fill(0.0)
         else:
@@ -328,12 +326,12 @@ class Job:
             self._keep_times(problem)
 
     def _is_timed(self, problem: Problem) -> bool:
-        """Return whether a run begins with the times of the last one, which are in place."""
+        """Return whether a run has the times of the last one."""
         timed = _times_of(problem)
         return len(timed) == len(self._timed) and all(map(operator.is_, timed, self._timed))
 
     def _keep_times(self, problem: Problem) -> None:
-        """Keep the times of this run for the next ones if no parameter moves them."""
+        """Store the times of this run for the next ones if no parameter moves them."""
         self._timed = () if len(problem.breakpoints) else _times_of(problem)
         if self._timed:
             for name in _OF_TIMES:
@@ -341,11 +339,11 @@ class Job:
 
     @property
     def n_bytes(self) -> int:
-        """Counts the bytes that a job holds while it waits to begin again."""
+        """Number of bytes of an idle job."""
         return self._n_bytes + self.rows.values.nbytes + self.records.nbytes
 
     def _set_model(self, problem: Problem, native: Native) -> None:
-        """Fill in the model, its inputs, and the functions by which C asks Python."""
+        """Set the model, its inputs, and the functions of Python that C calls."""
         c = self.job
         self._kept.append(native.model.library)
         c.model = self._ffi.cast("cotree_model *", native.model.address)
@@ -358,7 +356,7 @@ class Job:
             c.helper = self._callbacks.helper(problem.n_states)
 
     def _set_times(self, problem: Problem) -> None:
-        """Fill in the span, breakpoints and wanted times."""
+        """Set the span, breakpoints and requested times."""
         c, corners = self.job, corner_times(problem)
         c.t, c.n_corners = corners[0], len(corners)
         if not np.array_equal(corners, self._corners):
@@ -369,28 +367,28 @@ class Job:
             c.is_start_sharp = int(corners[0] in problem.breakpoints)
             c.is_end_sharp = int(corners[-1] in problem.breakpoints)
         c.max_step = min(problem.max_step, sys.float_info.max)
-        self._let_turn(problem, corners)
+        self._set_slopes(problem, corners)
         if problem.settings.t_eval is None:
             return
         c.n_wanted = len(problem.settings.t_eval)
-        # Nobody changes the times of a problem, so that the same array needs no look.
+        # Times are never changed in place, so that the same array has the same values.
         if problem.settings.t_eval is not self._wanted:
             self._wanted = problem.settings.t_eval
             self._put("wanted", np.asarray(problem.settings.t_eval, dtype=float))
 
     def run(self, most_steps: int) -> int:
-        """Take some steps; see ``COTREE_JOB_DONE`` and its like.
+        """Take some steps, and return a result such as ``COTREE_JOB_DONE``.
 
-        An exception of an input that is a Python function ends the job, and is raised here.
+        Raises the exception of an input that is a Python function; it ends the job.
         """
         most_steps = self.rows.steps_with_room(most_steps)
         if self._at_once and self.job.n_records + self._at_once > self.job.most_records:
             self._make_records(2 * self.job.most_records)
-        # Steps before `_looks_from` are taken without asking whether the problem is stiff.
-        if self._looks_from is not None:
-            unwatched = self._looks_from - int(self.job.n_steps)
+        # Steps before `_tested_from` are not tested for stiffness.
+        if self._tested_from is not None:
+            unwatched = self._tested_from - int(self.job.n_steps)
             self.job.is_waiting = int(unwatched <= 0)
-            # C would otherwise pass the step from which on it is to wait.
+            # Otherwise C would pass the first step that is tested.
             most_steps = min(most_steps, unwatched) if unwatched > 0 else most_steps
         result = int(self._lib.cotree_job_run(self.job, most_steps))
         if self._callbacks.errors:
@@ -398,21 +396,21 @@ class Job:
         self.rows.drop_between()
         return result
 
-    def wait_where_stiff(self, first_step: int) -> None:
-        """Make an explicit method wait where its problem is stiff, from ``first_step`` on."""
-        self._looks_from = first_step
+    def pause_if_stiff(self, first_step: int) -> None:
+        """Make an explicit method pause if its problem is stiff, from ``first_step`` on."""
+        self._tested_from = first_step
 
     def reason(self, problem: Problem) -> str:
-        """Describe why the job failed."""
+        """Return why the job failed."""
         c, status = self.job, int(self.job.status)
         if status in EVENT_FAILURES:
-            return self._verdict(problem, EVENT_FAILURES[status])
+            return self._event_reason(problem, EVENT_FAILURES[status])
         if status == TURNED:
             return turning(problem, float(c.t), int(c.turned))
         reasons = []
         if c.flag:
             known = status != NUMBERS["FLAGGED"]
-            reasons = [f"SUNDIALS says: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
+            reasons = [f"SUNDIALS reports: {_SENTENCES[status] if known else f'flag {c.flag}'}"]
         elif status != NUMBERS["RATE_NOT_FINITE"] or c.entry < 0:
             reasons = [_SENTENCES.get(status, f"the integrator gives status {status}")]
         if c.complaint == SINGULAR and not problem.n_algebraic:
@@ -426,12 +424,12 @@ class Job:
         elif c.row < 0 and status in (NUMBERS["RATE_FAILED"], NUMBERS["RATE_NOT_FINITE"]):
             reasons += self._fault_of_jacobian(problem)
         reason = "; ".join(reasons)
-        # What makes steps short may be that rates have no value beyond a point.
+        # Steps may be short because rates have no value beyond a point.
         why = undefined_ahead(problem, float(c.t), self.z)
         return f"{reason}: {why}" if why else reason
 
     def _fault_of_jacobian(self, problem: Problem) -> list[str]:
-        """Name the entry of the Jacobian that is not finite where an implicit method stands."""
+        """Return a message on an entry of the Jacobian that is not finite at the job's point."""
         if not self._has_newton or problem.n_algebraic:
             return []
         try:
@@ -440,22 +438,17 @@ class Job:
             return [str(error)]
         return []
 
-    def stand(self) -> None:
-        """Write where a job stands that is broken off."""
+    def sync_state(self) -> None:
+        """Write the point of a job that has not ended into the structure."""
         self._lib.cotree_job_sync(self.job)
 
     def end(self) -> None:
-        """Free what the stepper holds."""
+        """Free the memory of the stepper."""
         self._lib.cotree_job_end(self.job)
 
     @property
-    def has_spent_events(self) -> bool:
-        """Return whether the budget of events is spent."""
-        return bool(0 < self.job.most_events <= self.job.n_records)
-
-    @property
-    def happened(self) -> FloatArray:
-        """The events that happened; see :attr:`Trajectory.events`."""
+    def event_records(self) -> FloatArray:
+        """The events so far; see :attr:`Trajectory.events`."""
         return self.records[: self.job.n_records].copy() if self._at_once else self.records
 
     @property
@@ -464,34 +457,34 @@ class Job:
         rows = self._crossings[: self.job.n_crossed].copy()
         return [(float(row[0]), row[1:]) for row in rows]
 
-    def _let_turn(self, problem: Problem, corners: FloatArray) -> None:
-        """Describe how the times of corners depend on the parameters, where any does."""
+    def _set_slopes(self, problem: Problem, corners: FloatArray) -> None:
+        """Set the derivatives of the times of corners by parameters, if any is not zero."""
         if not (len(problem.shifts) and problem.n_sensitivities):
             return
         # Corners that no parameter moves have slopes of zero.
         are_moved, slopes, spreads = problem.shifts.rows_at(corners)
         if not are_moved[:-1].any():
             return
-        # These pointers are of this run only: where no corner moves, C finds none.
+        # These pointers belong to this run only.
         self.job.slopes = self._placed("slopes", slopes)
         self.job.spreads = self._placed("spreads", spreads)
         self.job.turn_tolerances = self._placed("turn_tolerances", turn_tolerances(problem))
 
-    def _verdict(self, problem: Problem, name: str) -> str:
-        """Describe why an event ended the job."""
+    def _event_reason(self, problem: Problem, name: str) -> str:
+        """Return why an event ended the job."""
         c = self.job
-        # Kinks of laws are located as events are, and have no names.
+        # Kinks of laws are located like events, and have no names.
         rows = problem.events.rows if problem.events is not None else ()
         fired = [row.name for i, row in enumerate(rows) if c.has_fired[i]]
         event = rows[c.event].name if c.event < len(rows) else "kink of a law"
         events = subjects(name, event, fired)
-        said = event_message(name, events, float(c.event_time), float(c.event_detail))
+        message = event_message(name, events, float(c.event_time), float(c.event_detail))
         if name == "EVENTS_CONTRADICT" and c.event_detail >= 0.0:
-            return f"{said}, '{problem.constraints[int(c.event_detail)]}' first of all"
-        return f"{said} ({self.rescue.complaint})" if self.rescue.complaint else said
+            return f"{message}, '{problem.constraints[int(c.event_detail)]}' first of all"
+        return f"{message} ({self.rescue.complaint})" if self.rescue.complaint else message
 
     def _make_records(self, rows: int) -> None:
-        """Make room for the records that events write; existing ones stay."""
+        """Allocate records of events; existing ones are copied."""
         kept = int(self.job.n_records)
         records = np.zeros((rows, self._width))
         records[:kept] = self.records[:kept]
@@ -507,7 +500,7 @@ class Job:
             self._point(name, pointer)
 
     def _placed(self, name: str, values: FloatArray) -> Any:
-        """Return a pointer to values, the same as before where they fit."""
+        """Return a pointer to values, the same as before if the size is the same."""
         array = self._arrays.get(name)
         if array is not None and array.size == values.size:
             array[...] = values
@@ -519,12 +512,12 @@ class Job:
         return pointer
 
     def _point(self, name: str, pointer: Any) -> None:
-        """Set a pointer of the structure, and of what the next runs begin with."""
+        """Set a pointer of the structure, for this run and the following ones."""
         setattr(self.job, name, pointer)
         setattr(self._blank, name, pointer)
 
     def _clear_memory(self, n_bytes: int) -> None:
-        """Return C memory for what it remembers, all of it zero."""
+        """Provide the working memory of C, filled with zeros."""
         memory = self._arrays.get("memory")
         if memory is None or memory.nbytes < n_bytes:
             self._put("memory", np.zeros(-(-n_bytes // 8)))  # rounded up to whole doubles
@@ -532,7 +525,7 @@ class Job:
             memory.fill(0.0)
 
     def _doubles(self, array: FloatArray) -> Any:
-        """Return a pointer to an array, and keep the array alive."""
+        """Return a pointer to an array that stays alive with the job."""
         if not array.size:
             return self._ffi.NULL
         pointer = self._ffi.from_buffer("double[]", np.ascontiguousarray(array, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""Methods that C runs: no Python between the steps, whichever stepper takes them."""
+"""Methods in C, which take steps without Python between them."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from cotree.solvers.stiffness import MethodSwitch
 
 
-# Endings for which the equations are to blame, and not an event or the tolerances.
+# Failures that are caused by the equations, and not by an event or the tolerances.
 _UNSOLVED = {
     NUMBERS[name] for name in ("STEP_TOO_SMALL", "RATE_FAILED", "RATE_NOT_FINITE", "NOT_SOLVED")
 }
 
 
 class Ended(NamedTuple):
-    """The outcome of a job that ended or waits: status, reason of a failure, time in C, [s]."""
+    """The outcome of a job that ended or pauses: status, reason of a failure, time in C, [s]."""
 
     status: int
     reason: str
@@ -47,8 +47,8 @@ class Ended(NamedTuple):
     is_waiting: bool = False
 
 
-def compiled_in(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Record how long it took to compile or to find the C of the method."""
+def with_compile_time(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """Return a trajectory with the time to compile or to find the C of the method, [s]."""
     statistics = changed(trajectory.statistics, compile_seconds=seconds)
     return changed(trajectory, statistics=statistics)
 
@@ -61,7 +61,7 @@ def trajectory_of(
     note: str = "",
     compile_seconds: float = 0.0,
 ) -> Trajectory:
-    """Return the values that a job has kept, with the last good point of a failed job.
+    """Return the stored values of a job, with the last good point if it failed.
 
     ``note`` ends the message; ``compile_seconds`` is the time that the C of the method took.
     """
@@ -79,8 +79,8 @@ def trajectory_of(
     }
     sentences = summary(problem, method, c.t, ended.reason)
     sentences[1:1] = singular_positions(problem, job, has_failed=ended.status == FAILED)
-    happened = job.happened
-    rested = rest_note(problem.events.rows, happened) if problem.events is not None else ""
+    records = job.event_records
+    rested = rest_note(problem.events.rows, records) if problem.events is not None else ""
     jammed = ""
     if ended.status != 0 and problem.events is not None and z.shape[1]:
         jammed = problem.events.jammed(float(c.t), np.ascontiguousarray(z[:, -1]))
@@ -92,7 +92,7 @@ def trajectory_of(
         "message": " ".join(sentences),
         "statistics": filled(Statistics, work),
         "drift": _drift(job, problem, t, z),
-        "events": happened,
+        "events": records,
         "is_unsolved": ended.status != 0 and int(c.status) in _UNSOLVED,
     }
     return filled(Trajectory, values)
@@ -103,7 +103,7 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
     n, cut = problem.n_states, problem.n_states - problem.n_algebraic
     if problem.held is None and cut == n:
         return None
-    # C keeps no residuals of the points that it stores, so they are evaluated here.
+    # C does not store residuals.
     columns = []
     for j, at in enumerate(t.tolist()):
         point = np.ascontiguousarray(z[:, j])
@@ -120,8 +120,8 @@ def _drift(job: Job, problem: Problem, t: FloatArray, z: FloatArray) -> Drift | 
 # Results of cotree_job_run.
 _MORE, _FAILED, _STOPPED, _STIFF = 1, 2, 3, 4
 
-# Time that C runs before Python regains control, [s], and the number of steps it begins with: few,
-# since steps of a large model may take milliseconds each.
+# Time that C runs before it returns to Python, [s], and the first number of steps: few, since steps
+# of a large model may take milliseconds each.
 _GLANCE, _FIRST_STEPS = 0.1, 100
 
 
@@ -155,8 +155,8 @@ def can_extend(row: Method, problem: Problem) -> bool:
     return (
         native is not None
         and native.model.can_extend
-        and not (native.replaced or native.functions)  # their own rates are not known
-        # Only explicit methods gain: each of their stages would solve for the unknowns.
+        and not (native.replaced or native.functions)  # whose rates are not known
+        # Explicit methods would solve for the unknowns in each stage.
         and not row.implicit
         and problem.held is None
         and problem.events is None
@@ -165,46 +165,46 @@ def can_extend(row: Method, problem: Problem) -> bool:
 
 @dataclass(eq=False)
 class Attempt:
-    """An integration in C that has begun; it is mutable, and belongs to one run."""
+    """An integration in C that has begun."""
 
     problem: Problem
     row: Method  # the method
     job: Job  # the job, which may have taken some steps
     is_extended: bool  # whether it integrates algebraic unknowns, too
     compiling: float  # seconds that the C of the method took
-    ended: Ended | None = None  # the outcome of the steps that were taken so far; None before any
+    ended: Ended | None = None  # the outcome of the steps so far; None before any
 
     def take_steps(self, n: int) -> None:
-        """Take the first steps, and stand where they end; see :attr:`Job.z`."""
+        """Take the first steps; :attr:`Job.z` is then their end."""
         self.ended = run_job(self.job, self.problem, self.row.name, until=n)
-        self.job.stand()
+        self.job.sync_state()
 
-    def give_up(self) -> None:
-        """Leave the job to other runs."""
+    def abandon(self) -> None:
+        """End the job, and leave it to other runs."""
         self.job.end()
-        self._give_back()
+        self._release()
 
     def finish(self, successor: MethodSwitch | None = None) -> Trajectory:
-        """Integrate to the end; ``successor`` may take over if the problem turns out stiff."""
+        """Integrate to the end; ``successor`` may take over if the problem is stiff."""
         job, problem, method = self.job, self.problem, self.row.name
         ended = _run(job, problem, method, successor, self.ended)
         if isinstance(ended, Ended) and ended.status == FAILED and self.is_extended:
-            # Where unknowns cannot be integrated, solving for them at each evaluation may still do.
+            # Solving for the unknowns at each evaluation may succeed if their integration fails.
             problem = changed(problem, steps_taken=problem.steps_taken + int(job.job.n_steps))
             idle = _idle(self.row, problem, is_extended=False)
             job = self.job = idle or Job(job.engine, self.row, problem)
             ended = _run(job, problem, method, successor, Ended(0, "", ended.seconds, True))
-        # The successor has taken over: its trajectory is complete, message included.
+        # The trajectory of the successor is complete, including its message.
         if isinstance(ended, Trajectory):
-            return compiled_in(ended, ended.statistics.compile_seconds + self.compiling)
+            return with_compile_time(ended, ended.statistics.compile_seconds + self.compiling)
         note = successor.note if successor is not None else stiffness_note(job.job)
         trajectory = trajectory_of(job, problem, method, ended, note, self.compiling)
-        self._give_back()
+        self._release()
         return trajectory
 
-    def _give_back(self) -> None:
+    def _release(self) -> None:
         if self.problem.shared is not None:
-            self.problem.shared.give_back(self.job)
+            self.problem.shared.release(self.job)
 
 
 def begin_in_c(problem: Problem, method: str) -> Attempt | str:
@@ -231,19 +231,18 @@ def begin_in_c(problem: Problem, method: str) -> Attempt | str:
 
 
 def factors_of(row: Method, problem: Problem) -> Newton | str | None:
-    """Build what an own implicit method needs of the model, or return the reason why that fails.
+    """Build the factorisation for an own implicit method, or return why that fails.
 
-    None for methods that need nothing.
+    None for other methods.
     """
     if row.family != "cotree" or not row.implicit:
         return None
     assert problem.native is not None  # it was not refused
-    # Own implicit methods factorise by code that is written for the pattern of this model.
     return problem.native.model.newton() or "no compiler can build what it needs of the model"
 
 
 def band_refusal(job: Job, problem: Problem) -> str:
-    """Describe that SciPy's sparse factorisation is worth its method, or nothing."""
+    """Return a reason to prefer SciPy's sparse factorisation, or an empty text."""
     is_refused = problem.is_sparse and job.is_wide and not beyond_scipy(problem)
     return "the Jacobian's band is wide" if is_refused else ""
 
@@ -252,7 +251,7 @@ def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
     """Begin a job again that another run has left; None where there is none."""
     if problem.shared is None:
         return None
-    job = problem.shared.idle_job(job_kind(row, problem, is_extended=is_extended))
+    job = problem.shared.acquire(job_kind(row, problem, is_extended=is_extended))
     if job is not None:
         job.begin(problem)
     return job
@@ -261,10 +260,10 @@ def _idle(row: Method, problem: Problem, *, is_extended: bool) -> Job | None:
 def _run(
     job: Job, problem: Problem, method: str, successor: MethodSwitch | None, ended: Ended | None
 ) -> Ended | Trajectory:
-    """Advance a job to its end, or let its successor go on; free what the stepper holds."""
+    """Advance a job to its end, or switch to its successor; free the stepper's memory."""
     try:
         if successor is not None:
-            job.wait_where_stiff(successor.first_step)
+            job.pause_if_stiff(successor.first_step)
         if ended is None or ended.is_waiting:
             ended = run_job(job, problem, method, 0.0 if ended is None else ended.seconds)
         while successor is not None and ended.is_waiting:
@@ -272,8 +271,8 @@ def _run(
             trajectory = successor.take_over(problem, first, job)
             if trajectory is not None:
                 return trajectory
-            # Asking again costs eigenvalues: only after as many steps as were taken so far.
-            job.wait_where_stiff(2 * int(job.job.n_steps))
+            # The next test, which computes eigenvalues, comes after as many steps as so far.
+            job.pause_if_stiff(2 * int(job.job.n_steps))
             ended = run_job(job, problem, method, ended.seconds)
         return ended
     finally:
@@ -291,14 +290,14 @@ def run_job(
         begin = time.perf_counter() - spent
         status, reason, is_waiting = _advance(job, problem, begin, progress, until)
         if status == BUDGET_SPENT:
-            job.stand()
+            job.sync_state()
         return Ended(status, reason, time.perf_counter() - begin, is_waiting)
 
 
 def _advance(
     job: Job, problem: Problem, begin: float, progress: Progress, until: int | None
 ) -> tuple[int, str, bool]:
-    """Return the status, the reason of a failure, and whether the job waits."""
+    """Return the status, the reason of a failure, and whether the job pauses."""
     settings, others = problem.settings, problem.steps_taken
     limit, time_limit = settings.max_steps, settings.time_limit
     assert problem.native is not None  # or there were no job
@@ -315,7 +314,6 @@ def _advance(
         progress.reached(float(job.job.t))
         if result == _FAILED:
             return FAILED, job.reason(problem), False
-        # The job waits with all that it remembers, and may still go on.
         if result == _STIFF:
             return 0, "", True
         if result == _STOPPED:
@@ -323,15 +321,15 @@ def _advance(
             return 0, event_message("stops", [problem.events.rows[job.job.event].name]), False
         if result != _MORE:
             return 0, "", False
-        if job.has_spent_events:
+        if 0 < job.job.most_events <= job.job.n_records:
             return BUDGET_SPENT, event_message("spends", [], detail=job.job.most_events), False
-        # Checked after events, which end a run whatever is left of the budget of steps.
+        # Checked after events, which end a run in any case.
         if limit is not None and others + job.job.n_steps >= limit:
             return BUDGET_SPENT, steps_spent(limit), False
         if time_limit is not None and now - begin > time_limit:
             return BUDGET_SPENT, time_spent(time_limit), False
-        # So many steps as fill a tenth of a second: Ctrl-C and the time limit are seen soon
-        # enough, and the way into C and back costs nothing beside them.
+        # Steps for a tenth of a second: Ctrl-C and the time limit then take effect soon, and calls
+        # of C cost little.
         rest = _GLANCE if time_limit is None else time_limit - (now - begin)
         rate = (job.job.n_steps - taken) / max(now - before, 1e-9)
         steps = int(min(max(1.0, rate * min(_GLANCE, rest)), 10.0 * steps))

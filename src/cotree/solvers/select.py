@@ -17,7 +17,7 @@ from cotree.methods import METHODS, method_row
 from cotree.records import changed
 from cotree.solvers.augmented import RTOL_FLOOR
 from cotree.solvers.engine import has_sundials, load_engine
-from cotree.solvers.native import begin_in_c, check_available, compiled_in
+from cotree.solvers.native import begin_in_c, check_available, with_compile_time
 from cotree.solvers.problem import check_problem, corner_times
 from cotree.solvers.refusals import beyond_scipy, refusal
 from cotree.solvers.stiffness import (
@@ -76,7 +76,7 @@ def run(problem: Problem, method: str) -> Trajectory:
     compiling = time.perf_counter() - before
     choice = _choose(problem)
     trajectory = _with_ida(problem, _solve_watched(problem, choice))
-    trajectory = compiled_in(trajectory, trajectory.statistics.compile_seconds + compiling)
+    trajectory = with_compile_time(trajectory, trajectory.statistics.compile_seconds + compiling)
     return changed(trajectory, message=f"{trajectory.message} {choice.reason}")
 
 
@@ -185,7 +185,7 @@ def choose_method(problem: Problem) -> tuple[str, str]:
     check_problem(problem)
     choice = _choose(problem)
     if choice.begun is not None:
-        choice.begun.give_up()
+        choice.begun.abandon()
     return choice.method, choice.reason
 
 
@@ -206,7 +206,7 @@ def _choose(problem: Problem) -> Choice:
     probe = Probe(problem, explicit)
     method, reason = _chosen(problem, explicit, _rates(problem, probe))
     if probe.begun is not None and method != explicit:
-        probe.begun.give_up()
+        probe.begun.abandon()
         probe.begun = None
     return Choice(method, reason, probe.begun)
 

@@ -23,9 +23,9 @@ from cotree.solvers.problem import check_values
 from cotree.solvers.result import EventTimes, FloatArray, RunRecord, Trajectory
 from cotree.solvers.select import run as integrate
 from cotree.solvers.trust import (
-    held,
+    check_constraint_drift,
+    check_time_resolution,
     is_balanced,
-    timely,
     warn_of_redundancy,
     warn_of_result,
     warn_of_tolerances,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _SWEPT = ("output_values", "output_sensitivities", "input_values")
 
-# A trajectory of more bytes is not copied for later: what is made of it is made at once.
+# Values of a trajectory of more bytes are computed at once and not on first use.
 _MOST_COPIED = 2**18
 
 
@@ -66,7 +66,7 @@ def observed(
         values[1][left_out] = np.nan
         return dict(zip(_SWEPT, values, strict=True))
 
-    # Functions of Python may remember their calls: they are asked in the order of the run.
+    # Functions of Python may have a state: they are called in the order of the run.
     if preparation.asks_python or z.nbytes > _MOST_COPIED:
         return {**swept(), **deferred(**later)}
     t, z = t.copy(), z.copy()
@@ -79,12 +79,12 @@ def _parameter_values(model: CompiledModel, p: FloatArray) -> dict[str, float]:
     return named | derived_values(model.layout.derived, p)
 
 
-def _event_times(model: CompiledModel, happened: FloatArray) -> dict[str, EventTimes]:
-    """Group the events that happened by their names."""
+def _event_times(model: CompiledModel, records: FloatArray) -> dict[str, EventTimes]:
+    """Group the records of events by name."""
     n, m, found = len(model.states), len(model.sensitivities), {}
     for i, row in enumerate(model.layout.events):
-        own = happened[happened[:, 1] == i]
-        # Shapes are given, since methods without events give no columns for them.
+        own = records[records[:, 1] == i]
+        # The shape is explicit, since methods without events have no columns for them.
         parts = own[:, 2:].reshape(len(own), m + 2 * n)
         slopes, before, after = np.split(parts, [m, m + n], axis=1)
         found[row.name] = EventTimes(own[:, 0].copy(), before.T, after.T, slopes.T)
@@ -120,11 +120,11 @@ def run_values(
     problem = run.problem
     check_values(problem)
     warn_of_tolerances(problem)
-    # A run may still be refused: by the rounding of t, then by its constraints.
-    trajectory = timely(problem, integrate(problem, settings.method))
-    # Redundancy may come and go along a motion, so a few points are looked at, not the start alone.
+    # The rounding of t, or the constraints, may still make a run fail.
+    trajectory = check_time_resolution(problem, integrate(problem, settings.method))
+    # Redundancy may change along a motion, so a few points are examined.
     redundant = redundancy(model, run.held, trajectory)
-    trajectory = with_growth(problem, held(problem, trajectory, redundant))
+    trajectory = with_growth(problem, check_constraint_drift(problem, trajectory, redundant))
     if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
         trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
     if trajectory.status != 0:
@@ -176,36 +176,36 @@ def redundancy(
 
 def _left_out(model: CompiledModel) -> list[int]:
     """List the outputs whose sensitivities are not unique with redundant constraints, and warn."""
-    # Of multipliers that share a load the least are taken, and that choice is not differentiated.
+    # The least multipliers are chosen, and that choice is not differentiated.
     found = [i for i, uses in enumerate(model.layout.uses_multipliers) if uses]
     if found:
         names = ", ".join(f"'{model.outputs[i]}'" for i in found[:6])
         warnings.warn(
-            "constraints are redundant, so reactions are not unique: of those that share a load "
-            f"the least are given, and the sensitivities of {names} are left out (nan)",
+            "constraints are redundant, so reactions are not unique: the least reactions are "
+            f"returned, and the sensitivities of {names} are left out (nan)",
             RuntimeWarning,
             stacklevel=level_of_user(),
         )
     return found
 
 
-# Points that make a curve look like one, parts of each interval between points, and the most steps
-# of a run that is repeated.
+# Points of a smooth curve, parts of each interval between points, and the most steps of a run that
+# is repeated.
 _SMOOTH, _PARTS, _MOST_STEPS = 400, 4, 4000
 
-# Sides of a jump are drawn these shares of the span away from it, less than a tenth of a pixel. An
-# event is located to a tolerance, so that the nearer one may be on the other side already.
+# Distances of the points beside a jump as shares of the span, below a tenth of a pixel. An event is
+# located to a tolerance, so that the nearer point may be on the other side.
 _ASIDE = np.array([[1e-5], [1e-4]])
 
-# A repetition that differs by more of the range of a state, about the width of a line, is not used.
+# The largest difference of a repetition, as a share of a state's range: the width of a line.
 _LINE_WIDTH = 2e-3
 
 
 def at_more_times(record: RunRecord, model: CompiledModel, settings: Settings) -> RunRecord:
     """Repeat a run of few points at more times, or return the record itself if that cannot be done.
 
-    Runs that failed, have many points, took many steps, or whose inputs are functions of Python,
-    which may remember their calls, are left as they are.
+    Runs that failed, have many points, took many steps, or have functions of Python as inputs are
+    not repeated.
     """
     t = record.t
     is_short = 2 <= len(t) < _SMOOTH and record.statistics.n_steps <= _MOST_STEPS
@@ -231,7 +231,7 @@ def _is_known(value: object) -> bool:
 
 
 def _jumps(record: RunRecord, model: CompiledModel, settings: Settings) -> FloatArray:
-    """List the times within a run where something may jump, in no order."""
+    """Return the times within a run at which a value may jump, unsorted."""
     span = (float(record.t[0]), float(record.t[-1]))
     signals = read_signals(settings.inputs, model.inputs)
     p = model.arguments_of(record.parameter_values)
@@ -257,13 +257,13 @@ def _agrees(record: RunRecord, found: RunRecord, jumps: FloatArray) -> bool:
     """Return whether a repetition passes through the points of the run, to the width of a line."""
     if found.status != 0:
         return False
-    # At a jump itself one may have the value before and the other the one after.
+    # At a jump either side is possible.
     is_smooth = ~np.isin(record.t, jumps)
     here = np.flatnonzero(np.isin(found.t, record.t[is_smooth]))
     y = record.y[:, is_smooth]
     if len(here) != y.shape[1]:
         return False
     size = np.ptp(record.y, axis=1, keepdims=True)
-    # A state that stays as it is has no range; its rounding is no curve.
+    # A constant state has no range.
     size = np.maximum(size, 1e-6 * np.max(np.abs(record.y), axis=1, keepdims=True, initial=0.0))
     return bool(np.all(np.abs(found.y[:, here] - y) <= _LINE_WIDTH * size + 1e-300))

@@ -1,4 +1,4 @@
-"""Warnings and failures of runs whose tolerances test little or whose corrections exceed them."""
+"""Warnings and failures of runs with too loose tolerances or too large corrections."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 # Corrections are compared with the tolerance of the run, or with this one if it is larger.
 _CORRECTED_RTOL = 1e-3
 
-# Steps that leave redundant constraints may return to them in more than one way. Above the first
-# tolerance, Bricard's mechanism is off by 10 to 300 tolerances; above the second, by its own size.
-# Multistep methods are off by that much above the first: a projection does not move their history.
+# The projection onto redundant constraints is not unique. Above the first tolerance, the error of
+# Bricard's mechanism is 10 to 300 tolerances; above the second, it is its own size, and that of
+# multistep methods, whose history a projection does not move, above the first.
 _ROUGH, _ROUGHEST = 1e-4, 1e-3
 
-# The error test covers the contents of storages; a variable that follows from a content may err by
-# this many times its own tolerance before a run warns. The number of points that are examined.
-_LEFT_FREE, _N_LOOKED_AT = 10.0, 50
+# The error test covers the contents of storages. The largest error of a variable that follows from
+# a content, in its own tolerances, without a warning; and the number of points that are examined.
+_LEFT_FREE, _N_EXAMINED = 10.0, 50
 
 
 def warn_of_tolerances(problem: Problem) -> None:
-    """Warn where the relative tolerance is loose."""
+    """Warn if the relative tolerance is loose."""
     _warn(loose_rtol(problem.settings.rtol))
 
 
@@ -54,8 +54,8 @@ def warn_of_result(
 ) -> None:
     """Warn if tolerances tested nothing.
 
-    ``followers`` are contents of storages and what follows from them, by the model's layout;
-    ``is_balanced`` returns whether the rates at the start are what rounding leaves of a balance.
+    ``followers`` are pairs of the content of storages and of a variable that follows from it;
+    ``is_balanced`` returns whether the rates at the start are rounding errors of a balance.
     """
     if trajectory.status == 0:
         untested = _untested(problem, trajectory)
@@ -64,10 +64,10 @@ def warn_of_result(
 
 
 def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u: Any) -> bool:
-    """Return whether rates are the rounding errors of large terms that balance, as in a held robot.
+    """Return whether rates are the rounding errors of large balanced terms, as in a held robot.
 
-    Such rates change beyond recognition with parameters and inputs in their tenth digit; rates of
-    small motions change in their tenth digit, too.
+    Changes of parameters and inputs in their tenth digit change such rates completely, and rates of
+    small motions in their tenth digit.
     """
     u = model.input_values(t, p) if u is None else u
     with suppress(Error):
@@ -78,7 +78,7 @@ def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u:
 
 
 def _other(values: FloatArray) -> FloatArray:
-    """Change numbers in their tenth digit, each by another share."""
+    """Change numbers in their tenth digit, by different shares."""
     return values * (1.0 + 1e-10 * (1.0 + np.arange(len(values)) % 7))
 
 
@@ -91,8 +91,8 @@ def warn_of_redundancy(problem: Problem, trajectory: Trajectory, redundant: int)
         )
 
 
-def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
-    """Mark a run as failed where the constraints cannot have held it to the motion.
+def check_constraint_drift(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory:
+    """Mark a run as failed if it may have left its branch of the constraints.
 
     Either the projection moved the states by far more than the tolerance, or constraints are
     redundant (``redundant`` follow from the others) and the tolerance is too loose for that.
@@ -107,12 +107,12 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
         reason = (
             "the projection onto the constraints moved the states by up to "
             f"{drift.correction:.2g}, far more than the tolerance, so that the motion may have "
-            f"gone on along another branch: give an rtol of {0.1 * rtol:.1g} or less."
+            f"continued along another branch: give an rtol of {0.1 * rtol:.1g} or less."
         )
     elif redundant and rtol > (loosest := _ROUGH if is_multistep else _ROUGHEST):
         reason = (
-            "constraints are redundant, and with so loose a tolerance steps that leave them come "
-            f"back to another motion: give an rtol of {loosest:g} or less."
+            "constraints are redundant, and at such a loose tolerance the projection may lead to "
+            f"another motion: give an rtol of {loosest:g} or less."
         )
     else:
         return trajectory
@@ -122,7 +122,7 @@ def held(problem: Problem, trajectory: Trajectory, redundant: int) -> Trajectory
 def _left_free(
     problem: Problem, trajectory: Trajectory, followers: Sequence[tuple[int, int]]
 ) -> str:
-    """Report a variable whose error the tolerance of its content bounds too loosely."""
+    """Return a warning of a variable that the tolerance of its content bounds too loosely."""
     if not followers or problem.jacobian is None:
         return ""
     totals, own = (list(places) for places in zip(*followers, strict=True))
@@ -131,7 +131,7 @@ def _left_free(
     asked = atol[own] + problem.settings.rtol * np.max(np.abs(y[own]), axis=1)
     worst, message = _LEFT_FREE, ""
     n = len(trajectory.t)
-    for k in np.unique(np.linspace(0, n - 1, min(n, _N_LOOKED_AT)).astype(int)).tolist():
+    for k in np.unique(np.linspace(0, n - 1, min(n, _N_EXAMINED)).astype(int)).tolist():
         t = float(trajectory.t[k])
         # The algebraic equation of a variable holds its content, so this derivative is the change
         # of the content per unit of the variable: a capacitance.
@@ -150,16 +150,15 @@ def _left_free(
 
 
 def _untested(problem: Problem, trajectory: Trajectory) -> str:
-    """Report an absolute tolerance that is large compared with all states of the run."""
+    """Return a warning of an absolute tolerance that is large compared with all states."""
     n = problem.n_states - problem.n_algebraic
     y, atol = trajectory.z[:n], problem.settings.atol
-    # The start often tells already, without a look at all points.
+    # The start often decides.
     at_start = max(map(abs, problem.z0[:n].tolist()), default=0.0)
     if problem.sizes is None and _is_seen(at_start, atol):
         return ""
     if problem.sizes is not None:
         y = y / problem.sizes[:n, None]
-    # The largest of all in size is the largest, or the smallest with the other sign.
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
     # States at rest hold only rounding errors, which no tolerance is meant to test.
@@ -181,19 +180,19 @@ def _warn(message: str) -> None:
         warnings.warn(message, RuntimeWarning, stacklevel=level_of_user())
 
 
-# A spacing of t below this share of rtol times a step is not looked at any further.
+# A spacing of t below this share of rtol times a step has no effect.
 _FINE = 0.1
 
 # Roundings of successive steps are independent, so their sum grows with the square root of the
 # number of steps, up to as many as this.
 _REMEMBERED = 100
 
-# So many points are looked at, and how far ahead and back, as a share of a step.
+# Number of points that are examined, and the distance of differences as a share of a step.
 _POINTS, _REACH = 5, 1.0 / 16.0
 
 
-def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Fail a trajectory that the rounding of t decides."""
+def check_time_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Mark a run as failed if the rounding of t exceeds its tolerance."""
     n_steps = trajectory.statistics.n_steps
     if trajectory.status != 0 or not n_steps or not trajectory.t.size:
         return trajectory
@@ -201,7 +200,7 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
         return trajectory
     step = abs(problem.settings.t_span[1] - problem.settings.t_span[0]) / n_steps
     places = np.unique(np.linspace(0, trajectory.t.size - 1, _POINTS).astype(int))
-    # Of a value that passes zero no method has more digits than of what it swings between.
+    # The tolerance of a value that passes zero is that of its largest size.
     largest = np.max(np.abs(trajectory.z[: problem.n_states]), axis=1)
     allowed = problem.state_atol + problem.settings.rtol * largest
     with np.errstate(all="ignore"):
@@ -217,14 +216,14 @@ def timely(problem: Problem, trajectory: Trajectory) -> Trajectory:
     reason = (
         f"{trajectory.statistics.method} cannot keep the tolerance: at t = {t:.10g} times are "
         f"{math.ulp(t):.2g} s apart, and over steps of {step:.2g} s the rates' dependence on time "
-        f"makes {shares[worst]:.2g} times the tolerance of that. Let the run begin nearer to "
+        f"makes {shares[worst]:.2g} times the tolerance of that. Start the run nearer to "
         "t = 0, or loosen rtol."
     )
     return replace(trajectory, status=FAILED, message=reason)
 
 
 def is_fine(problem: Problem, n_steps: int | npt.NDArray[np.int64]) -> Any:
-    """Return whether times are so near to each other that their rounding decides nothing.
+    """Return whether the rounding of times has no effect.
 
     ``n_steps`` are the steps of a run, or of several.
     """
@@ -263,7 +262,7 @@ def _rates(problem: Problem, t: float, y: FloatArray) -> FloatArray:
 def _over_step(
     problem: Problem, t: float, y: FloatArray, step: float, change: FloatArray
 ) -> FloatArray:
-    """Return the effect of a change of the rates on an implicit step, which damps stiff modes."""
+    """Return the effect of a change of the rates on an implicit step."""
     if not np.any(change):
         return change
     # (M / h - J) x = change is an implicit Euler step of length h under a disturbance of the rates;
@@ -280,5 +279,5 @@ def _over_step(
     try:
         return solve_with(matrix, change)
     except np.linalg.LinAlgError:
-        # Without a matrix that can be solved with, nothing is damped.
+        # An undamped step.
         return step * change
