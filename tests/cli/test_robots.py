@@ -56,7 +56,7 @@ def test_options_before_the_command_say_how_it_is_read(robot, capsys):
     assert main(["--base", "free", "--no-mimic", *run]) == 0
     printed = capsys.readouterr()
     assert "base.q0" in printed.out
-    assert "free to move, as mimic is False: joints 'follow'" in printed.err
+    assert "mimics are ignored, since mimic is False: 'follow'" in printed.err
     assert main(run) == 0  # and only for that command
     assert "base.q0" not in capsys.readouterr().out
 

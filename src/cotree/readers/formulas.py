@@ -80,7 +80,7 @@ def as_condition(tree: ast.expr) -> ast.expr:
     """Return a condition; refuse a value."""
     if not is_condition(tree):
         raise ExpressionError(
-            f"takes '{brief(ast.unparse(tree))}' for a condition, which is no comparison: write "
+            f"uses '{brief(ast.unparse(tree))}' as a condition, which is not a comparison: write "
             "x > 0"
         )
     return tree
@@ -166,7 +166,7 @@ class Rewriter(ast.NodeTransformer):
         if name not in self._functions:
             shown = brief(name.replace(GROUP, "(...)"))
             hint = nearest(name, self._functions)
-            raise ExpressionError(f"calls '{shown}', which is no function here{hint}")
+            raise ExpressionError(f"calls '{shown}', which is not a function here{hint}")
         form = FORMS.get(name)
         nodes = ast.walk(shared_tree(form)) if form else ()
         uses = [node.id for node in nodes if isinstance(node, ast.Name) and node.id in "abc"]

@@ -47,7 +47,7 @@ def _couple(place: Instance, line: Line, inductors: Mapping[str, Line]) -> None:
     for name in names:
         if name not in inductors:
             raise line.at.error(
-                f"{line.name} couples '{brief(name)}', which is no inductor here"
+                f"{line.name} couples '{brief(name)}', which is not an inductor of this circuit"
                 f"{nearest(name, inductors)}"
             )
     # Merge the groups of the inductors, since coupling is transitive.
@@ -93,9 +93,9 @@ def complete_signs(place: Instance, coupled: Coupled) -> dict[str, float] | None
         if complete.get(pair, 0.0) != signs[a] * signs[b] or not signs[a] * signs[b]:
             line = values[pair][1] if pair in values else next(iter(coupled.couplings.values()))
             raise line.at.error(
-                f"windings that are coupled completely have no flux but one, by which '{brief(a)}' "
-                f"and '{brief(b)}' are coupled, too: give all of their couplings as 1 or -1, or "
-                "all smaller"
+                f"windings that are coupled completely share one flux, so that '{brief(a)}' and "
+                f"'{brief(b)}' are coupled completely, too: give all of their couplings as 1 or "
+                "-1, or smaller values for all"
             )
     return signs
 
@@ -134,10 +134,10 @@ def _parts(line: Line, known: set[str], counts: range) -> tuple[tuple[str, ...],
     for name in given:
         if name not in known:
             hint = nearest(name, known)
-            raise line.at.error(f"{line.name} has no '{brief(name)}' that is modelled here{hint}")
+            raise line.at.error(f"{line.name} has no supported setting '{brief(name)}'{hint}")
     if len(words) not in counts:
         few = f"{counts.start}" + (f" to {counts.stop - 1}" if len(counts) > 1 else "")
-        raise line.at.error(f"{line.name} has {len(words)} words after it, not {few}")
+        raise line.at.error(f"{line.name} is followed by {len(words)} words, not {few}")
     return words, given
 
 
@@ -198,7 +198,7 @@ def _count(place: Instance, line: Line, given: dict[str, str]) -> Value:
     """Read the number of parallel elements."""
     count = place.scope.value(given["m"], line.at) if "m" in given else 1.0
     if isinstance(count, float) and not count > 0.0:
-        raise line.at.error("m must be positive: it counts elements side by side")
+        raise line.at.error("m must be positive: it is the number of parallel elements")
     return count
 
 
@@ -244,7 +244,9 @@ def _coupling(place: Instance, line: Line) -> None:
     for name, inductor in coupled.inductors.items():
         words, given, value = _valued(place, inductor, {"ic"})
         if place.sheet.amount(value) == 0.0:
-            raise inductor.at.error(f"{inductor.name} has no inductance to be coupled: leave K out")
+            raise inductor.at.error(
+                f"{inductor.name} has no inductance, so it cannot be coupled: remove K"
+            )
         windings[name] = [place.node(node) for node in words[:2]], value
         start = _initial_value(place, inductor, words, given)
         if start:
@@ -408,8 +410,8 @@ def _hold_charges(place: Instance, line: Line, fields: dict[str, Value]) -> None
         fields |= dict.fromkeys(missing, least)
         place.scope.remark(
             f"{line.at}: {brief(line.words[0])} has transit times and no capacitance of "
-            f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is put "
-            "there"
+            f"{' and '.join(name.partition('_')[0] for name in missing)}: {least:.3g} F is "
+            "added"
         )
 
 

@@ -37,13 +37,15 @@ def add_polynomial(place: Instance, line: Line) -> None:
     # ``isdigit`` is true for digits of other scripts.
     n = int(rest[0]) if rest and rest[0].isascii() and rest[0].isdigit() else 0
     if not 1 <= n <= _MOST_ARGUMENTS:
-        raise line.at.error(f"POLY needs how many it is of, in parentheses, 1 to {_MOST_ARGUMENTS}")
+        raise line.at.error(
+            f"POLY needs the number of its arguments in parentheses, 1 to {_MOST_ARGUMENTS}"
+        )
     # A voltage has two nodes, a current the name of its source.
     each = 2 if letter in "eg" else 1
     names, words = rest[1 : 1 + each * n], rest[1 + each * n :]
     if not 1 <= len(words) <= _MOST_COEFFICIENTS:
         raise line.at.error(
-            f"{line.name} has {len(words)} coefficients behind its POLY, not 1 to "
+            f"{line.name} has {len(words)} coefficients after its POLY, not 1 to "
             f"{_MOST_COEFFICIENTS}"
         )
     arguments = (
@@ -101,7 +103,8 @@ def current_of(place: Instance, line: Line, name: str) -> str:
     source = place.edges.get(name.lower())
     if source is None or name[0].lower() != "v":
         raise line.at.error(
-            f"{line.name} takes the current of '{brief(name)}', which is no voltage source here"
+            f"{line.name} takes the current of '{brief(name)}', which is not a voltage source of "
+            "this circuit"
         )
     return f"{source}.i"
 

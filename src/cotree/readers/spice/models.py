@@ -150,7 +150,7 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
     """Read the parameters of a model; ``own(name, word, unit)`` returns the value of one."""
     if card.type not in TYPES:
         hint = nearest(card.type, TYPES)
-        raise card.at.error(f"models of type '{brief(card.type)}' are not known here{hint}")
+        raise card.at.error(f"models of type '{brief(card.type)}' are not supported{hint}")
     letter, component = TYPES[card.type]
     table, aliases = _TABLES[letter], _ALIASES.get(letter, {})
     values: dict[str, Value] = {name: row.default for name, row in table.items()}
@@ -162,16 +162,16 @@ def read_model(card: ModelCard, own: Callable[[str, str, str], Value]) -> Device
         seen.add(name)
         if name in _NO_EFFECT:
             if own("", word, "") != 27.0 and name == "tnom":
-                raise card.at.error("tnom must be 27: nothing is scaled with temperature here")
+                raise card.at.error("tnom must be 27: models are not scaled with temperature")
         elif name not in table:
             raise card.at.error(
-                f"'{brief(written)}' of model '{brief(card.name)}' is not modelled here"
+                f"'{brief(written)}' of model '{brief(card.name)}' is not supported"
                 f"{nearest(name, table)}"
             )
         else:
             values[name] = own(name, word, table[name].unit)
     if values.get("level", 1.0) != 1.0:
-        raise card.at.error("field-effect transistors of level 1 only are modelled here")
+        raise card.at.error("only field-effect transistors of level 1 are supported")
     return DeviceModel(letter, component, values)
 
 

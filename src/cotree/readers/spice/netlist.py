@@ -83,11 +83,11 @@ def _words(line: str, at: SourceLine) -> tuple[str, ...]:
             break
         match = _WORD.match(line, i)
         if match is None:
-            raise at.error(f"{line[i]!r} opens or closes an expression on one side only")
+            raise at.error(f"{line[i]!r} is unbalanced: it opens or closes an expression")
         found.append(match.group())
         i = match.end()
     if not found:
-        raise at.error(f"nothing but signs: '{brief(line)}'")
+        raise at.error(f"there is no word in '{brief(line)}'")
     return tuple(found)
 
 
@@ -217,7 +217,7 @@ class _Parser:
         elif key in (".include", ".inc", ".lib"):
             # An untrusted netlist must not read other files.
             raise line.at.error(
-                f"{key} would read another file, which is not done: paste what it holds here"
+                f"{key} would read another file, which is not supported: paste its contents here"
             )
         elif key in _PASSED_OVER:
             self.netlist.passed_over.append(key)
@@ -225,8 +225,8 @@ class _Parser:
             raise line.at.error(f"unknown statement '{brief(key)}'{nearest(key, self.commands)}")
         elif key[0] not in _ELEMENTS:
             raise line.at.error(
-                f"{line.name} is no element that is known here: names begin with R, "
-                "L, C, K, V, I, E, F, G, H, B, S, W, D, Q, M or X"
+                f"{line.name} is not a supported element: names begin with R, L, C, "
+                " K, V, I, E, F, G, H, B, S, W, D, Q, M or X"
             )
         else:
             self.open[-1].elements.append(line)
@@ -257,7 +257,7 @@ class _Parser:
         if name.lower() in self.open[-1].circuits:
             raise line.at.error(f"there is a second .subckt '{brief(name)}'")
         if len({pin.lower() for pin in pins}) < len(pins):
-            raise line.at.error(f".subckt '{brief(name)}' has two pins of one name")
+            raise line.at.error(f".subckt '{brief(name)}' has two pins with the same name")
         defaults = settings(given, line.at)
         inner = Circuit(name, line.at, pins, defaults)
         self.open[-1].circuits[name.lower()] = inner

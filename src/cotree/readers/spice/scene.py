@@ -85,7 +85,7 @@ class Writer(Sheet[_Scene]):
         }
         for node, written, at in self.named:
             if node not in ends and node != "ground":
-                raise at.error(f"'{brief(written)}' is no node of the circuit")
+                raise at.error(f"'{brief(written)}' is not a node of the circuit")
         self._begin()
         changed = {**self.names.changed, **self.parameter_names.changed}
         notes = [*renaming_notes(changed), *top.remarks]
@@ -121,7 +121,7 @@ class Writer(Sheet[_Scene]):
             for i in row:
                 # Word 0 is the statement.
                 if i < 2 or i + 1 >= len(line.words):
-                    raise line.at.error("= stands between a name and a value")
+                    raise line.at.error("= must be between a name and a value")
                 given[line.words[i - 1].lower()] = line.words[i + 1]
         for name, word in given.items():
             if name == "gmin":
@@ -131,8 +131,8 @@ class Writer(Sheet[_Scene]):
             elif name in ("temp", "tnom"):
                 if scope.number(word, line.at) != _ROOM_TEMPERATURE:
                     raise line.at.error(
-                        f"{name} must be 27: nothing is scaled with temperature here; give models "
-                        "as they are at the temperature wanted"
+                        f"{name} must be 27: models are not scaled with temperature; give their "
+                        "parameters at the temperature of the circuit"
                     )
             else:
                 # Tolerances and methods of other simulators are ignored.
@@ -165,7 +165,7 @@ class Writer(Sheet[_Scene]):
         at = self.netlist.held[0].at if self.netlist.held else self.netlist.circuit.at
         for name in self.voltages:
             if name not in known:
-                raise at.error(f".ic names '{brief(name)}', which is no node")
+                raise at.error(f".ic names '{brief(name)}', which is not a node")
         # With ``uic`` the run begins at the initial values; else at the operating point, whose
         # search holds the voltages of ``.ic``.
         if self.uses_initial:

@@ -54,7 +54,7 @@ class Sheet(Generic[_Scene]):
 
         def known(name: str) -> Node:
             if name not in self.scene.parameters:
-                raise ExpressionError(f"'{name}' is no parameter")
+                raise ExpressionError(f"'{name}' is not a parameter")
             held = self.scene.parameters[name].value
             return dag.constant(held) if isinstance(held, float) else held.lower(dag, known)
 

@@ -59,8 +59,8 @@ def read_source(words: tuple[str, ...], scope: Scope, times: Times, at: SourceLi
             rest = rest[count:]
         elif is_given or (key.isalpha() and scope.find(key) is None):
             raise at.error(
-                f"'{brief(word)}' is no waveform that is known here: DC, SIN, PULSE, PWL, "
-                "EXP, SFFM and AM are"
+                f"'{brief(word)}' is not a supported waveform: use DC, SIN, PULSE, PWL, EXP, SFFM "
+                "or AM"
             )
         else:
             # A number, or the name of a parameter without braces.

@@ -90,7 +90,7 @@ def number_text(word: str) -> str:
     check_point(word)
     value = read_number(word)
     if value is None:
-        raise ExpressionError(f"holds '{brief(word)}', which is no finite number")
+        raise ExpressionError(f"holds '{brief(word)}', which is not a finite number")
     return repr(value)
 
 
@@ -215,7 +215,7 @@ class SpiceFormula(Rewriter):
     def text(self, formula: str) -> str:
         """Rewrite an expression of a netlist."""
         if not formula.strip():
-            raise ExpressionError("ends where a value should stand")
+            raise ExpressionError("ends where a value is expected")
         return super().text(python_text(formula, _TOKEN, self._spelt, _LONGEST))
 
     def _spelt(self, match: re.Match[str]) -> str:
@@ -247,7 +247,7 @@ class SpiceFormula(Rewriter):
         match = _SIGNAL.fullmatch(word)
         assert match is not None
         if self._signal is None:
-            raise ExpressionError(f"calls '{match[1]}', which is no function of parameters")
+            raise ExpressionError(f"calls '{match[1]}', which is not a function of parameters")
         if match[3] and match[1] in "iI":
             raise ExpressionError(f"takes a current of two names: '{brief(word)}'")
         return self._signal(match[1].lower(), match[2], match[3])
@@ -262,7 +262,7 @@ class SpiceFormula(Rewriter):
         if self._signal is not None:
             known |= {"time": "t", "temper": "27.0"}
         if name not in known:
-            raise ExpressionError(f"names '{brief(word)}', which is no parameter")
+            raise ExpressionError(f"names '{brief(word)}', which is not a parameter")
         return known[name]
 
     def own_call(self, name: str, args: Sequence[ast.expr]) -> ast.expr | None:

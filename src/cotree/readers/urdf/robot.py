@@ -45,9 +45,9 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
                 )
         if joint.child in onto:
             raise joint.at.error(
-                f"{what}: link '{brief(joint.child)}' hangs on joint "
-                f"'{brief(onto[joint.child].name)}' too; URDF has no closed loops: cut one and "
-                "close it in the scene"
+                f"{what}: link '{brief(joint.child)}' is the child of joint "
+                f"'{brief(onto[joint.child].name)}' too; URDF has no closed loops: cut the loop "
+                "and close it in the scene"
             )
         onto[joint.child] = joint
         below[joint.parent].append(joint)
@@ -55,10 +55,12 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     # a separate cycle.
     roots = [link for link in robot.links if link.name not in onto]
     if not roots:
-        raise robot.links[0].at.error("the joints go round in a circle")
+        raise robot.links[0].at.error("the joints form a cycle")
     if len(roots) > 1:
         first, second = (brief(link.name) for link in roots[:2])
-        raise roots[1].at.error(f"links '{first}' and '{second}' both hang on no joint: join them")
+        raise roots[1].at.error(
+            f"neither '{first}' nor '{second}' is the child of a joint: connect them"
+        )
     ordered: list[Joint] = []
     # Depth first, siblings in the order of the file.
     waiting = below[roots[0].name][::-1]
@@ -69,7 +71,7 @@ def order_joints(robot: Robot) -> tuple[RobotLink, tuple[Joint, ...]]:
     if len(ordered) < len(robot.joints):
         reached = {joint.name for joint in ordered}
         lost = next(joint for joint in robot.joints if joint.name not in reached)
-        raise lost.at.error(f"joint '{brief(lost.name)}' is part of a circle of joints")
+        raise lost.at.error(f"joint '{brief(lost.name)}' is part of a cycle of joints")
     return roots[0], tuple(ordered)
 
 
@@ -83,18 +85,18 @@ def check_mimics(joints: Iterable[Joint]) -> None:
         what = f"joint '{brief(joint.name)}'"
         if not has_one_coordinate(joint):
             raise joint.at.error(
-                f"{what} mimics, but has several coordinates: its type is {joint.type}"
+                f"{what} mimics a joint, but has several coordinates: its type is {joint.type}"
             )
         leader = by_name.get(joint.mimic.joint)
         if leader is None:
             raise joint.at.error(
-                f"{what} mimics '{brief(joint.mimic.joint)}', which is no joint"
+                f"{what} mimics '{brief(joint.mimic.joint)}', which is not a joint"
                 f"{nearest(joint.mimic.joint, by_name)}"
             )
         if not has_one_coordinate(leader):
             raise joint.at.error(
-                f"{what} mimics '{brief(leader.name)}', which has not one coordinate: its type is "
-                f"{leader.type}"
+                f"{what} mimics '{brief(leader.name)}', which has no or several coordinates: its "
+                f"type is {leader.type}"
             )
     # Follow each chain of mimics to its end, or to a joint that was checked before.
     settled: set[str] = set()
@@ -123,7 +125,7 @@ def _by_name(kind: str, things: Iterable[_Named]) -> dict[str, _Named]:
     for thing in things:
         if thing.name in found:
             raise thing.at.error(
-                f"{kind} '{brief(thing.name)}' is there twice, first on line "
+                f"{kind} '{brief(thing.name)}' is defined twice, first on line "
                 f"{found[thing.name].at.line}"
             )
         found[thing.name] = thing

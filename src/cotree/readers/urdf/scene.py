@@ -295,11 +295,11 @@ class _SceneWriter(Generic[_Scene]):
             counts = sorted(self.robot.ignored.items())
             yield "not read: " + _quoted(f"{n} <{brief(tag)}>" for tag, n in counts)
         if self.empty:
-            yield f"an inertia of zero, as if they had none, have links {_quoted(self.empty)}"
+            yield f"links without inertia, since theirs is zero: {_quoted(self.empty)}"
         if self.fixed_mimics:
-            yield f"fixed, so that they follow nothing: joints {_quoted(self.fixed_mimics)}"
+            yield f"mimics of fixed joints are ignored: {_quoted(self.fixed_mimics)}"
         if self.free_mimics:
-            yield f"free to move, as mimic is False: joints {_quoted(self.free_mimics)}"
+            yield f"mimics are ignored, since mimic is False: {_quoted(self.free_mimics)}"
         yield from renaming_notes(self.namer.changed)
 
 
