@@ -12,7 +12,7 @@ from cotree.ensemble.of_model import run_members
 from cotree.files import target_path
 from cotree.methods import METHODS
 from cotree.model.arrays import as_array
-from cotree.model.model import Moment
+from cotree.model.model import EvaluationPoint
 from cotree.model.start import find_start, scene_start
 from cotree.records import changed, filled
 from cotree.report import Report, Reported
@@ -20,8 +20,8 @@ from cotree.results import Result
 from cotree.scene.expressions import check_number, parse
 from cotree.scene.settings import Simulation, documented, settings_from
 from cotree.scene.variants import expressions_among, new_names, with_inputs
-from cotree.sharing import Kept, forming, locked_cached_property
-from cotree.solvers.prepare import Preparation, kept_for
+from cotree.sharing import RecentCache, forming, locked_cached_property
+from cotree.solvers.prepare import Preparation, cached_for
 from cotree.solvers.simulate import run_values
 from cotree.spec import BuildSpec, open_spec
 
@@ -85,8 +85,8 @@ class Model(Reported):
         self.states, self.parameters = kernels.states, kernels.parameters
         self.inputs, self.outputs = kernels.inputs, kernels.outputs
         self.sensitivities = kernels.sensitivities
-        self._kept: Kept[tuple[Model, Preparation]] = Kept(_MOST_KEPT)
-        self._variants: Kept[Model] = Kept(_MOST_VARIANTS)
+        self._kept: RecentCache[tuple[Model, Preparation]] = RecentCache(_MOST_KEPT)
+        self._variants: RecentCache[Model] = RecentCache(_MOST_VARIANTS)
 
     @property
     def spec(self) -> BuildSpec:
@@ -171,11 +171,13 @@ class Model(Reported):
             If the algebraic equations do not determine them.
         """
         # Guards look at the parameters as soon as a kernel is called.
-        return find_start(self._moment(t, p, u), initial or {})
+        return find_start(self._point_at(t, p, u), initial or {})
 
-    def _moment(self, t: Any, p: Any, u: Any) -> Moment:
+    def _point_at(self, t: Any, p: Any, u: Any) -> EvaluationPoint:
         u = None if u is None else as_array(u, (len(self.inputs),), "inputs")
-        return Moment(self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u)
+        return EvaluationPoint(
+            self.kernels, check_number(t, "t"), self.kernels.parameter_array(p), u
+        )
 
     def rhs(self, t: Any, y: Any, p: Any = None, u: Any = None) -> Array:
         """Evaluate the rates of the states.
@@ -306,7 +308,7 @@ class Model(Reported):
         }
         # Names in expressions of inputs are parameters if the call gives them values.
         names = tuple(parameters) if inputs and isinstance(parameters, Mapping) else ()
-        model, preparation = kept_for(
+        model, preparation = cached_for(
             self._kept,
             {**given, "gains": names} if inputs else given,
             lambda: self._prepared({**given, "parameters": parameters, "initial": initial}),
@@ -387,7 +389,7 @@ class Model(Reported):
 
         return linearize(
             self._linearizer,
-            self._moment(t, p, u),
+            self._point_at(t, p, u),
             y,
             reduced=reduced,
             sensitivities=sensitivities,
@@ -459,7 +461,7 @@ class Model(Reported):
         """
         from cotree.model.trim import find_trim
 
-        at = self._moment(t, p, u)
+        at = self._point_at(t, p, u)
         return find_trim(self._linearizer, at, solve, fixed, rates, outputs, guess)
 
     @locked_cached_property

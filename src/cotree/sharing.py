@@ -1,8 +1,7 @@
-"""Objects that threads share: one thread makes each at its first use while the others wait.
+"""Caches that threads share: one thread computes a value at its first use, while others wait.
 
-Objects that a call changes belong to the call or to its thread. Objects that persist are made once:
-compiled libraries, and derivatives that are rarely needed. Forming derivatives creates nodes, which
-an arena numbers in order, so that only one thread at a time may do it.
+They hold compiled libraries, preparations of runs, and derivatives that are rarely needed. Only one
+thread at a time may form derivatives, since these are nodes that an arena numbers in order.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ def locked_cache(make: Callable[_P, _T]) -> Callable[_P, _T]:
     return call
 
 
-class Kept(Generic[_T]):
-    """Values of the keys asked for last, as ``functools.lru_cache`` keeps them.
+class RecentCache(Generic[_T]):
+    """A cache of the most recently used values; it is thread-safe.
 
-    Threads that ask at the same time may each make one, and one of them is kept.
+    Simultaneous calls with a new key may compute its value several times, and one is stored.
     """
 
     def __init__(self, most: int) -> None:
@@ -47,7 +46,7 @@ class Kept(Generic[_T]):
         self._found: OrderedDict[Hashable, _T] = OrderedDict()
 
     def of(self, key: Hashable, make: Callable[[], _T]) -> _T:
-        """Return the value of a key, or make it."""
+        """Return the value of a key, computed at its first use."""
         with self._lock:
             if key in self._found:
                 self._found.move_to_end(key)

@@ -12,7 +12,7 @@ import pytest
 
 import cotree
 from cotree.errors import ParameterError
-from cotree.sharing import Kept
+from cotree.sharing import RecentCache
 from cotree.solvers import budgets
 from cotree.solvers.budgets import Thinning
 
@@ -118,7 +118,9 @@ def test_steps_beyond_the_memory_are_thinned(decay, method, monkeypatch):
     whole = decay.simulate((0, 60), method=method, rtol=1e-9, atol=1e-11)
     # Rows of t, 2 states, 2 sensitivities, and no outputs: room for 100 of them.
     monkeypatch.setattr(budgets, "MOST_STORED", 100 * 8 * 5)
-    monkeypatch.setattr(decay, "_kept", Kept(8))  # jobs that wait to begin again have more room
+    monkeypatch.setattr(
+        decay, "_kept", RecentCache(8)
+    )  # jobs that wait to begin again have more room
     thinned = decay.simulate((0, 60), method=method, rtol=1e-9, atol=1e-11)
     assert thinned.success
     assert len(whole.t) > 101 >= len(thinned.t) > 33

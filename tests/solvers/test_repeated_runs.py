@@ -14,7 +14,7 @@ from cotree import Experiment, ParameterError, Scene, SolveError, fit, load, opt
 from cotree.ensemble.batch import run_block
 from cotree.ensemble.plan import Plan
 from cotree.scene.settings import Settings
-from cotree.sharing import Kept
+from cotree.sharing import RecentCache
 from cotree.solvers import select
 from cotree.solvers.job import Job
 from cotree.solvers.prepare import Preparation, key_of
@@ -46,7 +46,7 @@ def bits(result):
 
 def anew(model, *args, **settings):
     """Run with nothing that an earlier run has left."""
-    model._kept = Kept(8)
+    model._kept = RecentCache(8)
     return bits(model.simulate(*args, **settings))
 
 
@@ -60,7 +60,7 @@ def test_runs_that_others_preceded_have_the_same_bits(name, sensitivities, end, 
     alone = anew(model, **run), anew(model, **run, parameters=moved)
     assert alone[0] != alone[1]
     # The jobs of these begin again, with other values each time, and after runs of other lengths.
-    model._kept = Kept(8)
+    model._kept = RecentCache(8)
     for parameters, wanted in ((None, 0), (moved, 1), (None, 0), (None, 0), (moved, 1)):
         assert bits(model.simulate(**run, parameters=parameters)) == alone[wanted]
         model.simulate((0.0, end), method=method)
@@ -70,7 +70,7 @@ def test_threads_share_what_was_prepared(slider):
     run = {"t_span": (0.0, 2.0), "t_eval": [1.0, 2.0], "method": "auto"}
     lengths = np.linspace(0.9, 1.1, 12).tolist()
     alone = [anew(slider, **run, parameters={"L": length}) for length in lengths]
-    slider._kept = Kept(8)
+    slider._kept = RecentCache(8)
     with ThreadPoolExecutor(4) as threads:
         runs = list(threads.map(lambda L: slider.simulate(**run, parameters={"L": L}), lengths * 4))
     assert [bits(found) for found in runs] == alone * 4
@@ -95,7 +95,7 @@ def made(monkeypatch):
 
 
 def test_nothing_is_made_twice(slider, made):
-    slider._kept = Kept(8)
+    slider._kept = RecentCache(8)
     run = {"t_span": (0.0, 2.0), "t_eval": np.linspace(0.0, 2.0, 5)}
     for _ in range(3):
         slider.simulate(**run)
@@ -348,7 +348,7 @@ OF_PYTHON = {
 
 def test_numbers_of_numpy_are_those_of_python_and_find_the_same_preparation(slider, monkeypatch):
     of_run = {"sensitivities": np.True_, "throw": np.False_}
-    slider._kept = Kept(8)
+    slider._kept = RecentCache(8)
     first = bits(slider.simulate(**OF_PYTHON))
     # Nothing is prepared again.
     monkeypatch.setattr(Preparation, "__init__", None)
@@ -397,7 +397,7 @@ def test_runs_of_states_alone_are_those_of_a_model_without_sensitivities():
 
 
 def test_the_oldest_thing_that_nobody_asked_for_makes_room():
-    kept, made = Kept(3), []
+    kept, made = RecentCache(3), []
 
     def ask(key):
         return kept.of(key, lambda: made.append(key) or key)

@@ -200,7 +200,7 @@ class EventRow:
 
     name: str
     direction: int  # -1 for downwards, 1 for upwards, 0 for both
-    is_stop: bool  # whether the event is terminal
+    is_terminal: bool  # whether the event ends the run
     # States that the event sets, and places of its function and of the new values.
     #: The states that it sets: by expressions, then all speeds that its impact changes.
     targets: tuple[int, ...]

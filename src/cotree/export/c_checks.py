@@ -23,7 +23,7 @@ from cotree.dag.nodes import substitute
 from cotree.errors import CodegenError, SceneError, brief
 from cotree.model.consistent import Start
 from cotree.model.loading import load_model
-from cotree.model.model import Moment
+from cotree.model.model import EvaluationPoint
 from cotree.model.start import scene_start
 from cotree.model.unknowns import content_sizes
 from cotree.naming import c_identifier
@@ -99,7 +99,7 @@ class Evaluated:
         # Only what storages hold together has another size than one.
         if not self.program.layout.followers or not self.is_possible:
             return []
-        at = Moment(self.model, 0.0, self.model.default_parameters)
+        at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
         sizes = content_sizes(at, start.y)
         return [] if sizes is None else sizes.tolist()
 

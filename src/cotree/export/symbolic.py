@@ -7,6 +7,7 @@ Constraints follow, differentiated until accelerations appear in them.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -169,7 +170,7 @@ class SymbolicEvent:
         New values of states and modes by name, as expressions in the values before.
     restitution : sympy.Expr or None
         Of an impact.
-    is_stop : bool
+    is_terminal : bool
         Whether a run ends there.
     is_chosen : bool
         Whether the modes of dry friction and rigid stops are chosen there, all together, in place
@@ -180,8 +181,14 @@ class SymbolicEvent:
     direction: int
     set: Mapping[str, Any]
     restitution: Any
-    is_stop: bool
+    is_terminal: bool
     is_chosen: bool = False
+
+    @property
+    def is_stop(self) -> bool:
+        """Deprecated name of ``is_terminal``."""
+        warnings.warn("is_stop is called is_terminal", DeprecationWarning, stacklevel=2)
+        return self.is_terminal
 
     def line(self, name: str, spell: Callable[[Any], str], symbols: Mapping[Any, Any]) -> str:
         """Write the event as plain text.
@@ -202,7 +209,7 @@ class SymbolicEvent:
             actions = [f"{symbols[state]} {why}" for state in self.set]
         if self.restitution is not None:
             actions.append(f"an impact with restitution {spell(self.restitution)}")
-        if self.is_stop:
+        if self.is_terminal:
             actions.append("the run ends")
         then = ", ".join(actions) or "it is noted"
         return f"{name}: where {spell(self.when)} {_WAYS[self.direction]} 0, {then}"
@@ -226,7 +233,7 @@ def symbolic_events(
             row.direction,
             new,
             restitution,
-            row.is_stop,
+            row.is_terminal,
             row.part > 0,
         )
     return found

@@ -46,7 +46,7 @@ def bind_events(
             EventRow(
                 event.name,
                 event.direction,
-                event.is_stop,
+                event.is_terminal,
                 targets,
                 i,
                 new_values,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cotree.model.arrays import Array
-    from cotree.model.model import Moment
+    from cotree.model.model import EvaluationPoint
     from cotree.model.start_in_c import StartCall
 
 #: Given values that change by more than this are named; residuals below the second number are met.
@@ -73,7 +73,7 @@ class Report:
 
     Parameters
     ----------
-    at : Moment
+    at : EvaluationPoint
         The model at the start.
     places : ndarray of int
         The states whose values a run gives, in its order.
@@ -81,7 +81,7 @@ class Report:
         The call, which is told to report here.
     """
 
-    def __init__(self, at: Moment, places: npt.NDArray[np.intc], call: StartCall) -> None:
+    def __init__(self, at: EvaluationPoint, places: npt.NDArray[np.intc], call: StartCall) -> None:
         layout = at.model.layout
         self._model, self._call = at.model, call
         rows = start_tables(layout).rows

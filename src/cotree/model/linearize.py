@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from cotree.model.arrays import Array
-    from cotree.model.model import Moment
+    from cotree.model.model import EvaluationPoint
 
 
 _CHANGES = {STATE: STATE_CHANGE, INPUT: INPUT_CHANGE, PARAMETER: TUNED_CHANGE}
@@ -232,7 +232,7 @@ class Linearizer:
             turns=self._turns,
         )
 
-    def by_parameters(self, at: Moment, y: Array, direction: Direction) -> Array:
+    def by_parameters(self, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
         """Differentiate along a direction of states, inputs and parameters.
 
         The result has the derivatives of rates and residuals, outputs, constraints, and their
@@ -241,13 +241,13 @@ class Linearizer:
         values = self._values(at.t, y, at.p, at.inputs, self._first.symbols)
         return self._first.along(values, direction)
 
-    def inputs_by_parameters(self, at: Moment, dp: Array) -> Array:
+    def inputs_by_parameters(self, at: EvaluationPoint, dp: Array) -> Array:
         """Differentiate the scene's inputs along a change of parameters, shape (n_inputs,)."""
         none, y = np.zeros(len(self._equations.inputs)), np.zeros(len(self._equations.states))
         values = self._values(at.t, y, at.p, none, self._inputs.symbols)
         return self._inputs.along(values, Direction(y, none, dp))
 
-    def _changed(self, at: Moment, y: Array, direction: Direction) -> Slopes:
+    def _changed(self, at: EvaluationPoint, y: Array, direction: Direction) -> Slopes:
         """Differentiate the linearisation along a direction, including algebraic unknowns."""
         n, whole = self._n_differential, self.whole(at.t, y, at.p, at.inputs)[1]
         if self._equations.n_algebraic:
@@ -303,7 +303,7 @@ class Linearizer:
 
     def about(
         self,
-        at: Moment,
+        at: EvaluationPoint,
         y: Array,
         *,
         reduced: bool,
@@ -337,7 +337,12 @@ class Linearizer:
         )
 
     def _slopes_along(
-        self, at: Moment, y: Array, direction: Direction, point: Slopes, found: Reduced | None
+        self,
+        at: EvaluationPoint,
+        y: Array,
+        direction: Direction,
+        point: Slopes,
+        found: Reduced | None,
     ) -> LinearSlopes:
         """Differentiate the matrices along a direction: those of ``found`` if it is given."""
         change = self._changed(at, y, direction)
@@ -345,7 +350,7 @@ class Linearizer:
             return LinearSlopes(change.A, change.B, change.C, change.D)
         return LinearSlopes(*reduce_along(point, change, found, self.states), change.D)
 
-    def _stays(self, at: Moment, y: Array, point: Slopes, here: Reduced) -> bool:
+    def _stays(self, at: EvaluationPoint, y: Array, point: Slopes, here: Reduced) -> bool:
         """Return whether the linear system is constant along the motion and in time."""
         fastest = float(np.max(np.abs(point.rates), initial=0.0))
         # At rest and autonomous: an equilibrium.
@@ -364,7 +369,7 @@ class Linearizer:
         moved = reduce(there, self.states, here.names)
         return is_still(moved, there) and is_same(here, moved)
 
-    def _moved(self, point: Slopes, at: Moment, y: Array, step: float) -> Array:
+    def _moved(self, point: Slopes, at: EvaluationPoint, y: Array, step: float) -> Array:
         """Follow the motion for one step of the classical Runge-Kutta method."""
         kept, u = self._kept, at.inputs
         slopes = [point.rates]
@@ -427,7 +432,7 @@ def _columns(
 
 def linearize(
     linearizer: Linearizer,
-    at: Moment,
+    at: EvaluationPoint,
     y: Any = None,
     *,
     reduced: bool = False,
@@ -454,7 +459,7 @@ def linearize(
     return linearizer.about(at, y, reduced=reduced, directions=directions)
 
 
-def _starts_along(at: Moment, names: Sequence[str]) -> dict[str, Array]:
+def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]:
     """Return the sensitivities of the initial states by name."""
     known = at.model.sensitivities
     for name in names:
@@ -467,7 +472,9 @@ def _starts_along(at: Moment, names: Sequence[str]) -> dict[str, Array]:
     return {name: s[:, known.index(name)] for name in names}
 
 
-def _direction(linearizer: Linearizer, at: Moment, name: str, dy: Array | None) -> Direction:
+def _direction(
+    linearizer: Linearizer, at: EvaluationPoint, name: str, dy: Array | None
+) -> Direction:
     """Return the direction of a parameter, an input or a state."""
     model = at.model
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))

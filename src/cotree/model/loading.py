@@ -20,7 +20,7 @@ import numpy as np
 from cotree.build import BuildOptions, find_toolchain, obtain_library
 from cotree.errors import BuildError, Error
 from cotree.model.kernels import CKernels, MissingKernels
-from cotree.model.model import CompiledModel, Moment
+from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.start import find_start
 from cotree.quiet import level_of_user
 from cotree.sharing import locked_cached_property
@@ -139,7 +139,7 @@ class OperatingPoint:
             signals = dict(zip(model.inputs, u, strict=True))
             inputs = np.array([signals[name] for name in rest.inputs])
         try:
-            start = find_start(Moment(rest, t, own, inputs), {})
+            start = find_start(EvaluationPoint(rest, t, own, inputs), {})
         except Error as error:
             raise type(error)(f"the operating point: {error}") from None
         # Outputs of the scene at rest are the states of the model, in their order.

@@ -26,7 +26,7 @@ from cotree.model.structure import Structure
 from cotree.program.kernels import KERNELS
 from cotree.records import changed
 from cotree.scene.expressions import check_number
-from cotree.sharing import Kept, locked_cached_property
+from cotree.sharing import RecentCache, locked_cached_property
 from cotree.version import VERSION
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class CompiledModel:
         Parameters and states with respect to which sensitivities are taken.
     structure : Structure
         Patterns of its derivatives.
-    kept : Kept
+    kept : RecentCache
         What runs with the same settings share, by these; see :mod:`cotree.solvers.prepare`.
     """
 
@@ -155,7 +155,7 @@ class CompiledModel:
         self._kernels = kernels
         self._own = _Own()
         self._whole: dict[str, Call] = {}
-        self.kept: Kept[Any] = Kept(_MOST_KEPT)
+        self.kept: RecentCache[Any] = RecentCache(_MOST_KEPT)
         layout = self.layout = text.layout
         self._defaults = np.array(layout.parameter_values, dtype=float)
         self.structure = Structure(layout)
@@ -567,7 +567,7 @@ class StatesOnly(CompiledModel):
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class EvaluationPoint:
     """A model at one time, with its parameters and inputs."""
 
     model: CompiledModel

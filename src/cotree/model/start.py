@@ -23,7 +23,7 @@ import numpy as np
 from cotree.errors import ParameterError, SingularSystemError, SolveError, listed, nearest
 from cotree.model.consistent import Start
 from cotree.model.kernels import NO_COMPILER
-from cotree.model.model import CompiledModel, Moment
+from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.unknowns import check_followers
 from cotree.scene.expressions import check_number
 
@@ -46,7 +46,7 @@ _SMALLEST = 1e-3
 
 
 def check_redundant(
-    at: Moment,
+    at: EvaluationPoint,
     start: Start,
     replaced: Container[str],
 ) -> None:
@@ -54,7 +54,7 @@ def check_redundant(
 
     Parameters
     ----------
-    at : Moment
+    at : EvaluationPoint
         The model at the start.
     start : Start
         The start that follows from the initial values of states.
@@ -93,7 +93,9 @@ def check_redundant(
         _check_sensitivities(at, start, held)
 
 
-def _check_sensitivities(at: Moment, start: Start, held: Sequence[tuple[int, list[int]]]) -> None:
+def _check_sensitivities(
+    at: EvaluationPoint, start: Start, held: Sequence[tuple[int, list[int]]]
+) -> None:
     """Refuse redundant values whose derivatives by a parameter contradict those of states."""
     model, s = at.model, start.s.T
     rows, m = model.layout.redundant, len(model.sensitivities)
@@ -142,12 +144,12 @@ def _origin(states: Sequence[str], t: float) -> str:
     return ", ".join(f"'{name}'" for name in states)
 
 
-def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
+def find_start(at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
     """Find initial states and sensitivities; see :meth:`cotree.Model.start`.
 
     Parameters
     ----------
-    at : Moment
+    at : EvaluationPoint
         The model at the start.
     initial : mapping of str to float
         Initial values of states in place of the scene's, and of their sensitivities.
@@ -177,7 +179,7 @@ def find_start(at: Moment, initial: Mapping[str, float]) -> Start:
 
 def scene_start(model: CompiledModel) -> Start:
     """Find the start at the scene's parameter values, at t = 0."""
-    return find_start(Moment(model, 0.0, model.default_parameters), {})
+    return find_start(EvaluationPoint(model, 0.0, model.default_parameters), {})
 
 
 def check_start(model: CompiledModel) -> None:
@@ -252,7 +254,7 @@ def _check_initial(model: CompiledModel, initial: Mapping[str, float]) -> None:
 
 
 def _given_values(
-    at: Moment, initial: Mapping[str, float], slopes: Mapping[str, float]
+    at: EvaluationPoint, initial: Mapping[str, float], slopes: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """Return the initial states and sensitivities as given.
 

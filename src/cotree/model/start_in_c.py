@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
-    from cotree.model.model import CompiledModel, Moment
+    from cotree.model.model import CompiledModel, EvaluationPoint
     from cotree.program.layout import Layout
 
 #: Of more algebraic unknowns than these, sparse factorisations cost less.
@@ -89,12 +89,14 @@ class StartInC:
         kind = "int (*)(cotree_start_call *)"
         return library.ffi.cast(kind, library.ffi.addressof(library.lib, "cotree_start_once"))
 
-    def find(self, at: Moment, initial: Mapping[str, float], given: Array | None = None) -> Start:
+    def find(
+        self, at: EvaluationPoint, initial: Mapping[str, float], given: Array | None = None
+    ) -> Start:
         """Find the start of a run, whose redundant values may contradict each other.
 
         Parameters
         ----------
-        at : Moment
+        at : EvaluationPoint
             The model at the start.
         initial : mapping of str to float
             Initial values of states in place of the scene's, finite numbers.
@@ -112,12 +114,12 @@ class StartInC:
         """
         return StartCall(self, at, initial, given).find()
 
-    def gradients(self, at: Moment, y: Array) -> tuple[Array, float]:
+    def gradients(self, at: EvaluationPoint, y: Array) -> tuple[Array, float]:
         """Return the gradients of the constraints by the speeds, the longest of each edge as one.
 
         Parameters
         ----------
-        at : Moment
+        at : EvaluationPoint
             The model at a point.
         y : ndarray, shape (n_states,)
             Its states.
@@ -148,7 +150,7 @@ class UnknownsOfStart:
         The ``cotree_helper``, which searches where C's iteration fails.
     """
 
-    def __init__(self, ffi: Any, at: Moment) -> None:
+    def __init__(self, ffi: Any, at: EvaluationPoint) -> None:
         self._ffi, self._n = ffi, len(at.model.states)
         self.algebraic, self.errors = of_model(at), list[BaseException]()
         self._kept: list[Any] = []
@@ -209,7 +211,7 @@ class StartCall:
     def __init__(
         self,
         starts: StartInC,
-        at: Moment,
+        at: EvaluationPoint,
         initial: Mapping[str, float],
         given: Array | None,
     ) -> None:

@@ -19,7 +19,7 @@ from cotree.arguments import check_mapping, check_names
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.linear import Linear
 from cotree.model.linearize import Direction, Linearizer
-from cotree.model.model import CompiledModel, Moment
+from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
 from cotree.model.unknowns import check_friction, guess_friction, settle_friction, settle_jumps
@@ -52,7 +52,7 @@ class TrimPoint(Reported):
     ----------
     model : cotree.Model
         The model.
-    at : Moment
+    at : EvaluationPoint
         Time, parameters and inputs.
     y : ndarray, shape (n_states,)
         States.
@@ -66,7 +66,7 @@ class TrimPoint(Reported):
     """
 
     model: CompiledModel
-    at: Moment
+    at: EvaluationPoint
     y: Array
     unknowns: tuple[str, ...]
     undetermined: tuple[tuple[str, ...], ...]
@@ -241,7 +241,7 @@ class _Search:
     """The unknowns and the equations of one search."""
 
     linearizer: Linearizer
-    at: Moment  # the model, with parameters and inputs before the search
+    at: EvaluationPoint  # the model, with parameters and inputs before the search
     y: Array  # states before the search
     unknowns: tuple[tuple[str, int], ...]  # kind (``y``, ``u`` or ``p``) and index of each unknown
     rows: tuple[int, ...]  # indices of the equations among rates, outputs and constraints
@@ -261,19 +261,19 @@ class _Search:
         known = {"y": self.y, "u": self.at.inputs, "p": self.at.p}
         return np.array([known[kind][i] for kind, i in self.unknowns])
 
-    def point(self, z: Array) -> tuple[Moment, Array]:
+    def point(self, z: Array) -> tuple[EvaluationPoint, Array]:
         """Insert the unknowns into time, parameters, inputs and states."""
         at, y, p = self.at, self.y.copy(), self.at.p.copy()
         for (kind, i), value in zip(self.unknowns, z, strict=True):
             if kind != "u":
                 (y if kind == "y" else p)[i] = value
-        moment = Moment(at.model, at.t, p, at.u)
+        moment = EvaluationPoint(at.model, at.t, p, at.u)
         if any(kind == "u" for kind, _ in self.unknowns):
             u = moment.inputs.copy()  # the scene's inputs may depend on unknown parameters
             for (kind, i), value in zip(self.unknowns, z, strict=True):
                 if kind == "u":
                     u[i] = value
-            moment = Moment(at.model, at.t, p, u)
+            moment = EvaluationPoint(at.model, at.t, p, u)
         return moment, y
 
     def value(self, z: Array) -> Array:
@@ -303,7 +303,7 @@ class _Search:
         return np.array(columns).reshape(len(z), len(self.names)).T[list(self.rows)]
 
 
-def all_values(at: Moment, y: Array) -> Array:
+def all_values(at: EvaluationPoint, y: Array) -> Array:
     """Evaluate rates, outputs, and residuals of constraints including norms of quaternions."""
     parts = [at.call("rhs", y)]
     if at.model.outputs:
@@ -313,7 +313,7 @@ def all_values(at: Moment, y: Array) -> Array:
     return np.concatenate(parts)
 
 
-def all_slopes(linearizer: Linearizer, at: Moment, y: Array) -> tuple[Array, Array]:
+def all_slopes(linearizer: Linearizer, at: EvaluationPoint, y: Array) -> tuple[Array, Array]:
     """Differentiate :func:`all_values` by states and by inputs."""
     n, layout = len(y), at.model.layout
     _, whole, held = linearizer.whole(at.t, y, at.p, at.inputs)
@@ -325,7 +325,7 @@ def all_slopes(linearizer: Linearizer, at: Moment, y: Array) -> tuple[Array, Arr
     return np.vstack([whole[:, :n], held, norms]), np.vstack([whole[:, n:], rest])
 
 
-def by_parameter(linearizer: Linearizer, at: Moment, y: Array, place: int) -> Array:
+def by_parameter(linearizer: Linearizer, at: EvaluationPoint, y: Array, place: int) -> Array:
     """Differentiate :func:`all_values` by one parameter, also through the scene's inputs."""
     p = np.zeros(len(at.p))
     p[place] = 1.0
@@ -391,7 +391,7 @@ def pseudo_inverse(slope: Array) -> tuple[Array, Array]:
 
 def find_trim(
     linearizer: Linearizer,
-    at: Moment,
+    at: EvaluationPoint,
     solve: Sequence[str] | str = (),
     fixed: Any = None,
     rates: Any = None,
@@ -442,7 +442,7 @@ def _is_met(search: _Search, z: Array) -> bool:
 
 
 def _posed(
-    model: CompiledModel, linearizer: Linearizer, at: Moment, conditions: Conditions
+    model: CompiledModel, linearizer: Linearizer, at: EvaluationPoint, conditions: Conditions
 ) -> _Search:
     """Check the conditions and set up the search."""
     states, inputs, parameters = (list(x) for x in (model.states, model.inputs, model.parameters))
@@ -455,10 +455,10 @@ def _posed(
     for name in values.keys() & parameters:
         p[parameters.index(name)] = values[name]
     if values.keys() & inputs:
-        u = Moment(model, at.t, p, u).inputs.copy()
+        u = EvaluationPoint(model, at.t, p, u).inputs.copy()
         for name in values.keys() & inputs:
             u[inputs.index(name)] = values[name]
-    at = Moment(model, at.t, p, u)
+    at = EvaluationPoint(model, at.t, p, u)
     y = _first_guess(at)
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
@@ -496,7 +496,7 @@ def _posed(
     return _Search(linearizer, at, y, tuple(unknowns), tuple(rows), np.array(targets), names)
 
 
-def _first_guess(at: Moment) -> Array:
+def _first_guess(at: EvaluationPoint) -> Array:
     """Return the consistent start of the model, else the initial values as given."""
     try:
         return find_start(at, {}).y.copy()
@@ -504,7 +504,9 @@ def _first_guess(at: Moment) -> Array:
         return at.model.initial_values(at.t, at.p, at.u)[0].copy()
 
 
-def _known_rates(linearizer: Linearizer, at: Moment, y: Array, fixed: set[int]) -> set[int]:
+def _known_rates(
+    linearizer: Linearizer, at: EvaluationPoint, y: Array, fixed: set[int]
+) -> set[int]:
     """Return the coordinates whose rates are determined by prescribed speeds."""
     layout = at.model.layout
     if not any(layout.n_coordinates <= i < layout.n_coordinates + layout.n_speeds for i in fixed):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from cotree.model.algebraic import Algebraic
     from cotree.model.arrays import Array
-    from cotree.model.model import CompiledModel, Moment
+    from cotree.model.model import CompiledModel, EvaluationPoint
 
 
 #: Both may be given where they agree to this share.
@@ -60,7 +60,7 @@ def check_followers(model: CompiledModel, initial: Mapping[str, float], y: Array
                 )
 
 
-def content_sizes(at: Moment, y: Array) -> Array | None:
+def content_sizes(at: EvaluationPoint, y: Array) -> Array | None:
     """Return the factors of the absolute tolerances of states, shape (n_states,); None for one.
 
     For the content of a storage, the factor is the change of the content per unit of the variable
@@ -83,12 +83,12 @@ def content_sizes(at: Moment, y: Array) -> Array | None:
 _MOST_CHANGES = 50
 
 
-def settle_jumps(at: Moment, y: Array) -> Array:
+def settle_jumps(at: EvaluationPoint, y: Array) -> Array:
     """Set the modes that stand for jumps inside expressions to what these are at a point.
 
     Parameters
     ----------
-    at : Moment
+    at : EvaluationPoint
         The model at the point.
     y : ndarray, shape (n_states,)
         States that satisfy all equations with the modes that they hold.
@@ -123,7 +123,7 @@ def settle_jumps(at: Moment, y: Array) -> Array:
     raise turned_back(at)
 
 
-def turned_back(at: Moment) -> SolveError:
+def turned_back(at: EvaluationPoint) -> SolveError:
     """Return the error of modes of jumps that contradict the states that they lead to."""
     model = at.model
     rows = [row for row in model.layout.events if row.is_jump]
@@ -134,7 +134,7 @@ def turned_back(at: Moment) -> SolveError:
     )
 
 
-def solve_states(at: Moment, y: Array) -> Array:
+def solve_states(at: EvaluationPoint, y: Array) -> Array:
     """Solve for the algebraic unknowns of a point; the others of its states stay."""
     if at.model.layout.n_algebraic:
         y = y.copy()
@@ -142,7 +142,7 @@ def solve_states(at: Moment, y: Array) -> Array:
     return y
 
 
-def of_model(at: Moment) -> Algebraic:
+def of_model(at: EvaluationPoint) -> Algebraic:
     """Return the algebraic unknowns of a model, at fixed parameters and inputs but any time."""
     # Most models have none.
     from cotree.model.algebraic import Algebraic
@@ -176,12 +176,12 @@ _STUCK, _FREE = 0.0, 2.0
 _MODES = (_STUCK, 1.0, -1.0, _FREE)
 
 
-def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
+def settle_friction(at: EvaluationPoint, y: Array, fixed: Collection[str] = ()) -> Array:
     """Set the modes of edges that move relative to their mode to those of their speed.
 
     Parameters
     ----------
-    at : Moment
+    at : EvaluationPoint
         The model, with time, parameters and inputs.
     y : ndarray, shape (n_states,)
         States that satisfy the equations with the modes that they hold.
@@ -207,7 +207,7 @@ def settle_friction(at: Moment, y: Array, fixed: Collection[str] = ()) -> Array:
     return settled
 
 
-def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
+def guess_friction(at: EvaluationPoint, y: Array, given: Collection[str]) -> Array:
     """Add the modes of dry friction to a guess, and on joints the forces that these need.
 
     What sticks is an equilibrium where its force holds it: a search would move it otherwise.
@@ -228,7 +228,7 @@ def guess_friction(at: Moment, y: Array, given: Collection[str]) -> Array:
         return y
 
 
-def check_friction(at: Moment, y: Array) -> None:
+def check_friction(at: EvaluationPoint, y: Array) -> None:
     """Refuse a point at which a mode of dry friction is not one of its equations' own.
 
     Raises
@@ -278,7 +278,7 @@ def _still(y: Array) -> float:
     return _CLOSE * max(1.0, float(np.max(np.abs(y), initial=0.0)))
 
 
-def _values(at: Moment, y: Array, part: ModePart) -> dict[int, float]:
+def _values(at: EvaluationPoint, y: Array, part: ModePart) -> dict[int, float]:
     """Evaluate what one part of each edge's events looks at, by the place of its mode."""
     rows = at.model.layout.events
     if not any(row.part == part for row in rows):
@@ -291,7 +291,7 @@ def _values(at: Moment, y: Array, part: ModePart) -> dict[int, float]:
     }
 
 
-def _speeds(at: Moment, y: Array) -> dict[int, float]:
+def _speeds(at: EvaluationPoint, y: Array) -> dict[int, float]:
     """Evaluate the relative speed of each edge, by the place of its mode."""
     moving = y.copy()
     for row in at.model.layout.events:

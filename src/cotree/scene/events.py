@@ -74,7 +74,7 @@ class Event:
         -1 for downwards, 1 for upwards, 0 for both.
     set : mapping of str to Expression
         New values of states and modes, as functions of the values before.
-    is_stop : bool
+    is_terminal : bool
         Whether the run ends there.
     restitution : Expression or None
         Of an impact: the rate of ``when`` after it over that before, with its sign changed.
@@ -88,7 +88,7 @@ class Event:
     when: Expression
     direction: int
     set: Mapping[str, Expression]
-    is_stop: bool = False
+    is_terminal: bool = False
     restitution: Expression | None = None
     is_jump: bool = False
     part: ModePart = ModePart.NONE

@@ -226,7 +226,7 @@ def _event(event: Event) -> dict[str, object]:
         table["direction"] = event.direction
     if event.set:
         table["set"] = {name: value.canonical for name, value in event.set.items()}
-    if event.is_stop:
+    if event.is_terminal:
         table["stop"] = True
     if event.restitution is not None:
         table["impact"] = {"restitution": event.restitution.canonical}

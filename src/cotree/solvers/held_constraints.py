@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cotree.model.model import Moment
+from cotree.model.model import EvaluationPoint
 from cotree.tolerances import RANK
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class HeldConstraints:
         """Return gradients, and the singular value below which a direction is nearly lost."""
         starts, n = self._model.start_in_c, len(self._model.states)
         assert starts is not None  # there is a compiler
-        return starts.gradients(Moment(self._model, t, self._p, self._u(t)), z[:n])
+        return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])
 
     @property
     def has_rows(self) -> bool:

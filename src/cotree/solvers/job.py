@@ -14,7 +14,7 @@ from cotree.codegen.statuses import EVENT_FAILURES, NUMBERS, SENTENCES, TURNED
 from cotree.errors import Error
 from cotree.model.kernels import SINGULAR, Newton
 from cotree.model.start_in_c import filled_tables
-from cotree.sharing import Kept
+from cotree.sharing import RecentCache
 from cotree.solvers.augmented import Tolerances, as_tested, is_integrated
 from cotree.solvers.budgets import Thinning, most_rows
 from cotree.solvers.callbacks import Callbacks, Rescue, SundialsAid
@@ -147,7 +147,7 @@ class Shared:
     def __init__(self, *, is_repeatable: bool) -> None:
         self._is_repeatable = is_repeatable
         self._idle: dict[Hashable, deque[Job]] = {}
-        self._findings: Kept[object] = Kept(_MOST_FINDINGS)
+        self._findings: RecentCache[object] = RecentCache(_MOST_FINDINGS)
 
     def acquire(self, kind: Hashable) -> Job | None:
         """Return an idle job of a kind; None if there is none."""

@@ -15,7 +15,7 @@ import numpy as np
 from cotree.arguments import check_mapping
 from cotree.errors import ParameterError, SolveError, check_known
 from cotree.model.kernels import NO_COMPILER
-from cotree.model.model import CompiledModel, Moment, states_only
+from cotree.model.model import CompiledModel, EvaluationPoint, states_only
 from cotree.model.signals import ReplacedInputs, Sampled, read_signals
 from cotree.model.start import find_start
 from cotree.model.unknowns import content_sizes
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from cotree.model.consistent import Start
-    from cotree.sharing import Kept
+    from cotree.sharing import RecentCache
     from cotree.solvers.result import FloatArray
 
     Bound = Callable[[float, FloatArray, FloatArray, FloatArray | None], FloatArray]
@@ -183,11 +183,11 @@ def prepared(model: CompiledModel, settings: Settings) -> Preparation:
     """Return the preparation for some settings: one of the last few, or a new one."""
     # Parameters and initial values belong to each run.
     given = {**vars(settings), "parameters": None, "initial": None}
-    kept: Kept[Preparation] = model.kept
-    return kept_for(kept, given, lambda: Preparation(model, settings))
+    kept: RecentCache[Preparation] = model.kept
+    return cached_for(kept, given, lambda: Preparation(model, settings))
 
 
-def kept_for(kept: Kept[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
+def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
     """Return what was made for equal settings, or make it."""
     key = key_of(given)
     return make() if key is None else kept.of(key, make)
@@ -330,13 +330,13 @@ class Preparation:
         u = _input_function(model, p, signals)
         model.take(p)
         corners = self._corners(p, signals)
-        at = Moment(model, t_span[0], p, u(t_span[0]))
+        at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
             # The first samples see a start at the scene's own inputs; then the start is theirs.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
-            at = Moment(model, t_span[0], p, u(t_span[0]))
+            at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
             start = find_start(at, initial)
         inputs = _native_inputs(model, signals) if samples else self._inputs
         z0, held = start.z, HeldConstraints(model, p, u) if self._is_held else None
@@ -361,7 +361,7 @@ class Preparation:
         u = _input_function(self.model, p, self._signals)
         return HeldConstraints(self.model, p, u) if self._is_held else None
 
-    def _found_start(self, at: Moment, initial: Mapping[str, float]) -> Start:
+    def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
         if initial or self.asks_python or not self.model.begins_alike:
             return find_start(at, initial)

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from cotree.dag.corners import Corners
 from cotree.errors import ModelError, SolveError
-from cotree.model.model import CompiledModel, Moment
+from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.unknowns import solve_states
 from cotree.records import changed
 from cotree.solvers.budgets import most_rows
@@ -334,8 +334,8 @@ class ModelEvents:
         self.rows: tuple[EventRow, ...] = model.layout.events
         self._model, self._p, self._u = model, p, u
 
-    def _at(self, t: float) -> Moment:
-        return Moment(self._model, t, self._p, self._u(t))
+    def _at(self, t: float) -> EvaluationPoint:
+        return EvaluationPoint(self._model, t, self._p, self._u(t))
 
     def _parts(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the states, and the sensitivities of each parameter in a column."""
