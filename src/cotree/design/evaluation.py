@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cotree.design.goals import Formula, Goals, Quantity, check_times
-from cotree.errors import Error, SolveError
+from cotree.errors import SolveError
 from cotree.methods import method_row
 from cotree.quiet import without_warnings
 
@@ -257,11 +257,3 @@ class Evaluation:
         at = int(np.flatnonzero(result.t == time)[-1])
         share = 1.0 / (run.t_span[1] - run.t_span[0]) if kind == "mean" else 1.0
         return share * float(value[at]), share * slopes[:, at]
-
-
-def trial(evaluation: Evaluation, values: Mapping[str, float]) -> Point | Error:
-    """Evaluate a point, and return the error instead of raising it if that fails."""
-    try:
-        return evaluation.at(values)
-    except Error as error:
-        return error

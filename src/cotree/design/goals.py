@@ -255,7 +255,7 @@ def scene_of(source: Any) -> SceneDescription:
 def variant_of(
     source: Any, scene: SceneDescription, quantities: Sequence[Quantity], over: Sequence[str]
 ) -> tuple[Model, dict[Quantity, str]]:
-    """Compile a scene with an output for each quantity; return what provides each quantity, too.
+    """Compile a scene with an output for each quantity; return the model and the names by quantity.
 
     The variant of a model keeps its tree and its compiler options. Sensitivities are to the design
     variables: parameters and, by the names of states, initial values.
@@ -281,7 +281,7 @@ def variant_of(
     try:
         return _compiled(source, changed, over), found
     except Error as error:
-        # Users know the expressions that they wrote, not the names of the outputs made from them.
+        # Messages name the user's expressions, not the outputs made from them.
         message = str(error)
         for (_, text), name in outputs.items():
             message = message.replace(f"output '{name}'", f"'{text}' in a goal")

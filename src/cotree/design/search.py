@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cotree.design.evaluation import Evaluation, Point, trial
 from cotree.errors import Error, ParameterError, check_known
 from cotree.estimation.estimated import Estimated, Scaled, estimated, spread_starts
 from cotree.scene.expressions import check_number
@@ -20,6 +19,7 @@ from cotree.scene.expressions import check_number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from cotree.design.evaluation import Evaluation, Point
     from cotree.model.arrays import Array
 
 
@@ -89,8 +89,11 @@ class Search:
         if self._last is not None and self._last[0] == key:
             return self._last[1]
         values = self.values(v)
-        found = trial(self.evaluation, values)
-        if isinstance(found, Error):
+        found: Point | Error
+        try:
+            found = self.evaluation.at(values)
+        except Error as error:
+            found = error
             self.history.append(Trial(values, np.nan, np.nan, str(found)))
         else:
             slope = self.space.slopes(v)
@@ -110,7 +113,7 @@ class Search:
         return found
 
     def violations(self, point: Point) -> Array:
-        """Return by how much each constraint is violated, zero if it holds exactly."""
+        """Return the violation of each constraint, zero if it holds exactly."""
         excess = np.where(self.equalities, np.abs(point.conditions), point.conditions)
         return np.maximum(excess, 0.0)
 

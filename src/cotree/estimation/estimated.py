@@ -1,4 +1,4 @@
-"""Estimated parameters: their bounds, and the scale on which an optimiser sees them."""
+"""Estimated parameters: bounds, scales and starting points."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Estimated:
     lower, upper : float
         Bounds of its value, in its unit; infinite if there is none.
     scale : str
-        One of ``SCALES``: an optimiser sees the value, or its logarithm.
+        One of ``SCALES``: the variable of an optimiser is the value, or its logarithm.
     start : float or None
         Initial guess, within the bounds; None leaves the choice to the estimation.
     unit : str

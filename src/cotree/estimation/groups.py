@@ -119,7 +119,7 @@ class SteadyStates:
                     f"the estimated parameter '{self._names[j]}' is '{model.sensitivities[m]}' in "
                     f"the run to the steady state of condition '{condition.name}', but not later"
                 )
-            # Sensitivities to what was a fixed number before begin at zero.
+            # Sensitivities to parameters that were fixed numbers before begin at zero.
             self._keeps.append(np.asarray(before.any(axis=1)))
             found.append(both)
         return found
@@ -133,9 +133,9 @@ class SteadyStates:
         state, or empty strings, are returned, too.
         """
         own = np.array([item.row(theta) for theta in values for item in self._maps])
-        its, said = self._columns, [""] * len(own)
+        its, earlier = self._columns, [""] * len(own)
         if self._first is not None:
-            its, own, said = self._first.begin(its, own, values, slopes=slopes)
+            its, own, earlier = self._first.begin(its, own, values, slopes=slopes)
         block = self._runs.run(its, own, len(self._distinct), slopes=slopes)
         n, m = len(self._model.states), len(self._model.sensitivities) if slopes else 0
         names = list(self._model.states)
@@ -151,15 +151,15 @@ class SteadyStates:
         rest = [self._at_rest(block.z[k], n) for k in range(len(own))]
         for k in range(len(rows)):
             i = (k // n_c) * n_d + self._of[k % n_c]
-            if said[i]:
-                failed[k] = said[i]
+            if earlier[i]:
+                failed[k] = earlier[i]
             elif block.status[i] != 0:
                 failed[k] = f"the run to its steady state: {block.messages[i]}"
             elif rest[i] is None:
                 failed[k] = f"no steady state before it: states still change at t = {_TIMES[-1]:g}"
             else:
-                goes_on = np.concatenate([np.ones(n), np.repeat(self._keeps[k % n_c], n)])
-                found[k] = (block.z[i, rest[i]] * goes_on[: n * (1 + m)])[kept]
+                is_kept = np.concatenate([np.ones(n), np.repeat(self._keeps[k % n_c], n)])
+                found[k] = (block.z[i, rest[i]] * is_kept[: n * (1 + m)])[kept]
         return (*columns, *(names[j] for j in kept)), np.hstack([rows, found]), failed
 
     def _at_rest(self, z: Array, n: int) -> int | None:

@@ -45,12 +45,10 @@ class Observed:
     model: Model = field(init=False)  # after it was compiled
     #: The state or output that each column measures.
     outputs: dict[str, str] = field(default_factory=dict)
-    #: The output that gives the standard deviation of a column, if that is an expression.
+    #: The output that is the standard deviation of a column, if that is an expression.
     noise: dict[str, str] = field(default_factory=dict)
     #: The estimated parameter that is the standard deviation of a column.
     deviations: dict[str, str] = field(default_factory=dict)
-    #: The column that holds the standard deviation of a column.
-    columns: dict[str, str] = field(default_factory=dict)
     #: Inputs given as numbers, tables or functions.
     inputs: dict[str, Any] = field(default_factory=dict)
     expressions: dict[str, str] = field(default_factory=dict)  # inputs given as expressions
@@ -82,16 +80,14 @@ class Observer:
         return tuple(self._model.states)
 
     def observe(self, experiment: Experiment, own_name: str, wanted: Sequence[str]) -> Observed:
-        """Determine what the columns of an experiment mean."""
+        """Assign a state or an output to each measured column of an experiment."""
         found = Observed(experiment, own_name)
         known = {*wanted, *experiment.parameters}
-        table = experiment.table
+        table, given = experiment.table, experiment.inputs
         for name, column in table.columns.items():
-            is_input = name in self.scene.inputs and name not in experiment.inputs
-            is_measured = experiment.observables is not None and name in experiment.observables
-            if is_input and not is_measured and column.values.size > 1:
+            is_input = name in self.scene.inputs and name not in given
+            if is_input and name not in (experiment.observables or ()) and column.values.size > 1:
                 found.inputs[name] = column
-        given = experiment.inputs
         found.expressions = expressions_among(given)
         found.inputs |= {k: v for k, v in given.items() if k not in found.expressions}
         what = f"inputs of {experiment.where}: the scene has no input"
@@ -102,11 +98,9 @@ class Observer:
             found.outputs[measured] = self._output(measured, text, where, found, known)
         for measured in found.outputs:
             given_noise = experiment.noise_of(measured)
-            if not isinstance(given_noise, str):
+            if not isinstance(given_noise, str) or given_noise in table.columns:
                 continue
-            if given_noise in table.columns:
-                found.columns[measured] = given_noise
-            elif given_noise in {*wanted} - {*self.scene.parameters} and "." not in given_noise:
+            if given_noise in {*wanted} - {*self.scene.parameters} and "." not in given_noise:
                 found.deviations[measured] = given_noise
             else:
                 where = f"the noise of column '{measured}' of {experiment.where}"
@@ -245,18 +239,17 @@ def measured_rows(
             deviations: list[str | float]
             if given is None or noise == "estimated":
                 known = _unit(run.model, output)
-                name = _estimated_noise(found, column, values, transform, known)
-                deviations = [name] * len(there)
+                deviations = [_estimated_noise(found, column, values, transform, known)]
             elif column in run.deviations:
-                name = estimate(run.deviations[column], run.name, None)
-                deviations = [name] * len(there)
+                deviations = [estimate(run.deviations[column], run.name, None)]
             elif column in run.noise:
-                deviations = [run.noise[column]] * len(there)
+                deviations = [run.noise[column]]
             else:
                 # A standard deviation is a difference, so offsets of units do not apply; that of a
                 # logarithm has no unit.
                 factor = 1.0 if unit is None or transform != "lin" else float(unit.factor)
                 deviations = _given_noise(run, column, given, factor, there)
+            deviations *= len(there) // len(deviations)
             rows += [
                 (number, t, output, value, deviation, transform)
                 for t, value, deviation in zip(
@@ -294,11 +287,10 @@ def _present(
 def _given_noise(
     run: Observed, name: str, given: float | str, factor: float, there: npt.NDArray[np.intp]
 ) -> list[str | float]:
-    """Return the standard deviations of a column, which are a number or another column."""
+    """Return the standard deviations of a column, from another column, or a single number."""
     row, table = run.experiment, run.experiment.table
     if not isinstance(given, str):
-        where = f"the noise of column '{name}' of {row.where}"
-        return [check_positive(given * factor, where)] * len(there)
+        return [check_positive(given * factor, f"the noise of column '{name}' of {row.where}")]
     column = table.columns[given]
     unit = table.unit(column, "", row.unit_of(given))
     # A column of standard deviations without a unit has the unit of the measured column.

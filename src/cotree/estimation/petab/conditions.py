@@ -29,9 +29,9 @@ class Entities:
     states: Mapping[str, str]  # quantities that change with time: states of the model
     #: Parameters of the scene that are the initial values of some of these states, as numbers.
     initial: Mapping[str, str]
-    #: The entries of ``parameters`` and ``states`` to which the model gives no value.
+    #: The entries of ``parameters`` and ``states`` without a value in the model.
     valueless: frozenset[str] = frozenset()
-    #: Values of the entries of ``parameters`` to which the model gives numbers.
+    #: Values of the entries of ``parameters`` that are numbers in the model.
     numbers: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -72,11 +72,8 @@ class ConditionReader:
 
     def _link(self, key: str, name: str, before: Link | None = None) -> Link:
         """Return the values that a condition sets, perhaps after a preequilibration."""
-        condition, entities, found = (
-            self._tables.conditions[key],
-            self._entities,
-            Link(name, {}, {}),
-        )
+        condition, entities = self._tables.conditions[key], self._entities
+        found = Link(name, {}, {})
         for identifier, parameter in entities.parameters.items():
             value = self._setting(condition, identifier)
             if value is not None:
@@ -120,7 +117,7 @@ class ConditionReader:
         return name if row and row.is_estimated else row.nominal if row else None
 
     def _named(self, condition: ConditionRow, identifier: str, cell: str) -> Setting:
-        """Return what the name in a cell stands for: a parameter, or a constant of the model."""
+        """Return the value of a name in a cell: a parameter, or a constant of the model."""
         numbers, named = self._entities.numbers, cell
         for _ in range(len(condition.cells) + 1):
             value = self._listed(named)

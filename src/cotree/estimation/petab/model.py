@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 class PetabModel:
     """A scene, and the names that its quantities have in the tables.
 
-    ``scene`` is the scene, to which :meth:`add_outputs` adds outputs, and ``entities`` are the
-    quantities that conditions may set.
+    ``scene`` is the scene, to which :meth:`add_outputs` adds outputs, ``namer`` has its names, and
+    ``entities`` are the quantities that conditions may set.
     """
 
     def __init__(self, tables: Tables) -> None:
         self._tables = tables
         self._sbml: SbmlModel[Scene] = read_sbml_model(tables.model, Scene, _values(tables))
         self.scene = self._sbml.scene
-        self._namer = Namer()
-        for name in (*self.scene.parameters, *self.scene.outputs, *self.scene.modes):
-            self._namer.own(name)
-        for name in (*self.scene.inputs, *self.scene.edges, *self.scene.nodes):
-            self._namer.own(name)
+        self.namer = Namer()
+        scene = self.scene
+        variables = (*scene.parameters, *scene.outputs, *scene.modes, *scene.inputs)
+        for name in (*variables, *scene.edges, *scene.nodes):
+            self.namer.own(name)
         self._added = self._added_parameters()
         self.entities = self._entities()
 
@@ -45,10 +45,6 @@ class PetabModel:
         """Return the expression for a name in the tables, or None."""
         symbol = self._sbml.symbols.get(name)
         return self._added.get(name) if symbol is None else symbol.name
-
-    def new_name(self, wish: str) -> str:
-        """Return an unused name of the scene, close to the wish."""
-        return self._namer.own(wish)
 
     def add_outputs(self, outputs: Outputs) -> None:
         """Add observables and noise to the scene."""
@@ -61,17 +57,15 @@ class PetabModel:
     def _added_parameters(self) -> dict[str, str]:
         """Declare parameters of observables and noise that are not in the model."""
         tables = self._tables
-        names: dict[str, None] = {}
+        names: list[str | float] = []
         for observable in tables.observables.values():
-            for text in (observable.formula, observable.noise):
-                names.update(dict.fromkeys(_names_in(text)))
+            names += [*_names_in(observable.formula), *_names_in(observable.noise)]
         for row in tables.measurements:
-            given = (*row.observable_parameters, *row.noise_parameters)
-            names.update(dict.fromkeys(value for value in given if isinstance(value, str)))
+            names += [*row.observable_parameters, *row.noise_parameters]
         added = {}
-        for name in names:
+        for name in dict.fromkeys(name for name in names if isinstance(name, str)):
             if name in tables.settable and name not in self._sbml.symbols:
-                added[name] = self._namer.own(name)
+                added[name] = self.namer.own(name)
                 known = tables.parameters.get(name)
                 self.scene.parameter(added[name], known.value if known else 1.0)
         return added
@@ -120,7 +114,7 @@ def _names_in(text: str) -> tuple[str, ...]:
 
 
 def _values(tables: Tables) -> dict[str, float]:
-    """Collect values from the tables for quantities to which the model may give none."""
+    """Return values from the tables, for quantities without a value in the model."""
     found: dict[str, float] = {}
     for condition in tables.conditions.values():
         for name, cell in condition.cells.items():
@@ -136,7 +130,7 @@ def mapped(tables: Tables) -> tuple[Scene, tuple[Condition, ...], Measured]:
     Measured values are in the order of the measurement tables.
     """
     found = PetabModel(tables)
-    outputs = Outputs(tables, found.meaning, found.new_name)
+    outputs = Outputs(tables, found.meaning, found.namer.own)
     pairs = [outputs.of_row(row) for row in tables.measurements]
     found.add_outputs(outputs)
     reader = ConditionReader(tables, found.entities)

@@ -79,7 +79,7 @@ class Prior:
         self._name, self._bounds = estimated.name, (self._scaled.lower[0], self._scaled.upper[0])
 
     def _deviation(self, theta: float) -> tuple[float, float]:
-        """Return what the density is of, the logarithm where it is one, and its derivative."""
+        """Return the argument of the density and its derivative with respect to ``theta``."""
         if self._is_on_scale:
             return theta, 1.0
         given = np.array([theta])
@@ -140,8 +140,7 @@ class Prior:
         )
 
     def _drawn(self, n: int, random: np.random.Generator) -> Array:
-        draw = getattr(random, self._family)
-        values: Array = draw(self._a, self._b, n)
+        values: Array = getattr(random, self._family)(self._a, self._b, n)
         if self._is_on_scale:
             return values
         if self._is_log:

@@ -249,12 +249,8 @@ class PetabProblem(Problem):
         gradient : ndarray, shape (n_estimated,)
             Its gradient.
         """
-        theta = np.asarray(theta, dtype=float)
-        [found] = self.predict(theta[None, :])
-        if found.message:
-            return math.inf, np.full(len(theta), np.nan)
-        value = -self.likelihood.log_likelihood(found) - self.priors.log_density(theta)
-        return value, -self.likelihood.gradient(found) - self.priors.gradient(theta)
+        value, gradient = super().objective(theta)
+        return value - self.priors.log_density(theta), gradient - self.priors.gradient(theta)
 
     def starts(self, n: int, seed: int | None = None) -> Array:
         """Draw starts of a fit from the initialization priors.
