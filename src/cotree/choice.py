@@ -217,7 +217,12 @@ def _estimates(
         # Gradients of constraints border the mass matrix; multipliers follow the accelerations.
         dag = first.system.dag
         factors = factorise_bordered(
-            dag, first.matrix, first.is_safe, first.constraints.sizes, first.links
+            dag,
+            first.matrix,
+            first.is_safe,
+            first.constraints.sizes,
+            first.links,
+            [row.sizes for row in first.holdings],
         )
         unknowns = factors.solve(first.forcing)
         alone = reachable(unknowns)

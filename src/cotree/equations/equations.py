@@ -266,12 +266,16 @@ class Equations:
     matrix: Sequence[Sequence[Node]]  # A, symmetric
     forcing: tuple[Node, ...]  # b
     is_safe: tuple[bool, ...]  # whether each unknown's pivot is positive for every state
+    #: For each of the last unknowns, multipliers of dry friction, squares of the terms of its row
+    #: before anything cancels.
+    holding_sizes: tuple[tuple[Node, ...], ...]
+    holding: tuple[str, ...]  # their names
     #: The tree, if elimination along it costs less than that of the matrix; otherwise empty.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
     rates: tuple[Node, ...]  # M x' in terms of x and w
     balances: tuple[Node, ...]  # ``A w - b`` as formulated, for people
-    constraints: ConstraintSet  # constraints on the states; the last unknowns are their multipliers
+    constraints: ConstraintSet  # on the states; their multipliers follow the accelerations
     #: y; then the value of each event; then, event by event, new values and restitution.
     output_values: tuple[Node, ...]
     # Derivatives along directions: the same A and M, with their own right-hand sides.
@@ -307,8 +311,8 @@ class Equations:
     @property
     def n_speeds(self) -> int:
         """Number of speeds, whose rates are the first of the unknowns."""
-        # Each constraint has one multiplier among the unknowns.
-        return len(self.unknowns) - len(self.constraints.rows)
+        # Each constraint, and each edge that friction holds, has a multiplier among the unknowns.
+        return len(self.unknowns) - len(self.constraints.rows) - len(self.holding_sizes)
 
     @property
     def n_coordinates(self) -> int:

@@ -437,9 +437,9 @@ def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
     """Write the matrix row by row; those of constraints, which border it, with their own sign."""
     rows = [to_sympy(row, known) for row in equations.matrix]
     # Unknowns are accelerations, then one multiplier for each constraint.
-    n_speeds = len(rows) - len(equations.constraints.rows)
+    first, end = equations.n_speeds, equations.n_speeds + len(equations.constraints.rows)
     # The border holds -G, which makes the matrix symmetric; people read G.
-    rows[n_speeds:] = [[-entry for entry in row] for row in rows[n_speeds:]]
+    rows[first:end] = [[-entry for entry in row] for row in rows[first:end]]
     return [[_tidied(entry) for entry in row] for row in rows]
 
 
@@ -505,8 +505,8 @@ class SymbolTable:
     def of(cls, equations: Equations) -> SymbolTable:
         """Choose the names of every symbol of the equations."""
         states = tuple(state.name for state in equations.states)
-        multipliers = tuple(row.name for row in equations.constraints.rows)
-        n_speeds = len(equations.unknowns) - len(multipliers)
+        multipliers = (*(row.name for row in equations.constraints.rows), *equations.holding)
+        n_speeds = equations.n_speeds
         n = equations.n_coordinates + n_speeds
         coordinates, speeds = states[: equations.n_coordinates], states[n - n_speeds : n]
         accelerations = tuple(acceleration_name(speed, coordinates) for speed in speeds)

@@ -17,7 +17,12 @@ from cotree.equations import State
 from cotree.errors import ExpressionError
 from cotree.formulation.across import View, accelerate, move
 from cotree.formulation.clusters import lump
-from cotree.formulation.constraints import form_constraints, multiplier_loads
+from cotree.formulation.constraints import (
+    along_speeds,
+    form_constraints,
+    multiplier_loads,
+    sizes_along_speeds,
+)
 from cotree.formulation.elements import actions
 from cotree.formulation.events import bind_events, started
 from cotree.formulation.frames import choose_frames
@@ -48,8 +53,9 @@ if TYPE_CHECKING:
     from cotree.formulation.across import Motion
     from cotree.formulation.constraints import Constraints
     from cotree.formulation.laws import Applied
+    from cotree.formulation.measures import Measure
     from cotree.formulation.networks.couplings import Coupling
-    from cotree.formulation.networks.network import Network
+    from cotree.formulation.networks.network import Attached, Network
     from cotree.formulation.outputs import Outputs
     from cotree.formulation.start import Condition
     from cotree.formulation.system import System
@@ -70,6 +76,7 @@ class FirstGraph:
     #: Through variables along measures: laws of chord joints, then multipliers.
     applied: tuple[Applied, ...]
     constraints: Constraints  # the constraints of the chords
+    holdings: tuple[HoldingRow, ...]  # equations of the multipliers of dry friction
     conditions: tuple[Condition, ...]  # initial values of variables that are not states
     measured: Mapping[Node, Node]  # values of the symbols of across variables in fields
     reactions: frozenset[Node]  # those symbols that are accelerations or reactions
@@ -146,6 +153,7 @@ def form_first_graph(
     # Each chord closes an f-circuit, which keeps the across variables of its reaction space zero.
     constraints, idle = form_constraints(motion, still, baumgarte)
     idle_guards = met_where_idle(idle, still)
+    holdings = form_holdings(motion, still, attached)
 
     def form_mass() -> Sequence[Sequence[Node]]:
         own = mass_matrix(motion, loads) if trees.is_one else augmented_mass_matrix(motion)
@@ -178,21 +186,30 @@ def form_first_graph(
         balance=balanced,
         applied=applied,
         constraints=constraints,
+        holdings=holdings,
         conditions=start_conditions(scene, motion, still),
         measured=measured,
         reactions=reactions,
-        unknowns=(*accelerations, *constraints.multipliers),
+        unknowns=(
+            *accelerations,
+            *constraints.multipliers,
+            *(row.multiplier for row in holdings),
+        ),
         # If every pivot is positive, every speed has inertia.
         matrix=LateMatrix(
-            lambda: _bordered(form_mass(), constraints, dag),
+            lambda: _bordered(form_mass(), constraints, holdings, dag),
             len(is_safe),
-            _border(constraints, dag),
+            _border(constraints, holdings, dag),
         )
         if may_wait and all(is_safe)
-        else _bordered(mass or form_mass(), constraints, dag),
-        forcing=(*(-row for row in at_rest.residual), *constraints.biases),
+        else _bordered(mass or form_mass(), constraints, holdings, dag),
+        forcing=(
+            *(-row for row in at_rest.residual),
+            *constraints.biases,
+            *(-row.share * row.bias for row in holdings),
+        ),
         # A multiplier has a zero on the diagonal, which is never a positive pivot.
-        is_safe=(*is_safe, *(False for _ in constraints.rows)),
+        is_safe=(*is_safe, *(False for _ in (*constraints.rows, *holdings))),
         guards=(
             *system.guards,
             *pivot_guards,
@@ -279,20 +296,66 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
     return tuple(links)
 
 
+@dataclass(frozen=True)
+class HoldingRow:
+    """The equation of the multiplier of dry friction on the mechanism.
+
+    With its share s it is s (J v' + b) = (1 - s) multiplier: no relative acceleration while the
+    edge sticks, and no multiplier in the other modes.
+    """
+
+    name: str  # of the force
+    multiplier: Node  # its symbol
+    share: Node  # one while the edge sticks, zero in the other modes
+    measure: Measure  # what the friction acts along
+    gradient: tuple[Node, ...]  # J, of its rate by the speeds
+    #: Sums of squares of the gradient's terms, before anything cancels, while the edge sticks.
+    sizes: tuple[Node, ...]
+    bias: Node  # b, its acceleration at zero accelerations of the coordinates
+
+
+def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[HoldingRow, ...]:
+    """Form the equations of the multipliers of dry friction; ``view`` is at zero accelerations."""
+    found = []
+    for own in attached.holding:
+        coupling = attached.couplings[own.port]
+        with motion.system.dag.labelled(f"friction of {coupling.port.edge.name}"):
+            gradient = tuple(along_speeds(motion, coupling.pull))
+            sizes = tuple(own.share * s for s in sizes_along_speeds(motion, coupling.pull))
+            bias = coupling.measure.acceleration(view)
+        found.append(
+            HoldingRow(own.port, own.multiplier, own.share, coupling.measure, gradient, sizes, bias)
+        )
+    return tuple(found)
+
+
 def _bordered(
-    mass: Sequence[Sequence[Node]], constraints: Constraints, dag: Dag
+    mass: Sequence[Sequence[Node]],
+    constraints: Constraints,
+    holdings: Sequence[HoldingRow],
+    dag: Dag,
 ) -> tuple[tuple[Node, ...], ...]:
-    """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0]."""
-    border = _border(constraints, dag)
+    """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0].
+
+    Friction adds rows s J, with -(1 - s) on the diagonal, and their columns.
+    """
+    border = _border(constraints, holdings, dag)
     # The signs make the matrix symmetric, as sensitivity graphs and L D L^T expect.
     upper = [(*row, *(b[i] for b in border)) for i, row in enumerate(mass)]
     return (*upper, *border)
 
 
-def _border(constraints: Constraints, dag: Dag) -> list[tuple[Node, ...]]:
+def _border(
+    constraints: Constraints, holdings: Sequence[HoldingRow], dag: Dag
+) -> list[tuple[Node, ...]]:
     """Form the rows below the mass matrix."""
-    zeros = [dag.zero] * len(constraints.gradient)
-    return [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
+    n_held, n = len(constraints.gradient), len(constraints.gradient) + len(holdings)
+    zeros = [dag.zero] * n
+    rows = [(*(-entry for entry in row), *zeros) for row in constraints.gradient]
+    for i, own in enumerate(holdings):
+        diagonal = [own.share - 1.0 if j == n_held + i else dag.zero for j in range(n)]
+        rows.append((*(own.share * entry for entry in own.gradient), *diagonal))
+    return rows
 
 
 def _states(scene: SceneDescription, system: System) -> tuple[State, ...]:

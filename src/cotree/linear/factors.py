@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 _SMALLEST_SHARE = 1e-17
 
 
+#: Multiplier of a row that no multiplier can satisfy, over that which its residual would need if
+#: nothing else held it. Rounding of residuals enters multipliers as often.
+_BEYOND = 1e4
+
+
 class LinearSolver(Protocol):
     """Factorised equations."""
 
@@ -131,6 +136,81 @@ def factorise(
         factors = eliminate(rows, _OfNodes(), choose, is_symmetric=True)
         core = _core(dag, matrix, rows, sizes) if rows else None
     return SparseFactors(dag, factors, True, core)
+
+
+@dataclass(frozen=True)
+class HeldFactors:
+    """A factorised matrix, bordered by multipliers that are eliminated last."""
+
+    dag: Dag  # the arena
+    inner: RankedSolver  # without the border
+    border: tuple[tuple[Node, ...], ...]  # the rows of the multipliers, over the other unknowns
+    responses: tuple[tuple[Node, ...], ...]  # the other unknowns for each row as a right-hand side
+    core: Core  # what is left for the multipliers
+
+    def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
+        """Solve for one right-hand side; see :class:`RankedSolver`."""
+        n = len(rhs) - len(self.border)
+        found = self.inner.solve(rhs[:n], tolerance)
+        with self.dag.labelled("substitution"):
+            rest = [
+                value - _product(row, found)
+                for value, row in zip(rhs[n:], self.border, strict=True)
+            ]
+            multipliers = self.core.solve(rest, tolerance)
+            for i, multiplier in multipliers.items():
+                found = [
+                    value - response * multiplier
+                    for value, response in zip(found, self.responses[i], strict=True)
+                ]
+            held = [multipliers.get(i, self.dag.zero) for i in range(len(rest))]
+            # A row that no multiplier can satisfy shows it by a multiplier beyond all limits.
+            lacking = [
+                value - _product(row, held)
+                for value, row in zip(rest, self.core.matrix, strict=True)
+            ]
+            held = [
+                multiplier - _BEYOND * left / size
+                for multiplier, left, size in zip(held, lacking, self.core.sizes, strict=True)
+            ]
+        return [*found, *held]
+
+
+def hold(
+    dag: Dag,
+    inner: RankedSolver,
+    rows: Sequence[Sequence[Node]],
+    n: int,
+    sizes: Sequence[Node],
+) -> HeldFactors:
+    """Border a factorised matrix of ``n`` unknowns with symmetric ``rows``, which may be redundant.
+
+    Redundant rows share their multipliers by least norm, and a row that no unknown moves has none.
+    ``sizes`` has for each row what its diagonal would be if nothing cancelled.
+    """
+    border = tuple(tuple(row[:n]) for row in rows)
+    responses = tuple(tuple(inner.solve(row)) for row in border)
+    with dag.labelled("elimination"):
+        core = [[dag.zero for _ in rows] for _ in rows]
+        for i, row in enumerate(rows):
+            for j in range(i + 1):
+                core[i][j] = core[j][i] = row[n + j] - _product(border[i], responses[j])
+        diagonal = [
+            # Without the second term a row that nothing moves would consist of rounding alone.
+            dag.function("abs", core[i][i]) + size
+            for i, size in enumerate(sizes)
+        ]
+    # Multipliers need not be unique, hence no determined unknowns.
+    own = Core(tuple(range(len(rows))), tuple(map(tuple, core)), tuple(diagonal), 0)
+    return HeldFactors(dag, inner, border, responses, own)
+
+
+def _product(a: Sequence[Node], b: Sequence[Node]) -> Node:
+    total = b[0].dag.zero
+    for x, y in zip(a, b, strict=True):
+        if not x.is_zero:
+            total = total + x * y
+    return total
 
 
 def factorise_definite(dag: Dag, matrix: Sequence[Mapping[int, Node]]) -> SparseFactors:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag import vector
 from cotree.dag.multi_output import RANK_TOLERANCE
-from cotree.linear.factors import Core, RankedSolver, factorise, kept_size
+from cotree.linear.factors import Core, RankedSolver, factorise, hold, kept_size
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -262,6 +262,14 @@ class TreeFactors:
                     free[at] = free[at] - entry * multiplier
         return [*free, *(multipliers.get(i, self.dag.zero) for i in range(len(rest)))]
 
+    def inverses(self) -> dict[int, Node]:
+        """Return the reciprocal of each speed's pivot."""
+        return {
+            link.speeds[speed]: gate.inverse
+            for link, gates in zip(self.links, self.gates, strict=True)
+            for speed, gate in zip(_outwards(link), gates, strict=True)
+        }
+
     def _along_tree(self, rhs: Sequence[Node]) -> list[Node]:
         """Solve with the mass matrix: forces inwards, accelerations outwards."""
         dag, zero = self.dag, vector.zeros(self.dag)
@@ -316,16 +324,38 @@ def factorise_bordered(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]],
     links: Sequence[TreeLink],
+    holding_sizes: Sequence[Sequence[Node]] = (),
 ) -> RankedSolver:
     """Factorise a bordered mass matrix [M, -G^T; -G, 0], along its tree if ``links`` describe one.
 
     Along a tree the rows of M are not read. ``sizes`` has for each multiplier squares of what its
-    row is made of, before anything cancels.
+    row is made of, before anything cancels; ``holding_sizes`` for each of the last unknowns, which
+    are multipliers of friction.
     """
-    if not links:
-        return factorise(dag, matrix, is_safe, sizes)
-    n = len(matrix) - len(sizes)
-    return factorise_tree(dag, links, [row[:n] for row in matrix[n:]], sizes, n)
+    n = len(matrix) - len(sizes) - len(holding_sizes)
+    n_inner = n + len(sizes)
+    border = [row[:n] for row in matrix[n:n_inner]]
+    if links:
+        inner: RankedSolver = factorise_tree(dag, links, border, sizes, n)
+    elif holding_sizes:
+        inner = factorise(
+            dag, [row[:n_inner] for row in matrix[:n_inner]], is_safe[:n_inner], sizes
+        )
+    else:
+        inner = factorise(dag, matrix, is_safe, sizes)
+    if not holding_sizes:
+        return inner
+    inverses = inner.inverses() if isinstance(inner, TreeFactors) else _inverses(matrix, n)
+    held = [
+        sum((size * inverses[k] for k, size in _entries(row) if k in inverses), dag.zero)
+        for row in holding_sizes
+    ]
+    return hold(dag, inner, matrix[n_inner:], n_inner, held)
+
+
+def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:
+    """Return the reciprocals of the first diagonal entries that are not zero."""
+    return {i: 1.0 / matrix[i][i] for i in range(n) if not matrix[i][i].is_zero}
 
 
 def factorise_tree(
@@ -376,10 +406,7 @@ def factorise_tree(
                 # Symmetric, since M^-1 is: one half is formed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
         # Squares of the gradient over the pivots: what the diagonal would be if nothing cancelled.
-        inverses = [dag.zero] * n_speeds
-        for link, opened in zip(links, gates, strict=True):
-            for speed, gate in zip(_outwards(link), opened, strict=True):
-                inverses[link.speeds[speed]] = gate.inverse
+        inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
                 dag.function("abs", core[i][i]),

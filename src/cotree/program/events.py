@@ -232,8 +232,8 @@ def form_impact(
     along = equations.motion.outputs.get(place, dag.zero)
     with dag.labelled(f"impact of {name}"):
         rate = substitute([along], moving)[0]
-        zeros = [dag.zero] * (len(equations.unknowns) - n)
-        response = solved.factors.solve([*gradient, *zeros])
+        zeros = [dag.zero] * len(equations.constraints.rows)
+        response = solved.bare.solve([*gradient, *zeros])
         answer = dag.zero
         for d, a in zip(gradient, response, strict=False):
             answer = answer + d * a

@@ -191,7 +191,8 @@ def _layout(equations: Equations, starts: list[int], rows: list[int]) -> Layout:
     n_coordinates, n_speeds = equations.n_coordinates, equations.n_speeds
     observed = equations.output_values[: len(equations.outputs)]
     # The unknowns are accelerations of the speeds, then multipliers.
-    on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:])
+    n_held = n_speeds + len(equations.constraints.rows)
+    on_multipliers = dependent(reachable(observed), equations.unknowns[n_speeds:n_held])
     states: tuple[Quantity, ...] = tuple(Quantity(s.name, s.unit) for s in equations.states)
     return Layout(
         name=equations.name,

@@ -105,8 +105,8 @@ def _step(
     zeros = [equations.dag.zero] * n
     # In [M, -G^T; -G, 0] [v; *] = [0; c] the lower rows are G v + c = 0: the residual vanishes to
     # first order, and of all such v this one has minimum kinetic energy.
-    shift = solved.factors.solve([*zeros, *values], _RANK)[:n]
-    speed = solved.factors.solve([*zeros, *rates], _RANK)[:n]
+    shift = solved.bare.solve([*zeros, *values], _RANK)[:n]
+    speed = solved.bare.solve([*zeros, *rates], _RANK)[:n]
     speeds = [state.symbol for state in equations.states[n_coordinates : n_coordinates + n]]
     # Rates of coordinates are linear in the speeds. With the shift in place of the speeds they are
     # the change of the coordinates, quaternions included.

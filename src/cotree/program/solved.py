@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
 from cotree.dag.nodes import substitute
+from cotree.linear.factors import HeldFactors
 from cotree.linear.tree import factorise_bordered
 
 if TYPE_CHECKING:
@@ -52,9 +53,15 @@ class SolvedSystem:
             equations.is_safe,
             equations.constraints.sizes,
             equations.links,
+            equations.holding_sizes,
         )
         found = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
         return cls(equations.dag, equations.matrix, factors, found, equations.unknown_tangents)
+
+    @property
+    def bare(self) -> RankedSolver:
+        """The solver without friction, whose forces neither project nor take part in impacts."""
+        return self.factors.inner if isinstance(self.factors, HeldFactors) else self.factors
 
     def put(self, nodes: Sequence[Node]) -> list[Node]:
         """Substitute the values of the unknowns for their symbols."""
@@ -93,7 +100,7 @@ class SolvedSystem:
     def solve_again(
         self, forcing: Sequence[Node], solution: Sequence[Node], seed: Mapping[Node, Node]
     ) -> list[Node]:
-        """Differentiate another solution w of the same matrix: ``A w' = forcing - A' w``.
+        """Differentiate the solution w of an impact: ``A w' = forcing - A' w``.
 
         ``forcing`` is the derivative of its right-hand side, ``seed`` the tangents of the symbols
         in A.
@@ -101,7 +108,8 @@ class SolvedSystem:
         # b' - A' w, row by row. The derivative of A is formed here, since no sensitivity graph
         # contains this solution.
         rest = list(forcing)
-        for i, row in enumerate(self.matrix):
-            for d, w in zip(tangents(row, seed), solution, strict=True):
+        n = len(solution)
+        for i, row in enumerate(self.matrix[:n]):
+            for d, w in zip(tangents(row[:n], seed), solution, strict=True):
                 rest[i] = rest[i] - d * w
-        return self.factors.solve(rest)
+        return self.bare.solve(rest)

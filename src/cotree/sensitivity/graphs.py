@@ -77,6 +77,7 @@ class Reach:
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
             )
         ]
+        held += [[*row.gradient, row.bias] for row in first.holdings]
         pulled = [[row.magnitude, *row.pull.entries] for row in first.applied]
         return cls(
             outputs,
@@ -216,15 +217,23 @@ def _along(
         residual = residual_tangents(view, first.loads, first.balance, pulled)
         rate = first.constraints.baumgarte
         # Constraints that do not depend on the direction have zero derivatives at all three levels.
-        held = [(dag.zero, dag.zero, dag.zero)] * len(first.constraints.rows)
+        n_held = len(first.constraints.rows)
+        held = [(dag.zero, dag.zero, dag.zero)] * n_held
+        sticking = [dag.zero] * len(first.holdings)
         for i in rows_touched(reach.held, symbols):
-            held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
+            if i < n_held:
+                held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
+                continue
+            row = first.holdings[i - n_held]
+            sticking[i - n_held] = -row.share * tangent_of(row.measure.acceleration(view))
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         # Reactions in the friction of joints change with accelerations.
         along = _measured_tangents(first, of_unknowns) if first.reactions else {}
         of_reactions = {symbol: d for symbol, d in along.items() if symbol in first.reactions}
         of_unknowns |= of_reactions
+        # Forces of friction change with their multipliers.
+        of_reactions |= {row.multiplier: of_unknowns[row.multiplier] for row in first.holdings}
         # Rates of the networks come last, and from their own graphs.
         n = len(first.rates) - (len(first.network.rates) if first.network else 0)
         rates = _tangents_at(first.rates, range(n), {**symbols, **of_unknowns})
@@ -250,7 +259,11 @@ def _along(
         dict(symbols),
         # A w_p = b_p - A_p w: the residual of the balances is A w - b, and the rows below contain
         # -G, so that the two parts have opposite signs.
-        (*(-row for row in residual), *(acceleration for _, _, acceleration in held)),
+        (
+            *(-row for row in residual),
+            *(acceleration for _, _, acceleration in held),
+            *sticking,
+        ),
         rates,
         outputs,
         initial,
@@ -400,6 +413,8 @@ def form_equations(
         matrix=first.matrix,
         forcing=first.forcing,
         is_safe=first.is_safe,
+        holding_sizes=tuple(row.sizes for row in first.holdings),
+        holding=tuple(row.name for row in first.holdings),
         links=first.links,
         rates=first.rates,
         balances=first.balance.residual,

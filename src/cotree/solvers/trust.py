@@ -40,6 +40,9 @@ _ROUGH, _ROUGHEST = 1e-4, 1e-3
 # a content, in its own tolerances, without a warning; and the number of points that are examined.
 _LEFT_FREE, _N_EXAMINED = 10.0, 50
 
+# States at rest reach these roundings of one, of forces that balance.
+_ROUNDINGS = 16.0
+
 
 def warn_of_tolerances(problem: Problem) -> None:
     """Warn if the relative tolerance is loose."""
@@ -162,7 +165,7 @@ def _untested(problem: Problem, trajectory: Trajectory) -> str:
     most, least = (f.reduce(y, axis=None, initial=0.0) for f in (np.maximum, np.minimum))
     largest = max(float(most), -float(least))
     # States at rest hold only rounding errors, which no tolerance is meant to test.
-    if largest <= sys.float_info.epsilon or _is_seen(largest, atol):
+    if largest <= _ROUNDINGS * sys.float_info.epsilon or _is_seen(largest, atol):
         return ""
     return (
         f"no state was ever larger than {largest:.2g}, of which atol = {atol:.2g} tests little: "

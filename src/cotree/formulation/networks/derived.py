@@ -124,6 +124,30 @@ def friction_residual(terminal: Terminal) -> Law:
 
 
 @lru_cache(maxsize=1024)
+def friction_force(terminal: Terminal) -> Law:
+    """Form the force of dry friction: the multiplier while it sticks, or the law of its mode."""
+    assert terminal.friction is not None
+    own = terminal.friction
+    stuck, forward, backward, _ = _friction_weights(terminal)
+    return Law.of(
+        stuck * law_symbol("multiplier")
+        + forward * own.forward.expression
+        + backward * own.backward.expression
+    )
+
+
+@lru_cache(maxsize=1024)
+def stuck_share(terminal: Terminal) -> Law:
+    """Return the law that is one while dry friction sticks, and zero in the other modes."""
+    return Law.of(_friction_weights(terminal)[0])
+
+
+def _friction_weights(terminal: Terminal) -> tuple[Any, Any, Any, Any]:
+    assert terminal.friction is not None
+    return mode_weights(law_symbol("mode"), terminal.friction.grip is not None)
+
+
+@lru_cache(maxsize=1024)
 def stop_residual(terminal: Terminal) -> Law:
     """Form the equation of a rigid stop: no force, no relative acceleration, or an impact.
 

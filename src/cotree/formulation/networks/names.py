@@ -112,6 +112,8 @@ def argument_of(
         node = port.ends.head if rest.startswith("head") else port.ends.tail
         quantity = "potential_rate" if rest.endswith("_rate") else "potential"
         return quantity, f"{port.terminal.domain}|{reference}|{node}"
+    if name == "multiplier" and not is_field:
+        return name, port.name
     if name.endswith("_rate") and not is_field:
         return "field_rate", f"{port.edge.name}|{name.removesuffix('_rate')}"
     return "field", f"{port.edge.name}|{name}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cotree.components import Kind, Role
 from cotree.dag.derivative import tangents
-from cotree.dag.nodes import STATE, Node, symbols_in
+from cotree.dag.nodes import STATE, UNKNOWN, Node, symbols_in
 from cotree.equations import Guard, PositionRow, State
 from cotree.formulation.constraints import along_speeds
 from cotree.formulation.fields import is_varying
@@ -17,9 +17,15 @@ from cotree.formulation.networks.couplings import (
     form_couplings,
     through_name,
 )
+from cotree.formulation.networks.derived import stuck_share
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
-from cotree.formulation.networks.rubbing import check_friction, used_by_friction
+from cotree.formulation.networks.rubbing import (
+    Holding,
+    check_friction,
+    holding_ports,
+    used_by_friction,
+)
 from cotree.formulation.networks.solved import Solved, solve_plan
 from cotree.formulation.networks.states import (
     Redundant,
@@ -33,12 +39,13 @@ from cotree.formulation.networks.states import (
 from cotree.formulation.networks.stores import contents_of, find_stores
 from cotree.formulation.networks.terminals import Terminals
 from cotree.formulation.networks.topology import Topology
+from cotree.formulation.outputs import observe_motion
 from cotree.scene.events import event_expressions
 from cotree.scene.networks import Port, scalar_graphs, scalar_ports
 from cotree.scene.normal_trees import NormalTree, normal_trees
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from cotree.formulation.across import Motion, View
     from cotree.formulation.laws import Applied
@@ -70,6 +77,7 @@ class Network:
     #: together with the accelerations, so that they may be reactions.
     of_friction: frozenset[Node]
     names: Names  # names of its variables in scenes
+    holding: tuple[Holding, ...]  # dry friction on the mechanism whose force is a multiplier
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -101,6 +109,8 @@ def form_network(
     system: System,
     couplings: Mapping[str, Coupling],
     wanted: Sequence[str],
+    *,
+    is_motion: Callable[[str], bool] = lambda _: False,
 ) -> tuple[Network, dict[str, Node]]:
     """Form the equations of the scalar networks of a scene, and the nodes of the ``wanted`` names.
 
@@ -112,6 +122,9 @@ def form_network(
         The ports that act on the multibody system.
     wanted : sequence of str
         Names that outputs and other fields use.
+    is_motion : callable
+        Returns whether a name of the mechanism is that of a position or a velocity. Dry friction on
+        the mechanism that depends on nothing else has multipliers as its forces.
 
     Raises
     ------
@@ -142,6 +155,10 @@ def form_network(
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, negative = _bind_fields(ports, symbols, names, system)
+    moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
+    held_ports = holding_ports(ports, fields, measured, moving.__contains__)
+    # Numbered downwards, since the other multipliers are numbered on from the accelerations.
+    multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
     # Open edges of swaps occur in the equations, but are not edges of the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
@@ -159,6 +176,7 @@ def form_network(
         contents,
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
         swaps,
+        multipliers,
     )
     # The plan contains only what is needed: rates of states, names in outputs and fields, and
     # redundant initial values, which have to be compared.
@@ -202,6 +220,16 @@ def form_network(
         terminals.corners,
         used_by_friction(ports, fields),
         names,
+        tuple(
+            Holding(
+                name,
+                symbol,
+                stuck_share(ports[name].terminal).value(
+                    dag, {"mode": fields[ports[name].edge.name, "mode"]}
+                ),
+            )
+            for name, symbol in multipliers.items()
+        ),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
 
@@ -312,6 +340,11 @@ class Attached:
     reacting: frozenset[str] = frozenset()
 
     @property
+    def holding(self) -> tuple[Holding, ...]:
+        """Dry friction on the mechanism whose force is a multiplier."""
+        return self.network.holding if self.network else ()
+
+    @property
     def loads(self) -> list[Applied]:
         """Apply the through variables of the couplings to the multibody system."""
         return coupling_loads(self.couplings, self.throughs)
@@ -338,6 +371,7 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         return Attached(None, {}, {}, {}, {})
     system = view.motion.system
     couplings = form_couplings(scalar_ports(scene), view)
+    named = set(system.signals.measured)  # by fields of the mechanism
     throughs = {
         name: system.signals.node(through_name(coupling.port))
         for name, coupling in couplings.items()
@@ -347,7 +381,18 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
-    network, observed = form_network(scene, system, couplings, wanted)
+    network, observed = form_network(
+        scene,
+        system,
+        couplings,
+        wanted,
+        is_motion=lambda name: observe_motion(view.motion, name) is not None,
+    )
+    held = {through_name(couplings[row.port].port) for row in network.holding}
+    others = [observed[name] for name in before if name in observed and name not in held - named]
+    if not {row.multiplier for row in network.holding}.isdisjoint(symbols_in(others)):
+        # Other forces follow that of friction, which is an algebraic unknown then.
+        network, observed = form_network(scene, system, couplings, wanted)
     reacting = frozenset(
         name
         for name in system.signals.measured

@@ -1,7 +1,13 @@
-"""Check that inertias determine the relative acceleration across each edge that may stick."""
+"""Dry friction and rigid stops: checks, and the frictions whose forces are multipliers.
+
+Inertias must determine the relative acceleration across each edge that may stick. The force of dry
+friction on a mechanism is an unknown of the mechanism's linear equations: while the edge sticks it
+is the multiplier of the condition that the relative acceleration is zero.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cotree.components import Kind
@@ -9,7 +15,7 @@ from cotree.dag.nodes import MEASURED, symbols_in
 from cotree.errors import FormulationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
@@ -79,6 +85,44 @@ def used_by_friction(
 _HOLDS = {Kind.FRICTION: "sticks", Kind.STOP: "holds at its limits"}
 
 _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational_inertia"}
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Dry friction on a mechanism, whose force is a multiplier while it sticks."""
+
+    port: str  # the port
+    multiplier: Node  # its symbol
+    share: Node  # one while it sticks, zero in the other modes
+
+
+def holding_ports(
+    ports: Mapping[str, Port],
+    fields: Mapping[tuple[str, str], Node],
+    measured: Mapping[Node, Variable],
+    is_motion: Callable[[Node], bool],
+) -> list[str]:
+    """List the ports of dry friction on the mechanism whose laws name no forces or accelerations.
+
+    ``measured`` are symbols of variables of networks in fields; ``is_motion`` returns whether a
+    symbol of the mechanism is a position or a velocity.
+    """
+
+    def is_moving(symbol: Node) -> bool:
+        if symbol in measured:
+            quantity, name = measured[symbol]
+            return quantity in ("across", "stretch") and ports[name].is_coupling
+        return symbol.data[0] != MEASURED or is_motion(symbol)
+
+    found = []
+    for name, port in ports.items():
+        friction = port.terminal.friction
+        if friction is None or not port.is_coupling or friction.presser or friction.load:
+            continue
+        own = [node for (edge, _), node in fields.items() if edge == port.edge.name]
+        if all(is_moving(symbol) for symbol in symbols_in(own)):
+            found.append(name)
+    return found
 
 
 def limit_law(port: Port, which: str) -> Law:

@@ -16,6 +16,7 @@ from cotree.formulation.fields import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
+    friction_force,
     friction_residual,
     higher_index,
     rate_of,
@@ -69,6 +70,8 @@ class Terminals:
     #: The controlled sources whose laws determine their controlling variable, by the controlling
     #: edge.
     swaps: Mapping[str, Swap]
+    #: The multipliers of dry friction on the mechanism, by port.
+    multipliers: Mapping[str, Node]
     #: Conditions on parameters under which values whose rate has been used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
     #: Values with kinks at unknown times whose rate has been used, and therefore jumps there; with
@@ -119,6 +122,8 @@ class Terminals:
             return self._content(base, name, rate)
         if base == "field":
             return self._field(name, bool(rate))
+        if base == "multiplier":
+            return FieldRule(self.multipliers[name])
         if base == "stretch":
             return self._stretch(variable)
         if base == "across":
@@ -217,6 +222,8 @@ class Terminals:
             return self._cutset(name).cutset(name, rate)
         if self._is_swapped(name, "through"):
             return Unknown((f"residual_through{rate}", name))
+        if name in self.multipliers and not rate:
+            return self._lawful(port, friction_force(port.terminal))
         if port.kind is Kind.THROUGH_STORAGE:
             if name in self.stores:
                 return Unknown((f"residual_through{rate}", name))
