@@ -36,7 +36,7 @@ from cotree.dag.ranges import is_ranged, ranges
 from cotree.errors import SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from cotree.equations import Equations, EventRow
     from cotree.program.solved import Along, SolvedSystem
@@ -64,10 +64,15 @@ class EventRanges:
     results: tuple[Node, ...]
 
 
-def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
-    """Form the ranges of the values, without unknowns, of each event and then of each kink."""
+def find_ranges(
+    equations: Equations, values: Sequence[Node], smooth: Collection[Node] = ()
+) -> EventRanges:
+    """Form the ranges of the values, without unknowns, of each event and then of each kink.
+
+    Values that are ``smooth`` count as states, whatever they consist of.
+    """
     dag = equations.dag
-    kinds = _kinds(equations, values)
+    kinds = _kinds(equations, values, smooth)
     curved = [
         value
         for value in dict.fromkeys(values)
@@ -91,7 +96,9 @@ def find_ranges(equations: Equations, values: Sequence[Node]) -> EventRanges:
     )
 
 
-def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
+def _kinds(
+    equations: Equations, values: Iterable[Node], smooth: Collection[Node]
+) -> dict[Node, int]:
     """Return how each value depends on variables that change during a step."""
     still = {
         state.symbol
@@ -110,6 +117,9 @@ def _kinds(equations: Equations, values: Iterable[Node]) -> dict[Node, int]:
             continue
         given = [kinds[arg] for arg in node.args]
         highest = max(given, default=_CONSTANT)
+        if node in smooth:
+            kinds[node] = min(highest, _LINEAR)
+            continue
         is_linear = (
             node.op in ("add", "sub", "neg")
             or (node.op == "mul" and _CONSTANT in given)
@@ -296,7 +306,10 @@ def event_kernels(
     ]
     # The value that decides whether an impact ends in rest is read at impacts only.
     crossed = [dag.zero if row.is_rest else values[row.watched] for row in rows]
-    found_ranges = find_ranges(equations, [*crossed, *corners])
+    # Bounds of what multipliers consist of would be far too wide.
+    first = equations.n_speeds + len(equations.constraints.rows)
+    multipliers = {solved.unknowns[symbol] for symbol in equations.unknowns[first:]}
+    found_ranges = find_ranges(equations, [*crossed, *corners], multipliers)
     seed_of_motion = _along_the_motion(equations)
 
     def derivatives(
