@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -99,17 +99,17 @@ START, SPEED = 0.5, 6.0
 JOINTS = {"h1": 0.03, "h2": 0.05, "pin": 0.04, "rail": 0.5}
 
 
-def _slider_crank(joints, **of_crank):
+def _slider_crank(joints, at=START, **of_crank):
     scene = Scene("slider-crank")
     scene.edge("h1", "revolute", "ground", "A", axis=Z, **of_crank)
     scene.edge("wheel", "rigid_body", "ground", "A", mass=0.0, inertia=WHEEL)
     scene.edge("crank", "arm", "A", "B", vector=[R, 0, 0])
-    tilt = np.arcsin(R * np.sin(START) / L)
-    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": -START - tilt})
+    tilt = np.arcsin(R * np.sin(at) / L)
+    scene.edge("h2", "revolute", "B", "C", axis=Z, initial={"theta": -at - tilt})
     scene.edge("half", "arm", "C", "M", vector=[L / 2, 0, 0])
     scene.edge("rod", "rigid_body", "ground", "M", mass=ROD, inertia=TURN)
     scene.edge("whole", "arm", "C", "D", vector=[L, 0, 0])
-    along = {"s": R * np.cos(START) + L * np.cos(tilt)}
+    along = {"s": R * np.cos(at) + L * np.cos(tilt)}
     scene.edge("rail", "prismatic", "ground", "E", axis=[1, 0, 0], initial=along)
     scene.edge("slider", "rigid_body", "ground", "E", mass=SLIDER)
     scene.edge("pin", "revolute", "E", "D", axis=Z)
@@ -206,3 +206,41 @@ def test_joints_of_a_driven_slider_crank_rub_against_their_speeds(joints):
         if joint in joints:
             exact = JOINTS[joint] * np.sign(ratio[moves])
             assert result[f"o_{joint}"][moves] == pytest.approx(exact, abs=1e-12)
+
+
+def _time_from_dead_centre(joints, torque, angle):
+    """Return the time after which a torque has turned the crank by an angle, from rest."""
+    # In the root of the angle the speed is nearly linear.
+    ends = np.linspace(0, np.sqrt(angle), 9)
+    total = 0.0
+    for a, b in pairwise(ends):
+        roots, weights = a + (NODES + 1) / 2 * (b - a), WEIGHTS * (b - a) / 2
+        angles = roots**2
+        inner, shares = np.outer(angles / 2, NODES + 1), np.outer(angles / 2, WEIGHTS)
+        work = sum(JOINTS[j] * np.sum(shares * abs(_ratios(inner)[j]), axis=1) for j in joints)
+        speed = np.sqrt(2 * (torque * angles - work) / _inertia(angles))
+        total += np.sum(weights * 2 * roots / speed)
+    return total
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("joints", ALL_JOINTS, ids=str)
+def test_a_slider_crank_starts_from_its_dead_centre(joints):
+    model = _slider_crank(joints, at=0.0, torque=0.3).compile()
+    result = model.simulate((0, 1), **TIGHT)
+    assert result.status == 0, result.message
+    exact = brentq(lambda x: _time_from_dead_centre(joints, 0.3, x) - 1.0, 0.1, 0.9, xtol=1e-14)
+    # The slider sticks until its force moves something: for 1e-6 of the angle.
+    assert result["h1.theta"][-1] == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("hinges", ALL_HINGES, ids=str)
+def test_hinges_that_hold_one_motion_share_the_torque_in_one_direction(hinges):
+    for torque in (0.0, 0.09):
+        model = _parallelogram(hinges, str(torque), 1.1, 0.0, 0.0).compile()
+        result = model.simulate((0, 1), **TIGHT)
+        shares = [result[f"held{k}"][-1] * (-1 if k == 2 else 1) for k in hinges]
+        assert sum(shares) == pytest.approx(torque, abs=1e-12)
+        # Least norm: no hinge holds against another one.
+        assert min(shares) >= -1e-12
