@@ -222,7 +222,7 @@ def _estimates(
             first.is_safe,
             first.constraints.sizes,
             first.links,
-            [row.sizes for row in first.holdings],
+            first.holdings,
         )
         unknowns = factors.solve(first.forcing)
         alone = reachable(unknowns)

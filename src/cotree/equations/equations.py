@@ -244,6 +244,15 @@ class EventRow:
 
 
 @dataclass(frozen=True)
+class HeldUnknown:
+    """A multiplier of friction or of a stop."""
+
+    name: str
+    column: tuple[Node, ...]  # forces along the speeds for a unit of it
+    sizes: tuple[Node, ...]  # squares of the terms of its row, before anything cancels
+
+
+@dataclass(frozen=True)
 class Equations:
     """Governing and sensitivity equations of a scene."""
 
@@ -266,10 +275,7 @@ class Equations:
     matrix: Sequence[Sequence[Node]]  # A, symmetric
     forcing: tuple[Node, ...]  # b
     is_safe: tuple[bool, ...]  # whether each unknown's pivot is positive for every state
-    #: For each of the last unknowns, multipliers of dry friction, squares of the terms of its row
-    #: before anything cancels.
-    holding_sizes: tuple[tuple[Node, ...], ...]
-    holding: tuple[str, ...]  # their names
+    holding: tuple[HeldUnknown, ...]  # the last unknowns: multipliers of friction and stops
     #: The tree, if elimination along it costs less than that of the matrix; otherwise empty.
     links: tuple[TreeLink, ...]
     # M x' = rates(x, w), and further conditions.
@@ -312,7 +318,7 @@ class Equations:
     def n_speeds(self) -> int:
         """Number of speeds, whose rates are the first of the unknowns."""
         # Each constraint, and each edge that friction holds, has a multiplier among the unknowns.
-        return len(self.unknowns) - len(self.constraints.rows) - len(self.holding_sizes)
+        return len(self.unknowns) - len(self.constraints.rows) - len(self.holding)
 
     @property
     def n_coordinates(self) -> int:

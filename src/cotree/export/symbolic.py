@@ -505,7 +505,10 @@ class SymbolTable:
     def of(cls, equations: Equations) -> SymbolTable:
         """Choose the names of every symbol of the equations."""
         states = tuple(state.name for state in equations.states)
-        multipliers = (*(row.name for row in equations.constraints.rows), *equations.holding)
+        multipliers = (
+            *(row.name for row in equations.constraints.rows),
+            *(row.name for row in equations.holding),
+        )
         n_speeds = equations.n_speeds
         n = equations.n_coordinates + n_speeds
         coordinates, speeds = states[: equations.n_coordinates], states[n - n_speeds : n]

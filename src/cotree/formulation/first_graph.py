@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cotree.components import FreeRotation, Role
+from cotree.dag.derivative import tangents
 from cotree.dag.nodes import Dag, substitute
 from cotree.dag.vector import quaternion_rates
 from cotree.equations import State
@@ -35,6 +36,7 @@ from cotree.formulation.mass_matrix import (
     met_where_idle,
     safe_pivots,
 )
+from cotree.formulation.networks.couplings import through_name
 from cotree.formulation.networks.network import attach_network
 from cotree.formulation.outputs import Observer, form_outputs, observe_motion
 from cotree.formulation.start import body_starts, start_conditions
@@ -176,6 +178,8 @@ def form_first_graph(
     names = network.names if network else None
     observer = Observer(view, loaded, balanced, applied, observed, owners, names)
     measured, reactions = _measured(observer, attached.reacting)
+    known = dict(zip(measured, substitute(list(measured.values()), measured), strict=True))
+    holdings = tuple(replace(r, column=tuple(substitute(r.column, known))) for r in holdings)
     states = (*_states(scene, system), *system.modes, *(network.states if network else ()))
     outputs = form_outputs(observer, scene)
     return FirstGraph(
@@ -206,7 +210,7 @@ def form_first_graph(
         forcing=(
             *(-row for row in at_rest.residual),
             *constraints.biases,
-            *(-row.share * row.bias for row in holdings),
+            *(row.jump - row.share * row.bias for row in holdings),
         ),
         # A multiplier has a zero on the diagonal, which is never a positive pivot.
         is_safe=(*is_safe, *(False for _ in (*constraints.rows, *holdings))),
@@ -298,33 +302,55 @@ def tree_links(first: FirstGraph) -> tuple[TreeLink, ...]:
 
 @dataclass(frozen=True)
 class HoldingRow:
-    """The equation of the multiplier of dry friction on the mechanism.
+    """The equation of the multiplier of a unilateral constraint on the mechanism.
 
-    With its share s it is s (J v' + b) = (1 - s) multiplier: no relative acceleration while the
-    edge sticks, and no multiplier in the other modes.
+    With its share s it is s (J v' + b) - jump = (1 - s) multiplier: no relative acceleration while
+    the edge holds, and no multiplier in the other modes.
     """
 
     name: str  # of the force
     multiplier: Node  # its symbol
-    share: Node  # one while the edge sticks, zero in the other modes
-    measure: Measure  # what the friction acts along
+    share: Node  # one while the edge holds, zero in the other modes
+    jump: Node  # in impacts what the rate changes by, otherwise zero
+    measure: Measure  # what the force acts along
     gradient: tuple[Node, ...]  # J, of its rate by the speeds
-    #: Sums of squares of the gradient's terms, before anything cancels, while the edge sticks.
+    column: tuple[Node, ...]  # forces along the speeds for a unit of the multiplier
+    #: Sums of squares of the gradient's terms, before anything cancels, while the edge holds.
     sizes: tuple[Node, ...]
     bias: Node  # b, its acceleration at zero accelerations of the coordinates
 
 
 def form_holdings(motion: Motion, view: View, attached: Attached) -> tuple[HoldingRow, ...]:
-    """Form the equations of the multipliers of dry friction; ``view`` is at zero accelerations."""
-    found = []
+    """Form the equations of unilateral multipliers; ``view`` is at zero accelerations."""
+    if not attached.holding:
+        return ()
+    dag, found = motion.system.dag, []
+    gradients = {}
+    for name, coupling in attached.couplings.items():
+        with dag.labelled(f"force of {coupling.port.edge.name}"):
+            gradients[name] = along_speeds(motion, coupling.pull)
+    forces = [attached.observed[through_name(own.port)] for own in attached.couplings.values()]
     for own in attached.holding:
         coupling = attached.couplings[own.port]
-        with motion.system.dag.labelled(f"friction of {coupling.port.edge.name}"):
-            gradient = tuple(along_speeds(motion, coupling.pull))
+        column = [dag.zero] * len(motion.system.speeds)
+        with dag.labelled(f"force of {coupling.port.edge.name}"):
+            slopes = tangents(forces, {own.multiplier: dag.one})
+            for gradient, slope in zip(gradients.values(), slopes, strict=True):
+                column = [c + slope * entry for c, entry in zip(column, gradient, strict=True)]
             sizes = tuple(own.share * s for s in sizes_along_speeds(motion, coupling.pull))
             bias = coupling.measure.acceleration(view)
         found.append(
-            HoldingRow(own.port, own.multiplier, own.share, coupling.measure, gradient, sizes, bias)
+            HoldingRow(
+                own.port,
+                own.multiplier,
+                own.share,
+                own.jump,
+                coupling.measure,
+                tuple(gradients[own.port]),
+                tuple(column),
+                sizes,
+                bias,
+            )
         )
     return tuple(found)
 
@@ -337,11 +363,16 @@ def _bordered(
 ) -> tuple[tuple[Node, ...], ...]:
     """Border the mass matrix with the constraints: symmetric, [M, -G^T; -G, 0].
 
-    Friction adds rows s J, with -(1 - s) on the diagonal, and their columns.
+    Unilateral constraints add rows s J, with -(1 - s) on the diagonal, and their columns.
     """
     border = _border(constraints, holdings, dag)
     # The signs make the matrix symmetric, as sensitivity graphs and L D L^T expect.
-    upper = [(*row, *(b[i] for b in border)) for i, row in enumerate(mass)]
+    n = len(constraints.gradient)
+    columns = [*(row.column for row in holdings)]
+    upper = [
+        (*row, *(b[i] for b in border[:n]), *(column[i] for column in columns))
+        for i, row in enumerate(mass)
+    ]
     return (*upper, *border)
 
 

@@ -145,7 +145,9 @@ class HeldFactors:
     dag: Dag  # the arena
     inner: RankedSolver  # without the border
     border: tuple[tuple[Node, ...], ...]  # the rows of the multipliers, over the other unknowns
-    responses: tuple[tuple[Node, ...], ...]  # the other unknowns for each row as a right-hand side
+    responses: tuple[
+        tuple[Node, ...], ...
+    ]  # the other unknowns for each column as a right-hand side
     core: Core  # what is left for the multipliers
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
@@ -180,21 +182,25 @@ def hold(
     dag: Dag,
     inner: RankedSolver,
     rows: Sequence[Sequence[Node]],
+    columns: Sequence[Sequence[Node]],
     n: int,
     sizes: Sequence[Node],
 ) -> HeldFactors:
-    """Border a factorised matrix of ``n`` unknowns with symmetric ``rows``, which may be redundant.
+    """Border a factorised matrix of ``n`` unknowns with rows, which may be redundant, and columns.
 
     Redundant rows share their multipliers by least norm, and a row that no unknown moves has none.
     ``sizes`` has for each row what its diagonal would be if nothing cancelled.
     """
     border = tuple(tuple(row[:n]) for row in rows)
-    responses = tuple(tuple(inner.solve(row)) for row in border)
+    responses = []
+    for column in columns:
+        rest = [dag.zero] * (n - len(column))
+        responses.append(tuple(inner.solve([*column, *rest])))
     with dag.labelled("elimination"):
         core = [[dag.zero for _ in rows] for _ in rows]
         for i, row in enumerate(rows):
-            for j in range(i + 1):
-                core[i][j] = core[j][i] = row[n + j] - _product(border[i], responses[j])
+            for j, response in enumerate(responses):
+                core[i][j] = row[n + j] - _product(border[i], response)
         diagonal = [
             # Without the second term a row that nothing moves would consist of rounding alone.
             dag.function("abs", core[i][i]) + size
@@ -202,7 +208,7 @@ def hold(
         ]
     # Multipliers need not be unique, hence no determined unknowns.
     own = Core(tuple(range(len(rows))), tuple(map(tuple, core)), tuple(diagonal), 0)
-    return HeldFactors(dag, inner, border, responses, own)
+    return HeldFactors(dag, inner, border, tuple(responses), own)
 
 
 def _product(a: Sequence[Node], b: Sequence[Node]) -> Node:

@@ -13,7 +13,7 @@ reciprocal of the one before, a product and a difference, in place of twice as m
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from cotree.dag import vector
 from cotree.dag.multi_output import RANK_TOLERANCE
@@ -212,6 +212,18 @@ def _minus(a: Matrix, b: Matrix) -> Matrix:
     return (vector.sub(a[0], b[0]), vector.sub(a[1], b[1]), vector.sub(a[2], b[2]))
 
 
+class HeldColumn(Protocol):
+    """A multiplier of friction or of a stop."""
+
+    @property
+    def column(self) -> Sequence[Node]:
+        """Forces along the speeds for a unit of it."""
+
+    @property
+    def sizes(self) -> Sequence[Node]:
+        """Squares of the terms of its row, before anything cancels."""
+
+
 @dataclass(frozen=True)
 class TreeLink:
     """A moving branch of a tree; vectors in the parent's basis."""
@@ -324,33 +336,33 @@ def factorise_bordered(
     is_safe: Sequence[bool],
     sizes: Sequence[Sequence[Node]],
     links: Sequence[TreeLink],
-    holding_sizes: Sequence[Sequence[Node]] = (),
+    holding: Sequence[HeldColumn] = (),
 ) -> RankedSolver:
     """Factorise a bordered mass matrix [M, -G^T; -G, 0], along its tree if ``links`` describe one.
 
     Along a tree the rows of M are not read. ``sizes`` has for each multiplier squares of what its
-    row is made of, before anything cancels; ``holding_sizes`` for each of the last unknowns, which
-    are multipliers of friction.
+    row is made of, before anything cancels; ``holding`` are the last unknowns, multipliers of
+    friction and stops.
     """
-    n = len(matrix) - len(sizes) - len(holding_sizes)
+    n = len(matrix) - len(sizes) - len(holding)
     n_inner = n + len(sizes)
     border = [row[:n] for row in matrix[n:n_inner]]
     if links:
         inner: RankedSolver = factorise_tree(dag, links, border, sizes, n)
-    elif holding_sizes:
+    elif holding:
         inner = factorise(
             dag, [row[:n_inner] for row in matrix[:n_inner]], is_safe[:n_inner], sizes
         )
     else:
         inner = factorise(dag, matrix, is_safe, sizes)
-    if not holding_sizes:
+    if not holding:
         return inner
     inverses = inner.inverses() if isinstance(inner, TreeFactors) else _inverses(matrix, n)
     held = [
-        sum((size * inverses[k] for k, size in _entries(row) if k in inverses), dag.zero)
-        for row in holding_sizes
+        sum((size * inverses[k] for k, size in _entries(own.sizes) if k in inverses), dag.zero)
+        for own in holding
     ]
-    return hold(dag, inner, matrix[n_inner:], n_inner, held)
+    return hold(dag, inner, matrix[n_inner:], [own.column for own in holding], n_inner, held)
 
 
 def _inverses(matrix: Sequence[Sequence[Node]], n: int) -> dict[int, Node]:

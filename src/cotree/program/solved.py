@@ -53,7 +53,7 @@ class SolvedSystem:
             equations.is_safe,
             equations.constraints.sizes,
             equations.links,
-            equations.holding_sizes,
+            equations.holding,
         )
         found = dict(zip(equations.unknowns, factors.solve(equations.forcing), strict=True))
         return cls(equations.dag, equations.matrix, factors, found, equations.unknown_tangents)

@@ -24,7 +24,14 @@ from cotree.dag.nodes import (
     substitute,
     symbols_of_each,
 )
-from cotree.equations import Derivative, DerivedParameter, Equations, Quantity, substituted
+from cotree.equations import (
+    Derivative,
+    DerivedParameter,
+    Equations,
+    HeldUnknown,
+    Quantity,
+    substituted,
+)
 from cotree.errors import ParameterError, nearest
 from cotree.formulation.constraints import stabilised
 from cotree.formulation.outputs import output_tangents, units_of_expressions
@@ -77,7 +84,7 @@ class Reach:
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
             )
         ]
-        held += [[*row.gradient, row.bias] for row in first.holdings]
+        held += [[*row.gradient, row.bias, row.jump] for row in first.holdings]
         pulled = [[row.magnitude, *row.pull.entries] for row in first.applied]
         return cls(
             outputs,
@@ -225,7 +232,8 @@ def _along(
                 held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
                 continue
             row = first.holdings[i - n_held]
-            sticking[i - n_held] = -row.share * tangent_of(row.measure.acceleration(view))
+            acceleration = tangent_of(row.measure.acceleration(view))
+            sticking[i - n_held] = tangents([row.jump], symbols)[0] - row.share * acceleration
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         # Reactions in the friction of joints change with accelerations.
@@ -413,8 +421,7 @@ def form_equations(
         matrix=first.matrix,
         forcing=first.forcing,
         is_safe=first.is_safe,
-        holding_sizes=tuple(row.sizes for row in first.holdings),
-        holding=tuple(row.name for row in first.holdings),
+        holding=tuple(HeldUnknown(row.name, row.column, row.sizes) for row in first.holdings),
         links=first.links,
         rates=first.rates,
         balances=first.balance.residual,

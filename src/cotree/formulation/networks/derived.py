@@ -124,27 +124,34 @@ def friction_residual(terminal: Terminal) -> Law:
 
 
 @lru_cache(maxsize=1024)
-def friction_force(terminal: Terminal) -> Law:
-    """Form the force of dry friction: the multiplier while it sticks, or the law of its mode."""
-    assert terminal.friction is not None
+def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
+    """Return the force of a unilateral constraint on a mechanism, its share and its jump.
+
+    The force is the multiplier times the share, one while the edge sticks or is closed and zero
+    otherwise, plus the law of the mode. In an impact the jump is the change of the across variable,
+    which replaces its rate: the rates of all states are then their changes by the impact.
+    """
+    import sympy
+
+    multiplier = law_symbol("multiplier")
+    if terminal.stop is not None:
+        mode = law_symbol(f"mode{terminal.stop.suffix}")
+        _, held, struck = _stop_weights(mode)
+        jump = struck * law_symbol(f"impulse{terminal.stop.suffix}")
+        return Law.of((held + struck) * multiplier), Law.of(held + struck), Law.of(jump)
     own = terminal.friction
-    stuck, forward, backward, _ = _friction_weights(terminal)
-    return Law.of(
-        stuck * law_symbol("multiplier")
-        + forward * own.forward.expression
-        + backward * own.backward.expression
-    )
-
-
-@lru_cache(maxsize=1024)
-def stuck_share(terminal: Terminal) -> Law:
-    """Return the law that is one while dry friction sticks, and zero in the other modes."""
-    return Law.of(_friction_weights(terminal)[0])
-
-
-def _friction_weights(terminal: Terminal) -> tuple[Any, Any, Any, Any]:
-    assert terminal.friction is not None
-    return mode_weights(law_symbol("mode"), terminal.friction.grip is not None)
+    assert own is not None
+    mode = law_symbol(f"mode{own.suffix}")
+    jump, given = sympy.Integer(0), sympy.Integer(0)
+    if own.presser:
+        stuck, forward, backward, free, struck = pressed_weights(mode)
+        impulse = law_symbol(f"impulse{own.suffix}")
+        # While it is free, the impulse is a test force.
+        stuck, jump, given = stuck + struck, struck * impulse, free * impulse
+    else:
+        stuck, forward, backward, _ = mode_weights(mode, own.grip is not None)
+    sliding = forward * own.forward.expression + backward * own.backward.expression
+    return Law.of(stuck * multiplier + sliding + given), Law.of(stuck), Law.of(jump)
 
 
 @lru_cache(maxsize=1024)
@@ -163,6 +170,15 @@ def stop_residual(terminal: Terminal) -> Law:
     struck = mode**2 * (mode**2 - 1) / 12
     wanted = struck * law_symbol(f"impulse{suffix}")
     return Law.of(free * through + wanted - (held + struck) * law_symbol("across_rate"))
+
+
+def _stop_weights(mode: Any) -> tuple[Any, Any, Any]:
+    """Return expressions that are one in one mode of a stop: free, held, or struck."""
+    return (
+        (1 - mode**2) * (4 - mode**2) / 4,
+        mode**2 * (4 - mode**2) / 3,
+        mode**2 * (mode**2 - 1) / 12,
+    )
 
 
 def mode_weights(mode: Any, may_be_free: bool) -> tuple[Any, Any, Any, Any]:

@@ -17,12 +17,12 @@ from cotree.formulation.networks.couplings import (
     form_couplings,
     through_name,
 )
-from cotree.formulation.networks.derived import stuck_share
 from cotree.formulation.networks.names import Names
 from cotree.formulation.networks.plan import make_plan
 from cotree.formulation.networks.rubbing import (
     Holding,
     check_friction,
+    holding_of,
     holding_ports,
     used_by_friction,
 )
@@ -45,7 +45,7 @@ from cotree.scene.networks import Port, scalar_graphs, scalar_ports
 from cotree.scene.normal_trees import NormalTree, normal_trees
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from cotree.formulation.across import Motion, View
     from cotree.formulation.laws import Applied
@@ -77,7 +77,7 @@ class Network:
     #: together with the accelerations, so that they may be reactions.
     of_friction: frozenset[Node]
     names: Names  # names of its variables in scenes
-    holding: tuple[Holding, ...]  # dry friction on the mechanism whose force is a multiplier
+    holding: tuple[Holding, ...]  # friction and stops on the mechanism with multipliers
 
     @property
     def watched(self) -> tuple[Variable, ...]:
@@ -123,8 +123,8 @@ def form_network(
     wanted : sequence of str
         Names that outputs and other fields use.
     is_motion : callable
-        Returns whether a name of the mechanism is that of a position or a velocity. Dry friction on
-        the mechanism that depends on nothing else has multipliers as its forces.
+        Returns whether a name of the mechanism is that of a position or a velocity. Friction and
+        stops on the mechanism that depend on nothing else have multipliers as forces.
 
     Raises
     ------
@@ -221,14 +221,7 @@ def form_network(
         used_by_friction(ports, fields),
         names,
         tuple(
-            Holding(
-                name,
-                symbol,
-                stuck_share(ports[name].terminal).value(
-                    dag, {"mode": fields[ports[name].edge.name, "mode"]}
-                ),
-            )
-            for name, symbol in multipliers.items()
+            holding_of(ports[name], name, symbol, fields) for name, symbol in multipliers.items()
         ),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
@@ -341,7 +334,7 @@ class Attached:
 
     @property
     def holding(self) -> tuple[Holding, ...]:
-        """Dry friction on the mechanism whose force is a multiplier."""
+        """Friction and stops on the mechanism whose forces are multipliers."""
         return self.network.holding if self.network else ()
 
     @property
@@ -388,10 +381,8 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         wanted,
         is_motion=lambda name: observe_motion(view.motion, name) is not None,
     )
-    held = {through_name(couplings[row.port].port) for row in network.holding}
-    others = [observed[name] for name in before if name in observed and name not in held - named]
-    if not {row.multiplier for row in network.holding}.isdisjoint(symbols_in(others)):
-        # Other forces follow that of friction, which is an algebraic unknown then.
+    if network.holding and not _is_linear(network, couplings, observed, named):
+        # The forces are algebraic unknowns then.
         network, observed = form_network(scene, system, couplings, wanted)
     reacting = frozenset(
         name
@@ -404,6 +395,22 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
         if own:
             slopes[name] = own
     return Attached(network, observed, couplings, throughs, slopes, reacting)
+
+
+def _is_linear(
+    network: Network,
+    couplings: Mapping[str, Coupling],
+    observed: Mapping[str, Node],
+    named: Collection[str],
+) -> bool:
+    """Return whether the forces on the mechanism are linear in the multipliers."""
+    multipliers = {row.multiplier for row in network.holding}
+    one = next(iter(multipliers)).dag.one
+    forces = [observed[through_name(coupling.port)] for coupling in couplings.values()]
+    slopes = [d for symbol in multipliers for d in tangents(forces, {symbol: one})]
+    # Fields of the mechanism itself must not name a force that follows from them.
+    acting = [observed[name] for name in named if name in observed]
+    return multipliers.isdisjoint(symbols_in([*slopes, *acting]))
 
 
 def _slopes(through: Node, system: System) -> dict[int, Node]:

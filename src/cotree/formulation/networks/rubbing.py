@@ -1,8 +1,8 @@
-"""Dry friction and rigid stops: checks, and the frictions whose forces are multipliers.
+"""Dry friction and rigid stops: checks, and those whose forces are multipliers.
 
-Inertias must determine the relative acceleration across each edge that may stick. The force of dry
-friction on a mechanism is an unknown of the mechanism's linear equations: while the edge sticks it
-is the multiplier of the condition that the relative acceleration is zero.
+Inertias must determine the relative acceleration across each edge that may stick. The force of
+friction or of a stop on a mechanism is an unknown of the mechanism's linear equations: while the
+edge holds it is the multiplier of the condition that the relative acceleration is zero.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from cotree.components import Kind
 from cotree.dag.nodes import MEASURED, symbols_in
 from cotree.errors import FormulationError
+from cotree.formulation.networks.derived import holding_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -89,11 +90,12 @@ _INERTIA = {"translational": "a translational_mass", "rotational": "a rotational
 
 @dataclass(frozen=True)
 class Holding:
-    """Dry friction on a mechanism, whose force is a multiplier while it sticks."""
+    """A unilateral constraint on a mechanism, whose force is a multiplier while it holds."""
 
     port: str  # the port
     multiplier: Node  # its symbol
-    share: Node  # one while it sticks, zero in the other modes
+    share: Node  # one while it holds, zero in the other modes
+    jump: Node  # in impacts the change of its across variable, otherwise zero
 
 
 def holding_ports(
@@ -102,7 +104,7 @@ def holding_ports(
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
 ) -> list[str]:
-    """List the ports of dry friction on the mechanism whose laws name no forces or accelerations.
+    """List the friction and stops on the mechanism whose fields name no forces or accelerations.
 
     ``measured`` are symbols of variables of networks in fields; ``is_motion`` returns whether a
     symbol of the mechanism is a position or a velocity.
@@ -117,12 +119,25 @@ def holding_ports(
     found = []
     for name, port in ports.items():
         friction = port.terminal.friction
-        if friction is None or not port.is_coupling or friction.presser or friction.load:
+        if not port.kind.may_hold or not port.is_coupling or (friction and friction.load):
             continue
         own = [node for (edge, _), node in fields.items() if edge == port.edge.name]
         if all(is_moving(symbol) for symbol in symbols_in(own)):
             found.append(name)
     return found
+
+
+def holding_of(
+    port: Port, name: str, multiplier: Node, fields: Mapping[tuple[str, str], Node]
+) -> Holding:
+    """Form the share and the jump of a unilateral constraint."""
+
+    def value(law: Law) -> Node:
+        own = {field: fields[port.edge.name, field] for field in law.arguments}
+        return law.value(multiplier.dag, own)
+
+    _, share, jump = holding_laws(port.terminal)
+    return Holding(name, multiplier, value(share), value(jump))
 
 
 def limit_law(port: Port, which: str) -> Law:

@@ -16,9 +16,9 @@ from cotree.formulation.fields import guards_of, is_timed
 from cotree.formulation.networks.derived import (
     across_residual,
     explicit_residual,
-    friction_force,
     friction_residual,
     higher_index,
+    holding_laws,
     rate_of,
     spring_rate,
     spring_residual,
@@ -70,7 +70,7 @@ class Terminals:
     #: The controlled sources whose laws determine their controlling variable, by the controlling
     #: edge.
     swaps: Mapping[str, Swap]
-    #: The multipliers of dry friction on the mechanism, by port.
+    #: The multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
     #: Conditions on parameters under which values whose rate has been used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
@@ -223,7 +223,7 @@ class Terminals:
         if self._is_swapped(name, "through"):
             return Unknown((f"residual_through{rate}", name))
         if name in self.multipliers and not rate:
-            return self._lawful(port, friction_force(port.terminal))
+            return self._lawful(port, holding_laws(port.terminal)[0])
         if port.kind is Kind.THROUGH_STORAGE:
             if name in self.stores:
                 return Unknown((f"residual_through{rate}", name))
