@@ -32,7 +32,7 @@
 #define CODE_MODULUS COTREE_SELECT(1125899906842597.0, 1048573.0f)
 
 /* The largest number of modes of one constraint. */
-#define MAX_MODES 4
+#define MAX_MODES 3
 
 /* Write the modes that a constraint may have, and return their number. */
 static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
@@ -45,7 +45,6 @@ static int list_allowed_modes(const cotree_events *e, int k, cotree_real *modes)
         modes[n++] = COTREE_F(0.0);
         modes[n++] = e->closed_side[k - cotree_first_stop(e)];
     } else {
-        if (cotree_is_contact_friction(e, k)) modes[n++] = COTREE_F(2.0);
         modes[n++] = COTREE_F(0.0);
         modes[n++] = COTREE_F(1.0);
         if (PLACE(k, BACKWARD_LIMIT) >= 0) modes[n++] = -COTREE_F(1.0);
@@ -132,7 +131,7 @@ static void partial_step(cotree_events *e, cotree_real share)
 }
 
 /* Return the mode of constraint i after constraint k has changed: friction at a contact follows
- * its stop, and starts without a force. */
+ * its stop. */
 static cotree_real mode_after_change(const cotree_events *e, int i, int k, cotree_real mode)
 {
     if (i == k) return mode;
@@ -500,7 +499,6 @@ int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w)
     /* Start with all contacts closed and all friction sticking. */
     close_stops(e, 1);
     status = cotree_solve_modes(e, t, w);
-    if (status == 0 && e->n_contact_friction > 0) status = cotree_stick_unloaded_contacts(e, t);
     return status == 0 && e->n_contact_friction > 0 ? check_unique(e, t, w) : status;
 }
 #endif

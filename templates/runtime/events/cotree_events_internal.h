@@ -89,10 +89,6 @@ enum { MODE_STATE, SLIP, FORWARD_LIMIT, BACKWARD_LIMIT, ENGAGED, N_PLACES };
  * that of the larger forces in the same system. */
 #define LIMIT_RTOL COTREE_F(1e-10)
 
-/* Other constraints hold a contact if a force there causes less than this share of the
- * acceleration that it causes without them. */
-#define MIN_MOBILITY_SHARE COTREE_F(1e-9)
-
 /* A constraint that opens at zero acceleration separates if its acceleration changes within the
  * span by more than this share of the largest acceleration. */
 #define JERK_SHARE COTREE_F(1e-6)
@@ -216,7 +212,6 @@ COTREE_PRIVATE cotree_real cotree_stop_violation(cotree_events *e, int k, cotree
                                                  cotree_real *new_mode);
 COTREE_PRIVATE cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                                              cotree_real *new_mode);
-COTREE_PRIVATE int cotree_stick_unloaded_contacts(cotree_events *e, cotree_real t);
 
 /* cotree_complementarity.c */
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);

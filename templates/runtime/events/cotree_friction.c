@@ -182,7 +182,7 @@ static int find_active_friction(cotree_events *e, cotree_real t, const cotree_re
             /* Its mode follows that of its stop; a sliding contact keeps its direction. */
             e->is_active[k] = e->is_active[k] || (mode == COTREE_F(2.0) &&
                                                   COTREE_FABS(v) <= cotree_closing_uncertainty(e));
-            e->slip_sign[k] = e->is_active[k] ? COTREE_F(2.0) : cotree_sign_of(v);
+            e->slip_sign[k] = e->is_active[k] ? COTREE_F(0.0) : cotree_sign_of(v);
             e->modes[k] = COTREE_F(2.0);
         } else if (e->is_active[k]) {
             e->modes[k] = COTREE_F(0.0);

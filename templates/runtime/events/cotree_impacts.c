@@ -125,9 +125,6 @@ cotree_real cotree_tangential_violation(const cotree_events *e, int k, cotree_re
     }
     *new_mode = COTREE_F(0.0);
     if (e->samples[PLACE(e->normal_stop[k], CONTACT_FORCE)] < COTREE_F(0.0)) return COTREE_F(0.0);
-    /* No impulse is needed if other constraints hold the contact. */
-    if (e->modes[k] == COTREE_F(2.0))
-        return COTREE_FABS(speed) > least ? COTREE_FABS(speed) / e->impact_speed : COTREE_F(0.0);
     return speed * e->modes[k] < -least ? -speed * e->modes[k] / e->impact_speed : COTREE_F(0.0);
 }
 
@@ -241,7 +238,7 @@ static int select_restitution_events(cotree_events *e, cotree_real t, const cotr
     return status;
 }
 
-/* Start with impulses at all stops where the impact begins, and none at friction. */
+/* Start with impulses at all stops where the impact begins, whose friction sticks. */
 static void init_impact(cotree_events *e)
 {
     int k;
@@ -259,7 +256,8 @@ static void init_impact(cotree_events *e)
     for (k = 0; k < e->n_contact_friction; ++k) {
         const int i = e->contact_friction[k];
         e->is_active[i] = takes_part(e, e->normal_stop[i]);
-        e->modes[i] = e->slip_sign[i] = COTREE_F(2.0);
+        e->slip_sign[i] = COTREE_F(0.0);
+        e->modes[i] = e->modes[e->normal_stop[i]] == COTREE_F(0.0) ? COTREE_F(2.0) : COTREE_F(0.0);
         e->slip_speed[k] = slip_after_impact(e, i);
         e->impact_speed = COTREE_FMAX(e->impact_speed, COTREE_FABS(e->slip_speed[k]));
     }

@@ -269,19 +269,11 @@ cotree_real cotree_stop_violation(cotree_events *e, int k, cotree_real t, cotree
 }
 
 /* Return by how much friction at a contact violates its mode, as a share, and the new mode. Its
- * limits move with the normal force. It starts without a force (mode 2), and stays so if other
- * constraints hold the contact. */
+ * limits move with the normal force. */
 cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_real t,
                                               cotree_real *new_mode)
 {
-    const cotree_real rate = cotree_jumps_speed_change_rate(&e->jumps, PLACE(k, SLIP));
     e->acceleration_scale[k] = COTREE_FMAX(e->acceleration_scale[k], largest_acceleration_scale(e));
-    if (e->modes[k] == COTREE_F(2.0)) {
-        *new_mode = COTREE_F(0.0);
-        return COTREE_FABS(rate) > cotree_rest_tolerance(e, k)
-                   ? COTREE_FABS(rate) / e->acceleration_scale[k]
-                   : COTREE_F(0.0);
-    }
     if (cotree_moving_side(e, PLACE(e->normal_stop[k], CONTACT_FORCE), t, COTREE_F(0.0)) <
         COTREE_F(0.0)) {
         /* A sticking contact slides before its stop opens. */
@@ -291,51 +283,5 @@ cotree_real cotree_contact_friction_violation(cotree_events *e, int k, cotree_re
         return e->modes[k] == COTREE_F(0.0) ? COTREE_F(1.0) : COTREE_F(0.0);
     }
     return cotree_friction_violation(e, k, t, new_mode);
-}
-
-/* Compute the acceleration along a friction constraint under an additional force. */
-static int acceleration_under_force(cotree_events *e, cotree_real t, int which, cotree_real force,
-                                    cotree_real *acceleration)
-{
-    const int i = e->contact_friction[which], impulse = e->impulse_states[e->n_stops + which];
-    int status;
-    e->trial[impulse] = force;
-    status = cotree_compute_rates(e, t, e->trial);
-    e->trial[impulse] = COTREE_F(0.0);
-    *acceleration = -cotree_jumps_speed_change_rate(&e->jumps, PLACE(i, SLIP));
-    return status;
-}
-
-/* Compute the acceleration per force along a friction constraint, in the trial modes. */
-static int compute_mobility(cotree_events *e, cotree_real t, int which, cotree_real *slope)
-{
-    cotree_real without, with = COTREE_F(0.0);
-    int k, status;
-    for (k = 0; k < e->n_modes; ++k) e->trial[PLACE(k, MODE_STATE)] = e->modes[k];
-    status = acceleration_under_force(e, t, which, COTREE_F(0.0), &without);
-    if (status == 0) status = acceleration_under_force(e, t, which, COTREE_F(1.0), &with);
-    if (status != 0) return status;
-    *slope = COTREE_FABS(with - without);
-    return 0;
-}
-
-/* Let contacts stick that need no force now, unless other constraints hold them: a force there
- * would be indeterminate. */
-int cotree_stick_unloaded_contacts(cotree_events *e, cotree_real t)
-{
-    int k, n;
-    for (n = 0; n < e->n_contact_friction; ++n) {
-        cotree_real alone, among;
-        k = e->contact_friction[n];
-        if (!cotree_may_change(e, k) || e->modes[k] != COTREE_F(2.0)) continue;
-        if (compute_mobility(e, t, n, &among) != 0) return e->failure;
-        cotree_copy(e->n_modes, e->modes, e->saved_modes);
-        for (k = 0; k < e->n_contact_friction; ++k)
-            e->modes[e->contact_friction[k]] = COTREE_F(2.0);
-        if (compute_mobility(e, t, n, &alone) != 0) return e->failure;
-        cotree_copy(e->n_modes, e->saved_modes, e->modes);
-        if (among > MIN_MOBILITY_SHARE * alone) e->modes[e->contact_friction[n]] = COTREE_F(0.0);
-    }
-    return 0;
 }
 #endif

@@ -107,7 +107,6 @@ def friction_residual(terminal: Terminal) -> Law:
     through, mode = law_symbol("through"), law_symbol(f"mode{own.suffix}")
     struck = impulse = 0
     if own.presser:
-        # While free, it is the force: the engine uses this mode to find the effect of a force.
         impulse = law_symbol(f"impulse{own.suffix}")
         stuck, forward, backward, free, struck = pressed_weights(mode)
     else:
@@ -118,7 +117,7 @@ def friction_residual(terminal: Terminal) -> Law:
         -stuck * law_symbol("across_rate")
         + forward * (through - own.forward.expression)
         + backward * (through - own.backward.expression)
-        + free * (through - impulse)
+        + free * through
         + struck * (impulse - law_symbol("across_rate"))
     )
 
@@ -142,16 +141,15 @@ def holding_laws(terminal: Terminal) -> tuple[Law, Law, Law]:
     own = terminal.friction
     assert own is not None
     mode = law_symbol(f"mode{own.suffix}")
-    jump, given = sympy.Integer(0), sympy.Integer(0)
+    jump = sympy.Integer(0)
     if own.presser:
-        stuck, forward, backward, free, struck = pressed_weights(mode)
+        stuck, forward, backward, _, struck = pressed_weights(mode)
         impulse = law_symbol(f"impulse{own.suffix}")
-        # While it is free, the impulse is a test force.
-        stuck, jump, given = stuck + struck, struck * impulse, free * impulse
+        stuck, jump = stuck + struck, struck * impulse
     else:
         stuck, forward, backward, _ = mode_weights(mode, own.grip is not None)
     sliding = forward * own.forward.expression + backward * own.backward.expression
-    return Law.of(stuck * multiplier + sliding + given), Law.of(stuck), Law.of(jump)
+    return Law.of(stuck * multiplier + sliding), Law.of(stuck), Law.of(jump)
 
 
 @lru_cache(maxsize=1024)
