@@ -24,6 +24,7 @@ from cotree.formulation.networks.rubbing import (
     check_friction,
     holding_of,
     holding_ports,
+    reacting_fields,
     used_by_friction,
 )
 from cotree.formulation.networks.solved import Solved, solve_plan
@@ -110,7 +111,8 @@ def form_network(
     couplings: Mapping[str, Coupling],
     wanted: Sequence[str],
     *,
-    is_motion: Callable[[str], bool] = lambda _: False,
+    is_motion: Callable[[str], bool],
+    has_multipliers: bool,
 ) -> tuple[Network, dict[str, Node]]:
     """Form the equations of the scalar networks of a scene, and the nodes of the ``wanted`` names.
 
@@ -123,8 +125,10 @@ def form_network(
     wanted : sequence of str
         Names that outputs and other fields use.
     is_motion : callable
-        Returns whether a name of the mechanism is that of a position or a velocity. Friction and
-        stops on the mechanism that depend on nothing else have multipliers as forces.
+        Returns whether a name of the mechanism is that of a position or a velocity.
+    has_multipliers : bool
+        Whether friction and stops on the mechanism have multipliers as forces. Their fields that
+        name forces or accelerations are algebraic unknowns then, otherwise their forces.
 
     Raises
     ------
@@ -156,9 +160,10 @@ def form_network(
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
     fields, measured, guards, negative = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
-    held_ports = holding_ports(ports, fields, measured, moving.__contains__)
+    held_ports = holding_ports(ports) if has_multipliers else []
     # Numbered downwards, since the other multipliers are numbered on from the accelerations.
     multipliers = {name: dag.symbol(UNKNOWN, -1 - i) for i, name in enumerate(held_ports)}
+    reacting = reacting_fields(ports, held_ports, fields, measured, moving.__contains__)
     swaps = {swap.control.name: swap for tree in trees.values() for swap in tree.swaps}
     # Open edges of swaps occur in the equations, but are not edges of the scene.
     all_ports = ports | {name: swap.control for name, swap in swaps.items()}
@@ -177,6 +182,7 @@ def form_network(
         frozenset(mode.symbol for mode in system.modes if mode.symbol.op == "symbol"),
         swaps,
         multipliers,
+        reacting,
     )
     # The plan contains only what is needed: rates of states, names in outputs and fields, and
     # redundant initial values, which have to be compared.
@@ -202,7 +208,10 @@ def form_network(
     )
     states = [state_of(item, symbols[item.variable], *at) for item in held]
     for (quantity, name), symbol in solved.algebraic.items():
-        states.append(algebraic_state(all_ports[name], quantity, symbol, *at))
+        if quantity == "field":
+            states.append(_field_state(all_ports, name, symbol))
+        else:
+            states.append(algebraic_state(all_ports[name], quantity, symbol, *at))
     own = (*(item.variable for item in held), *solved.algebraic)
     places = {variable: n_before + i for i, variable in enumerate(own)}
     network = Network(
@@ -225,6 +234,15 @@ def form_network(
         ),
     )
     return network, {name: solved.values[variable] for name, variable in observed.items()}
+
+
+def _field_state(ports: Mapping[str, Port], name: str, symbol: Node) -> State:
+    """Return the entry of a field that is an algebraic unknown."""
+    edge, _, field = name.partition("|")
+    row = next(p.edge.component.field(field) for p in ports.values() if p.edge.name == edge)
+    unit = row.unit if row else ""
+    zero = symbol.dag.zero
+    return State(f"{edge}.{field}", unit, symbol, zero, is_given=False, is_algebraic=True)
 
 
 def _is_constant(scene: SceneDescription, port: Port, name: str) -> bool:
@@ -374,16 +392,28 @@ def attach_network(scene: SceneDescription, view: View) -> Attached:
     names = {name for expression in observing for name in expression.names}
     before = system.signals.measured
     wanted = sorted(names.union(before))
+
+    def is_motion(name: str) -> bool:
+        return observe_motion(view.motion, name) is not None
+
     network, observed = form_network(
         scene,
         system,
         couplings,
         wanted,
-        is_motion=lambda name: observe_motion(view.motion, name) is not None,
+        is_motion=is_motion,
+        has_multipliers=True,
     )
     if network.holding and not _is_linear(network, couplings, observed, named):
         # The forces are algebraic unknowns then.
-        network, observed = form_network(scene, system, couplings, wanted)
+        network, observed = form_network(
+            scene,
+            system,
+            couplings,
+            wanted,
+            is_motion=is_motion,
+            has_multipliers=False,
+        )
     reacting = frozenset(
         name
         for name in system.signals.measured

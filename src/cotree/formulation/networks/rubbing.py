@@ -16,7 +16,7 @@ from cotree.errors import FormulationError
 from cotree.formulation.networks.derived import holding_laws
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from cotree.components import Law
     from cotree.dag.nodes import Node
@@ -98,33 +98,42 @@ class Holding:
     jump: Node  # in impacts the change of its across variable, otherwise zero
 
 
-def holding_ports(
+def holding_ports(ports: Mapping[str, Port]) -> list[str]:
+    """List the ports of friction and stops on the mechanism."""
+    return [
+        name
+        for name, port in ports.items()
+        if port.kind.may_hold
+        and port.is_coupling
+        and not (port.terminal.friction and port.terminal.friction.load)
+    ]
+
+
+def reacting_fields(
     ports: Mapping[str, Port],
+    holding: Collection[str],
     fields: Mapping[tuple[str, str], Node],
     measured: Mapping[Node, Variable],
     is_motion: Callable[[Node], bool],
-) -> list[str]:
-    """List the friction and stops on the mechanism whose fields name no forces or accelerations.
+) -> frozenset[tuple[str, str]]:
+    """List the fields of holding ports that name forces or accelerations.
 
     ``measured`` are symbols of variables of networks in fields; ``is_motion`` returns whether a
     symbol of the mechanism is a position or a velocity.
     """
+    edges = {ports[name].edge.name for name in holding}
 
-    def is_moving(symbol: Node) -> bool:
+    def is_reacting(symbol: Node) -> bool:
         if symbol in measured:
             quantity, name = measured[symbol]
-            return quantity in ("across", "stretch") and ports[name].is_coupling
-        return symbol.data[0] != MEASURED or is_motion(symbol)
+            return not (quantity in ("across", "stretch") and ports[name].is_coupling)
+        return symbol.data[0] == MEASURED and not is_motion(symbol)
 
-    found = []
-    for name, port in ports.items():
-        friction = port.terminal.friction
-        if not port.kind.may_hold or not port.is_coupling or (friction and friction.load):
-            continue
-        own = [node for (edge, _), node in fields.items() if edge == port.edge.name]
-        if all(is_moving(symbol) for symbol in symbols_in(own)):
-            found.append(name)
-    return found
+    return frozenset(
+        key
+        for key, node in fields.items()
+        if key[0] in edges and any(is_reacting(symbol) for symbol in symbols_in([node]))
+    )
 
 
 def holding_of(

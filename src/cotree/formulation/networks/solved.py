@@ -359,8 +359,10 @@ def _may_share(may_hold: bool, variable: Variable) -> bool:
 
 def _stays(terminals: Terminals, variable: Variable) -> bool:
     """Return whether an unknown is not eliminated: of contents, or friction on a joint."""
-    name = variable[1]
+    quantity, name = variable
     # Accelerations of a mechanism are eliminated later, at the forces that act on it.
+    if quantity == "field":
+        return True
     if name in terminals.couplings and is_holding(terminals.ports, variable):
         return True
     return name in terminals.stores and terminals.stores[name].unknown == variable

@@ -72,6 +72,8 @@ class Terminals:
     swaps: Mapping[str, Swap]
     #: The multipliers of friction and stops on the mechanism, by port.
     multipliers: Mapping[str, Node]
+    #: Their fields that name forces or accelerations, which are algebraic unknowns.
+    reacting: frozenset[tuple[str, str]]
     #: Conditions on parameters under which values whose rate has been used do not jump.
     guards: dict[Node, Guard] = field(default_factory=dict)
     #: Values with kinks at unknown times whose rate has been used, and therefore jumps there; with
@@ -121,7 +123,12 @@ class Terminals:
         if base in ("total", "content", "stored", "loss"):
             return self._content(base, name, rate)
         if base == "field":
+            edge, _, field = name.partition("|")
+            if (edge, field) in self.reacting and not rate:
+                return Unknown(("residual_field", name))
             return self._field(name, bool(rate))
+        if base == "given":
+            return self._field(name, is_rate=False)
         if base == "multiplier":
             return FieldRule(self.multipliers[name])
         if base == "stretch":
@@ -261,6 +268,8 @@ class Terminals:
         return Unknown((f"residual_{quantity}", name))
 
     def _residual(self, quantity: str, name: str) -> Rule:
+        if quantity == "field":
+            return Sum(((1, ("field", name)), (-1, ("given", name))))
         port = self.ports[name]
         terminal = port.terminal
         is_storage = port.kind in (Kind.ACROSS_STORAGE, Kind.THROUGH_STORAGE)
