@@ -348,24 +348,6 @@ int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w)
     return fail_indeterminate(e, t);
 }
 
-/* Return whether any gear has losses that depend on its load. */
-static int has_losses(const cotree_events *e) { return e->n_frictions < cotree_first_stop(e); }
-
-/* Let all friction slide that sticks at the start, unless losses depend on its forces. Return
- * whether any did. */
-int cotree_release_sticking(cotree_events *e, cotree_real *w)
-{
-    int k, n = 0;
-    if (has_losses(e)) return 0;
-    for (k = 0; k < e->n_frictions; ++k) {
-        if (w[PLACE(k, MODE_STATE)] != COTREE_F(0.0)) continue;
-        w[PLACE(k, MODE_STATE)] = COTREE_F(1.0);
-        ++n;
-    }
-    if (n > 0) e->failure = 0;
-    return n > 0;
-}
-
 /* Close all active stops, or open them. Return whether any mode changed. */
 static int close_stops(cotree_events *e, int is_held)
 {
@@ -379,46 +361,6 @@ static int close_stops(cotree_events *e, int is_held)
     return is_changed;
 }
 
-/* Return whether other mode sets may have a solution if the first one is singular: if sticking
- * constraints are redundant, or a force moves nothing (a dead centre). Losses of gears would
- * depend on the choice. */
-static int may_have_other_modes(const cotree_events *e)
-{
-    int k, n_idle = 0;
-    for (k = 0; k < e->n_frictions; ++k) n_idle += e->is_active[k];
-    return e->is_impact || (e->kernel_status == COTREE_SINGULAR && n_idle > 0 && !has_losses(e));
-}
-
-/* Return whether friction forces may be algebraic unknowns, which redundant constraints leave
- * indeterminate; n constraints are active. */
-static int may_be_indeterminate(const cotree_events *e, int n)
-{
-    return n > 1 && !e->is_impact && e->run->model->n_algebraic > 0 && !has_losses(e) &&
-           e->n_contact_friction == 0;
-}
-
-/* Start with all friction sliding, and let constraints stick one at a time if they accelerate.
- * The rest is held by these, with its force at a limit. */
-static int init_sequentially(cotree_events *e, cotree_real t, const cotree_real *w)
-{
-    int k, round, status;
-    for (k = 0; k < e->n_frictions; ++k)
-        e->modes[k] = e->is_active[k] ? COTREE_F(1.0) : e->modes[k];
-    for (round = 0; round < e->n_frictions; ++round) {
-        status = cotree_evaluate_motion(e, t, w);
-        if (status != 0) return status;
-        for (k = 0; k < e->n_frictions; ++k) {
-            const cotree_real rate = COTREE_FABS(e->jumps.rates[PLACE(k, SLIP)]);
-            if (e->is_active[k] && e->modes[k] != COTREE_F(0.0) &&
-                rate > cotree_slip_rest_tolerance(e, k))
-                break;
-        }
-        if (k == e->n_frictions) return 0;
-        e->modes[k] = COTREE_F(0.0);
-    }
-    return 0;
-}
-
 /* Pivot until the modes of n unilateral constraints are consistent. Return FOUND; NONE if
  * pivoting ends without; or the failure of the first trial. */
 static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_real *w, int n)
@@ -426,7 +368,6 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
     int round, is_begun = 0, is_lost = 0, changed = -1;
     cotree_real to = COTREE_F(0.0);
     e->n_tried = 0;
-    if (may_be_indeterminate(e, n) && init_sequentially(e, t, w) != 0) return e->failure;
     for (round = 0; round <= COTREE_FRICTION_ROUNDS(n); ++round) {
         record_trial(e);
         if (evaluate_modes(e, t, w) != 0) {
@@ -435,7 +376,7 @@ static int solve_complementarity(cotree_events *e, cotree_real t, const cotree_r
                 cotree_copy(e->n_modes, e->saved_modes, e->modes);
             else if (!close_stops(e, 0))
                 is_lost = 1;
-            if (is_lost && !may_have_other_modes(e)) return fail_indeterminate(e, t);
+            if (is_lost && !e->is_impact) return fail_indeterminate(e, t);
             e->failure = 0;
             if (is_lost) return COTREE_EVENTS_NONE;
             changed = -1;

@@ -121,8 +121,6 @@ int cotree_events_begin(cotree_events *e, cotree_real t, cotree_real *w)
 {
     int i, n_found = 0, is_bent = 0, status = evaluate_start(e, t, w);
 #if COTREE_HAS_MODES
-    /* Singular with all friction sticking: the modes are selected below. */
-    if (status != 0 && cotree_release_sticking(e, w)) status = evaluate_start(e, t, w);
     if (status != 0) return cotree_fail_start(e, t, w);
 #else
     if (status != 0) return status;

@@ -215,7 +215,6 @@ COTREE_PRIVATE cotree_real cotree_contact_friction_violation(cotree_events *e, i
 
 /* cotree_complementarity.c */
 COTREE_PRIVATE int cotree_fail_start(cotree_events *e, cotree_real t, const cotree_real *w);
-COTREE_PRIVATE int cotree_release_sticking(cotree_events *e, cotree_real *w);
 COTREE_PRIVATE int cotree_solve_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_select_modes(cotree_events *e, cotree_real t, const cotree_real *w);
 

@@ -25,7 +25,6 @@ COTREE_PRIVATE int cotree_start_solve_unknowns(cotree_start *start, cotree_real 
 COTREE_PRIVATE int cotree_start_is_rubbing(const cotree_start *start);
 COTREE_PRIVATE int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t,
                                                       cotree_real *z);
-COTREE_PRIVATE int cotree_start_release_friction(const cotree_start *start, cotree_real *z);
 #endif
 COTREE_PRIVATE int cotree_start_choose_jump_modes(cotree_start *start, cotree_real t,
                                                   cotree_real *z);

@@ -61,21 +61,6 @@ int cotree_start_choose_friction_modes(cotree_start *start, cotree_real t, cotre
     return status;
 }
 
-/* Set all sticking friction to slide forwards: sticking friction may be redundant. Return whether
- * there is any. */
-int cotree_start_release_friction(const cotree_start *start, cotree_real *z)
-{
-    const cotree_hybrid *const h = MODEL->hybrid;
-    int i, n = 0;
-    for (i = 0; i < h->n_events; ++i) {
-        cotree_real *const mode = z + h->events[i].targets[0];
-        if (h->events[i].kind != COTREE_FRICTION_SLIP || *mode != COTREE_FRICTION_STICKS) continue;
-        *mode = COTREE_F(1.0);
-        ++n;
-    }
-    return n > 0;
-}
-
 #endif
 /* Modes of jumps. */
 

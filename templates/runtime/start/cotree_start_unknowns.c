@@ -255,15 +255,9 @@ int cotree_start_solve_unknowns(cotree_start *start, cotree_real t, cotree_real 
 {
     int status = 0;
 #if COTREE_HAS_EVENTS
-    const int is_rubbing = cotree_start_is_rubbing(start);
-    if (is_rubbing) status = cotree_start_choose_friction_modes(start, t, z);
+    if (cotree_start_is_rubbing(start)) status = cotree_start_choose_friction_modes(start, t, z);
 #endif
     if (status == 0) status = cotree_start_solve_all(start, t, z);
-    if (status == 0 && !is_determined(start, t, z)) status = COTREE_START_UNDETERMINED;
-#if COTREE_HAS_EVENTS
-    if (status != 0 && is_rubbing && cotree_start_release_friction(start, z))
-        status = cotree_start_solve_all(start, t, z);
-#endif
-    return status;
+    return status == 0 && !is_determined(start, t, z) ? COTREE_START_UNDETERMINED : status;
 }
 #endif
