@@ -380,8 +380,12 @@ def chain(seed, mu):
     return scene, ["c", *(f"c{i}" for i in range(n))]
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize(("seed", "mu"), [(0, 0.3), (3, 0.6), (5, 0.6), (11, 0.3), (22, 0.6)])
+# In the last three several places hold one motion in an impact, or a rod lies on two of them.
+FALLS = [(0, 0.3), (3, 0.6), (5, 0.6), (11, 0.3), (22, 0.6), (2, 0.3), (12, 0.6), (43, 0.6)]
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(("seed", "mu"), FALLS)
 def test_rods_in_a_chain_come_to_rest_where_several_places_hold_one_motion(seed, mu):
     scene, contacts = chain(seed, mu)
     for name in contacts:
