@@ -134,3 +134,24 @@ def test_a_driven_slider_rubs_against_its_speed(method):
     assert result.status == 0, result.message
     moving = np.abs(result["v"]) > 1e-3
     assert result["held"][moving] == pytest.approx(F * np.sign(result["v"][moving]), abs=1e-12)
+
+
+@pytest.mark.parametrize("start", [0.5, 1.4])
+def test_forces_that_follow_friction_are_found_with_it(start):
+    """A torque of -0.3 times that of friction: in a law of its own, or in a field of the joint."""
+    found = []
+    for is_own in (True, False):
+        scene = Scene("follower", gravity=[0, -9.81, 0])
+        scene.parameter("F", 0.9)
+        given = {} if is_own else {"torque": "-0.3*f.tau"}
+        initial = {"theta": start}
+        scene.edge("h", "revolute", "ground", "A", axis=[0, 0, 1], initial=initial, **given)
+        scene.edge("a", "arm", "A", "B", vector=[1.0, 0, 0])
+        scene.edge("b", "rigid_body", "ground", "B", mass=1.0)
+        scene.edge("f", "rotational_dry_friction", joint="h", torque="F")
+        if is_own:
+            scene.edge("T", "torque_source", joint="h", torque="-0.3*f.tau")
+        result = scene.compile(["F"]).simulate((0, 3), method="dop853", **TIGHT)
+        found.append((result["h.theta"][-1], result.sensitivity("h.theta", "F")[-1]))
+    # Two ways to solve the same equations, each to some hundred tolerances.
+    assert found[0] == pytest.approx(found[1], abs=1e-8)
