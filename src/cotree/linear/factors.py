@@ -148,33 +148,29 @@ class HeldFactors:
     responses: tuple[
         tuple[Node, ...], ...
     ]  # the other unknowns for each column as a right-hand side
-    core: Core  # what is left for the multipliers
+    cores: tuple[Core, ...]  # what is left for the multipliers, by groups that are coupled
 
     def solve(self, rhs: Sequence[Node], tolerance: float = RANK_TOLERANCE) -> list[Node]:
         """Solve for one right-hand side; see :class:`RankedSolver`."""
         n = len(rhs) - len(self.border)
         found = self.inner.solve(rhs[:n], tolerance)
+        held = [self.dag.zero] * len(self.border)
         with self.dag.labelled("substitution"):
             rest = [
                 value - _product(row, found)
                 for value, row in zip(rhs[n:], self.border, strict=True)
             ]
-            multipliers = self.core.solve(rest, tolerance)
-            for i, multiplier in multipliers.items():
-                found = [
-                    value - response * multiplier
-                    for value, response in zip(found, self.responses[i], strict=True)
-                ]
-            held = [multipliers.get(i, self.dag.zero) for i in range(len(rest))]
-            # A row that no multiplier can satisfy shows it by a multiplier beyond all limits.
-            lacking = [
-                value - _product(row, held)
-                for value, row in zip(rest, self.core.matrix, strict=True)
-            ]
-            held = [
-                multiplier - _BEYOND * left / size
-                for multiplier, left, size in zip(held, lacking, self.core.sizes, strict=True)
-            ]
+            for core in self.cores:
+                for i, multiplier in core.solve(rest, tolerance).items():
+                    held[i] = multiplier
+                    found = [
+                        value - response * multiplier
+                        for value, response in zip(found, self.responses[i], strict=True)
+                    ]
+                # A row that no multiplier can satisfy shows it by one beyond all limits.
+                own = [held[i] for i in core.places]
+                for i, row, size in zip(core.places, core.matrix, core.sizes, strict=True):
+                    held[i] = held[i] - _BEYOND * (rest[i] - _product(row, own)) / size
         return [*found, *held]
 
 
@@ -206,9 +202,28 @@ def hold(
             dag.function("abs", core[i][i]) + size
             for i, size in enumerate(sizes)
         ]
-    # Multipliers need not be unique, hence no determined unknowns.
-    own = Core(tuple(range(len(rows))), tuple(map(tuple, core)), tuple(diagonal), 0)
-    return HeldFactors(dag, inner, border, tuple(responses), own)
+    cores = [
+        # Multipliers need not be unique, hence no determined unknowns.
+        Core(
+            tuple(group),
+            tuple(tuple(core[i][j] for j in group) for i in group),
+            tuple(diagonal[i] for i in group),
+            0,
+        )
+        for group in _coupled(core)
+    ]
+    return HeldFactors(dag, inner, border, tuple(responses), tuple(cores))
+
+
+def _coupled(matrix: Sequence[Sequence[Node]]) -> list[list[int]]:
+    """Group the rows that entries couple."""
+    groups: list[set[int]] = []
+    for i, row in enumerate(matrix):
+        own = {i, *(j for j, entry in enumerate(row) if not entry.is_zero)}
+        apart = [group for group in groups if group.isdisjoint(own)]
+        own = own.union(*(group for group in groups if not group.isdisjoint(own)))
+        groups = [*apart, own]
+    return [sorted(group) for group in sorted(groups, key=min)]
 
 
 def _product(a: Sequence[Node], b: Sequence[Node]) -> Node:
