@@ -188,6 +188,8 @@ def hold(
     ``sizes`` has for each row what its diagonal would be if nothing cancelled.
     """
     border = tuple(tuple(row[:n]) for row in rows)
+    pairs = zip(columns, border, strict=True)
+    is_symmetric = all(tuple(column) == row[: len(column)] for column, row in pairs)
     responses = []
     for column in columns:
         rest = [dag.zero] * (n - len(column))
@@ -195,8 +197,10 @@ def hold(
     with dag.labelled("elimination"):
         core = [[dag.zero for _ in rows] for _ in rows]
         for i, row in enumerate(rows):
-            for j, response in enumerate(responses):
+            for j, response in enumerate(responses[: i + 1] if is_symmetric else responses):
                 core[i][j] = row[n + j] - _product(border[i], response)
+                if is_symmetric:
+                    core[j][i] = core[i][j]
         diagonal = [
             # Without the second term a row that nothing moves would consist of rounding alone.
             dag.function("abs", core[i][i]) + size
