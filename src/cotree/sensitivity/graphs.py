@@ -13,7 +13,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cotree.dag.derivative import tangents
-from cotree.dag.dual import tangent_of
+from cotree.dag.dual import tangent_of, value_of
 from cotree.dag.nodes import (
     PARAMETER_CHANGE,
     SENSITIVITY,
@@ -84,7 +84,7 @@ class Reach:
                 rows.gradient, rows.rates, rows.biases, rows.values, strict=True
             )
         ]
-        held += [[*row.gradient, row.bias, row.jump] for row in first.holdings]
+        held += [[*row.gradient, row.bias, row.jump, row.share] for row in first.holdings]
         pulled = [[row.magnitude, *row.pull.entries] for row in first.applied]
         return cls(
             outputs,
@@ -232,8 +232,11 @@ def _along(
                 held[i] = _held_tangents(view, first.constraints.rows[i].measure, rate)
                 continue
             row = first.holdings[i - n_held]
-            acceleration = tangent_of(row.measure.acceleration(view))
-            sticking[i - n_held] = tangents([row.jump], symbols)[0] - row.share * acceleration
+            acceleration = row.measure.acceleration(view)
+            share, jump = tangents([row.share, row.jump], symbols)
+            sticking[i - n_held] = jump - row.share * tangent_of(acceleration)
+            if not share.is_zero:
+                sticking[i - n_held] -= share * (value_of(acceleration) + row.multiplier)
     with dag.labelled("derivatives of rates and outputs"):
         of_unknowns = dict(zip(first.unknowns, unknown_tangents(first), strict=True))
         # Reactions in the friction of joints change with accelerations.
