@@ -129,6 +129,7 @@ def _equations(made: Made, wanted: Sequence[str]) -> tuple[Equations, tuple[Deri
         matrix=(),
         forcing=(),
         is_safe=(),
+        holding=(),
         links=(),
         rates=tuple(rates),
         balances=(),
