@@ -238,14 +238,20 @@ def test_a_name_has_one_colour_in_all_panels():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (["j1.x"], r"cannot plot 'j1\.x', no state, output or input; did you mean 'j1\.s'"),
-        (["d(j1.q)/d(L)"], r"cannot plot a sensitivity of 'j1\.q', no state or output.*'j1\.s'"),
-        ([("push", "L")], r"cannot plot a sensitivity of 'push', no state or output"),
-        ([("j1.s", "Lr")], r"sensitivities to 'Lr', which were not asked for; did you mean 'L'"),
-        ([("j1.s", 3)], r"sensitivities to '3', which were not asked for"),
-        ([("j1.s", "L", "L")], r"cannot plot '\('j1\.s', 'L', 'L'\)', no state"),
-        ([None], "cannot plot 'None', no state"),
-        ([], "nothing is named that could be plotted"),
+        (
+            ["j1.x"],
+            r"cannot plot 'j1\.x', which is not a state, output or input; did you mean 'j1\.s'",
+        ),
+        (
+            ["d(j1.q)/d(L)"],
+            r"cannot plot a sensitivity of 'j1\.q', which is not a state or output.*'j1\.s'",
+        ),
+        ([("push", "L")], r"cannot plot a sensitivity of 'push', which is not a state or output"),
+        ([("j1.s", "Lr")], r"sensitivities to 'Lr', which were not computed; did you mean 'L'"),
+        ([("j1.s", 3)], r"sensitivities to '3', which were not computed"),
+        ([("j1.s", "L", "L")], r"cannot plot '\('j1\.s', 'L', 'L'\)', which is not a state"),
+        ([None], "cannot plot 'None', which is not a state"),
+        ([], "there are no names of variables to plot"),
     ],
 )
 def test_what_is_not_there_is_named(pendulum: FakeResult, names, message: str):

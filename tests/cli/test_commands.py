@@ -218,8 +218,9 @@ def test_run_draws_what_is_named(
     assert main([*run, "--show", "h2.thata"]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""  # refused before it ran
-    assert "cannot plot 'h2.thata', no state, output or input; did you mean 'h2.theta'" in (
-        printed.err
+    assert (
+        "cannot plot 'h2.thata', which is not a state, output or input; did you mean 'h2.theta'"
+        in (printed.err)
     )
     assert main([*run[:-2], "--show", "h2.theta"]) == 2
     assert "give --plot FILE, too" in capsys.readouterr().err

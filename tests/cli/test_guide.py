@@ -67,7 +67,10 @@ def test_what_exists_is_never_overwritten(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["new", "arm", "--like", "robo"], "--like 'robo' is no template; did you mean 'robot'?"),
+        (
+            ["new", "arm", "--like", "robo"],
+            "--like 'robo' is not a template; did you mean 'robot'?",
+        ),
         (["new", "two words"], "scene name 'two words' is not allowed"),
         (["new", "nowhere/arm"], "there is no folder 'nowhere'"),
         (["new"], "name the scene"),

@@ -129,7 +129,7 @@ def test_infeasible_constraints_are_named(scene):
 @pytest.mark.parametrize(
     ("minimise", "over", "more", "sentence"),
     [
-        ("j.s", {"q": (1, 2)}, {}, "over names 'q', which is no parameter"),
+        ("j.s", {"q": (1, 2)}, {}, "over names 'q', which is not a parameter"),
         ("j.s", {"c": (2, 1)}, {}, "the lower one must be below the upper one"),
         ("j.s", {"c": (1, 1, 1, 1)}, {}, r"give \(lower, upper\)"),
         ("j.s", {"c": (-1, 2, "log")}, {}, "bounds must not be negative"),

@@ -122,9 +122,9 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
     [
         ([], "a sweep needs members"),
         (["--grid", "L"], "--grid 'L' is not of the form name=value"),
-        (["--grid", "L=a,b"], "--grid L=a,b is no range and no list"),
-        (["--grid", "L=1:2"], "--grid L=1:2 is no range"),
-        (["--grid", "L=1:2:2.5"], "--grid L=1:2:2.5 is no range"),
+        (["--grid", "L=a,b"], "--grid L=a,b is not a range or list"),
+        (["--grid", "L=1:2"], "--grid L=1:2 is not a range"),
+        (["--grid", "L=1:2:2.5"], "--grid L=1:2:2.5 is not a range"),
         (["--grid", "L=1:2:3:cubic"], "ends in 'cubic'"),
         (["--grid", "L=-1:2:3:log"], "is logarithmic"),
         (["--grid", "L=1:2:0"], "has 0 values"),
@@ -172,7 +172,7 @@ def test_what_is_wrong_is_said_in_one_sentence(arguments, told, tmp_path, monkey
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "is no table"),
+        ("", "is not a table"),
         ("L\n", "members are empty"),
         ("L\nx\n", "'L' of members, row 0, is 'x'"),
         ("L,k\n1,2\n1\n", "'k' of members, row 1, is nan"),

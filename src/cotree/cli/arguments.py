@@ -191,7 +191,9 @@ def _axis(name: str, text: str) -> Any:
         first, last, number, *scale = text.split(":")
         low, high, n = float(first), float(last), int(number)
     except ValueError:
-        raise ParameterError(f"{shown} is no range and no list of numbers: write {_GRID}") from None
+        raise ParameterError(
+            f"{shown} is not a range or a list of numbers: write {_GRID}"
+        ) from None
     if scale not in ([], ["log"]):
         raise ParameterError(f"{shown} ends in '{brief(':'.join(scale))}': write {_GRID}")
     if n < 1:
@@ -208,7 +210,7 @@ def _distribution(name: str, text: str) -> tuple[Any, ...]:
         return (kind.strip(), *(float(number) for number in numbers))
     except ValueError:
         raise ParameterError(
-            f"--sample {brief(name)}={brief(text)} is no distribution: write it as {_SAMPLE}"
+            f"--sample {brief(name)}={brief(text)} is not a distribution: write it as {_SAMPLE}"
         ) from None
 
 
@@ -223,6 +225,6 @@ def _table(path: Path) -> Any:
         separator = max(",;\t", key=text.partition("\n")[0].count)
         table = pd.read_csv(io.StringIO(text), sep=separator, skipinitialspace=True)
     except (ValueError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise ParameterError(f"--members {path} is no table: {brief(error)}") from None
+        raise ParameterError(f"--members {path} is not a table: {brief(error)}") from None
     table.columns = [str(name).strip() for name in table.columns]
     return table.set_index("member") if "member" in table.columns else table

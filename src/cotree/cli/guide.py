@@ -150,7 +150,7 @@ def _shipped(template: str) -> str:
     scene = TEMPLATES.get(template, template)
     if scene not in known:
         hint = nearest(template, [*TEMPLATES, *known])
-        raise SceneError(f"--like '{template}' is no template{hint}")
+        raise SceneError(f"--like '{template}' is not a template{hint}")
     return scene
 
 

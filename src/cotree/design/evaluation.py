@@ -117,16 +117,8 @@ class Point(NamedTuple):
 class Evaluation:
     """Objective and constraints of a design, evaluated by simulation.
 
-    Parameters
-    ----------
-    model, goals : cotree.Model, Goals
-        The variant that has an output for each quantity, and the goals.
-    names : mapping of Quantity to str
-        The output or event that provides each quantity.
-    over : sequence of str
-        Design variables, in the order of the model's sensitivities.
-    runs : sequence of Settings
-        The scenarios, without the design variables.
+    ``model`` has the output or event in ``names`` for each quantity of the goals. ``over`` are the
+    design variables, in the order of the model's sensitivities, and ``runs`` the scenarios.
     """
 
     def __init__(

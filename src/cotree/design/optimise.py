@@ -132,7 +132,7 @@ def optimise(
     max_iterations = check_whole(max_iterations, "max_iterations", 1)
     names = list(over) if isinstance(over, Mapping) else []
     # Names with a dot may be states, which are known only after compilation.
-    own, after = (n for n in names if "." not in str(n)), ", which is no parameter of the scene"
+    own, after = (n for n in names if "." not in str(n)), ", which is not a parameter of the scene"
     check_known(own, described.parameters, "over names", after, ParameterError)
     goals = Goals(minimise, texts, [n for n in names if n in described.parameters])
     guess = check_mapping(guess, "guess")

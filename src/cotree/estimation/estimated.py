@@ -193,21 +193,10 @@ def _bound(value: Any, what: str) -> float:
 def spread_starts(rows: Sequence[Estimated], n: int, seed: int | None = 0) -> Array:
     """Choose starting points: the initial guess first, then a Latin hypercube within the bounds.
 
-    Parameters
-    ----------
-    rows : sequence of Estimated
-        The parameters. Without a guess, a parameter starts in the middle of its bounds. If a bound
-        is infinite, starts extend one decade beyond the guess on a logarithmic scale; on a linear
-        scale they extend to zero and to twice the guess, or to -1 and 1 if the guess is zero.
-    n : int
-        Number of starting points.
-    seed : int, optional
-        Seed of the Latin hypercube: equal seeds give equal starts.
-
-    Returns
-    -------
-    ndarray, shape (n, n_estimated)
-        On the scales of the parameters.
+    Points are on the scales of the parameters, shape (n, n_estimated). Without a guess, a parameter
+    starts in the middle of its bounds. If a bound is infinite, starts extend one decade beyond the
+    guess on a logarithmic scale; on a linear scale they extend to zero and to twice the guess, or
+    to -1 and 1 if the guess is zero.
     """
     scaled = Scaled(rows)
     ends = np.array([_ends(row) for row in rows]).T

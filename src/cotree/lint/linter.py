@@ -34,21 +34,10 @@ _LARGEST_STARTED = 60  # edges
 def lint(
     scene: SceneDescription, allow: Sequence[str] = (), *, is_formed: bool = True
 ) -> tuple[Finding, ...]:
-    """List the suspicious findings of a scene.
+    """Return the findings of a scene, without those in ``allow`` and in the scene's own list.
 
-    Parameters
-    ----------
-    scene : SceneDescription
-        The scene.
-    allow : sequence of str
-        Findings that are intended, ``rule`` or ``rule:name``, besides those of the scene.
-    is_formed : bool
-        Whether to form the equations, too, and report errors.
-
-    Raises
-    ------
-    SceneError
-        If an entry of allow names no rule.
+    Entries of ``allow`` are ``rule`` or ``rule:name``; SceneError is raised for an unknown rule. If
+    ``is_formed``, the equations are formed, too, and errors are findings.
     """
     allowed = (*scene.allowed, *check_allowed(list(allow)))
     found: list[Finding] = []

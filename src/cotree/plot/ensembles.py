@@ -115,7 +115,7 @@ def chosen_variables(dataset: Any, names: str | Sequence[str] | None) -> list[st
     if names is not None:
         listed = list(check_names(names, "names"))
         if not listed:
-            raise SceneError("nothing is named that could be drawn")
+            raise SceneError("there are no names of variables to draw")
         return listed
     known = _known(dataset)
     chosen = [name for name in known if not name.endswith("_dot")] or known
@@ -135,7 +135,8 @@ def read_variable(dataset: Any, name: str, *, over_time: bool) -> Variable:
             *(str(row) for row in dataset.data_vars if "time" not in dataset[row].dims),
         ]
         raise SceneError(
-            f"cannot draw '{brief(name)}', no variable of this ensemble{nearest(name, known)}"
+            f"cannot draw '{brief(name)}', which is not a variable of this ensemble"
+            f"{nearest(name, known)}"
         )
     array = dataset[title]
     unit = str(array.attrs.get("units", ""))

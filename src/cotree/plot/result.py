@@ -73,10 +73,12 @@ def choose_curves(
             _check_pair(pair, known, parameters)
             pairs[pair] = None
         else:
-            check_known([name], (*known, *inputs), "cannot plot", ", no state, output or input")
+            check_known(
+                [name], (*known, *inputs), "cannot plot", ", which is not a state, output or input"
+            )
             values[str(name)] = None
     if not values and not pairs:
-        raise SceneError("nothing is named that could be plotted")
+        raise SceneError("there are no names of variables to plot")
     if not pairs and not is_alone:
         unnamed = parameters[:_MOST_UNNAMED]
         pairs = {(name, to): None for name in values if name in known for to in unnamed}
@@ -94,8 +96,8 @@ def sensitivity_pair(name: object) -> tuple[str, str] | None:
 
 
 def _check_pair(pair: tuple[str, str], known: Sequence[str], parameters: Sequence[str]) -> None:
-    check_known(pair[:1], known, "cannot plot a sensitivity of", ", no state or output")
-    after = ", which were not asked for"
+    check_known(pair[:1], known, "cannot plot a sensitivity of", ", which is not a state or output")
+    after = ", which were not computed"
     check_known(pair[1:], parameters, "cannot plot sensitivities to", after)
 
 
@@ -249,7 +251,7 @@ def _check_overlay(
         if (name, parameter) not in sensitivities:
             raise SceneError(
                 f"the overlay of '{name}' by '{parameter}' belongs to no curve of the plot; "
-                "plot this name, and ask for its sensitivity"
+                "plot this name, and compile with its sensitivity"
             )
 
 

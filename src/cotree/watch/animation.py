@@ -158,7 +158,7 @@ def animate(
     """Draw a mechanism over a run; see :meth:`cotree.results.Result.animate`."""
     if model is None:
         raise SceneError(
-            "this result was copied or read from a file and does not know its model: "
+            "this result was copied or read from a file and has no model: "
             "give it as result.animate(model=...)"
         )
     # A result has no reference to its model, so the names of the states are compared.

@@ -50,9 +50,9 @@ def find_mesh(name: str, beside: Path, *, trust_paths: bool = False) -> Path:
     scheme, _, rest = name.rpartition("://")
     # Other schemes could access a network.
     if scheme not in ("", "file", "package", "model"):
-        raise MeshError(f"'{name[:80]}' is no file")
+        raise MeshError(f"'{name[:80]}' is not a file name")
     if "\0" in name:
-        raise MeshError("its name is none")
+        raise MeshError("its name contains a NUL")
     if scheme in ("", "file"):
         path = unquote(urlparse(name).path) if scheme else rest
         places = [(beside.parent, folder / path) for folder in (Path(), beside.parent)]
@@ -107,7 +107,7 @@ def read_mesh(path: Path) -> Mesh:
         else:
             mesh = _read_other(data, suffix)
     except (ValueError, IndexError, OverflowError) as error:
-        raise MeshError(f"'{path.name}' is no mesh: {str(error)[:80]}") from None
+        raise MeshError(f"'{path.name}' is not a mesh: {str(error)[:80]}") from None
     return _checked(mesh, path.name)
 
 
@@ -120,7 +120,7 @@ def _checked(mesh: Mesh, name: str) -> Mesh:
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshError(f"'{name}' names corners that it does not have")
     if not np.isfinite(points).all() or np.abs(points).max() > _LARGEST_LENGTH:
-        raise MeshError(f"'{name}' has corners that are no places")
+        raise MeshError(f"'{name}' has corners that are not finite or too large")
     # STL repeats each corner for every triangle; equal ones are merged.
     corners, place = np.unique(points, axis=0, return_inverse=True)
     return Mesh(corners, place.reshape(-1)[faces])
@@ -241,8 +241,8 @@ def visual_meshes(
     if failed:
         reason = next(iter(failed.values()))
         warnings.warn(
-            f"{len(failed)} of {len(failed) + len(files)} meshes are not drawn, bars stand in "
-            f"their place: {reason}; packages are looked for above the robot's file and along "
+            f"{len(failed)} of {len(failed) + len(files)} meshes are not drawn, but replaced by "
+            f"bars: {reason}; packages are searched above the robot's file and along "
             "ROS_PACKAGE_PATH",
             RuntimeWarning,
             stacklevel=4,  # the call of `animate`

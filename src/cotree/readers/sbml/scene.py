@@ -119,7 +119,7 @@ class SceneWriter(Generic[_Scene]):
             with located(quantity.at):
                 self._quantity(id, quantity)
         for id in self.roles.order:
-            self._assigned(id)
+            self._output(self.names[id], self.content.assignments[id])
         for reaction in self.content.reactions:
             self._reaction(reaction)
         for id in self.content.rates:
@@ -262,12 +262,11 @@ class SceneWriter(Generic[_Scene]):
             f"{quantity.whose} has no value: give it one, an initial assignment or a rule"
         )
 
-    def _assigned(self, id: str) -> None:
-        """Declare the output of an assignment rule."""
-        formula = self.content.assignments[id]
-        text = self._text(formula, self.running)
+    def _output(self, own: str, formula: Formula, bound: Mapping[str, Term] | None = None) -> None:
+        """Declare the output of an assignment rule or a reaction."""
+        text = self._text(formula, self.running, bound)
         with located(formula.at):
-            self.scene.output(self.names[id], text)
+            self.scene.output(own, text)
 
     def _rate(self, id: str) -> None:
         """Declare the flow of a rate rule."""
@@ -291,9 +290,7 @@ class SceneWriter(Generic[_Scene]):
 
     def _reaction(self, reaction: Reaction) -> None:
         own = self.names[reaction.id]
-        text = self._text(reaction.law, self.running, self._bound(reaction))
-        with located(reaction.law.at):
-            self.scene.output(own, text)
+        self._output(own, reaction.law, self._bound(reaction))
         numbers: dict[str, float] = {}
         for part in reaction.parts:
             if self.roles.of[part.species] not in (Role.CONCENTRATION, Role.AMOUNT):
@@ -318,8 +315,7 @@ class SceneWriter(Generic[_Scene]):
     def _stoichiometry(self, given: float | str | Formula) -> float | str:
         if isinstance(given, Formula):
             text = self._text(given, self.running)
-            plain = _plain(text)
-            return plain if isinstance(plain, float) else text
+            return _plain(text)
         if isinstance(given, float):
             return given
         if given in self.roles.unnamed:
