@@ -243,7 +243,7 @@ def kernels(s: Subject) -> list[Callable[[], Any]]:
         ),
         lambda: (
             m.kernels.derived(),
-            m.kernels.begins_alike,
+            m.kernels.has_constant_start,
             m.kernels.unreached,
             m.kernels.constraints,
             m.kernels.junctions,

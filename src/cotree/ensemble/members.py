@@ -205,7 +205,7 @@ def check_columns(
     initial: Container[str],
 ) -> None:
     """Refuse columns that a model does not have, or that a run sets otherwise."""
-    derived = {row.name: row.told for row in model.layout.derived}
+    derived = {row.name: row.dependence for row in model.layout.derived}
     for name in columns:
         if name in parameters or name in initial:
             where = "parameters" if name in parameters else "initial"

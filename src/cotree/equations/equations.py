@@ -368,7 +368,7 @@ class DerivedParameter:
         return tuple(self.arguments[place] for place in places)
 
     @property
-    def told(self) -> str:
+    def dependence(self) -> str:
         """Sentence on why its value cannot be chosen."""
         shown = listed(f"'{source}'" for source in self.sources)
         tail = f"; it follows from {shown}" if shown else ""

@@ -92,7 +92,7 @@ class Evaluated:
 
     def is_found_in_c(self, start: Start) -> bool:
         """Return whether ``cotree_start.c`` finds a start, too, with its sensitivities."""
-        return not (start.is_mended or start.told)
+        return not (start.is_mended or start.note)
 
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty where all are one."""

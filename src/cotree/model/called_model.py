@@ -117,7 +117,7 @@ class CalledModel:
                 if key != "k":
                     known[key] = value if key == "t" else array(value, sizes[key])
             try:
-                self._model.take(known.pop("p").copy())
+                self._model.set_parameters(known.pop("p").copy())
                 if n_results and spec.name != "prepare":
                     found = array(arguments[-1], n_results)
                     found[:] = self._model.evaluate(spec.name, **known)

@@ -85,7 +85,7 @@ class _Points:
                 _at(model, "rhs", self, j)  # which C would evaluate to what is no number
         else:
             self.p = model.parameter_array(p)[None, :]
-            model.take(self.p[0])
+            model.set_parameters(self.p[0])
         if u is not None and is_many(u):
             self.u = _rows(u, (len(model.inputs),), self.n, "inputs")
         elif u is not None:

@@ -48,7 +48,7 @@ class Start:
     is_chosen : bool
         Whether something moved that neither the constraints nor what was given fix: the least move
         was chosen, and ``s`` holds differences of such choices.
-    told : str
+    note : str
         A sentence on the given values that move with a parameter; empty where none does.
     is_mended : bool
         Whether given values had to change.
@@ -57,7 +57,7 @@ class Start:
     y: Array
     s: Array
     is_chosen: bool = False
-    told: str = ""
+    note: str = ""
     is_mended: bool = False
 
     @cached_property

@@ -71,7 +71,7 @@ class Junctions:
         seeds = [{symbol: dag.one} for symbol in (*unknowns, *exponentials)]
         return cls(equations, unknowns, exponentials, tuple(tangents_along(roots, seeds)))
 
-    def at(self, t: float, y: Array, p: Array, u: Array) -> HeldEquations:
+    def at(self, t: float, y: Array, p: Array, u: Array) -> FrozenSystem:
         """Hold time, states, parameters and inputs.
 
         Parameters
@@ -81,10 +81,10 @@ class Junctions:
         y, p, u : ndarray, shapes (n_states,), (n_parameters,) and (n_inputs,)
             States, of which the algebraic unknowns do not count, parameters and inputs.
         """
-        return HeldEquations(self, t, y, p, u)
+        return FrozenSystem(self, t, y, p, u)
 
 
-class HeldEquations:
+class FrozenSystem:
     """The equations at a time, states, parameters and inputs; it belongs to one search."""
 
     n_carried = 0

@@ -31,7 +31,7 @@ from cotree.dag.nodes import (
     symbols_in,
 )
 from cotree.equations import Derivative, Equations, spread
-from cotree.errors import Error, ParameterError, SingularSystemError, nearest
+from cotree.errors import Error, ParameterError, SingularSystemError, brief, nearest
 from cotree.model.algebraic import eliminated
 from cotree.model.arrays import as_array
 from cotree.model.deviations import Reduced, Slopes, is_same, is_still, reduce, reduce_along
@@ -452,7 +452,9 @@ def linearize(
             "omit it, or use model.trim(...).linearize(...), which follows equilibria"
         )
     y = find_start(at, {}).y if y is None else as_array(y, (len(model.states),), "the states")
-    directions = {name: _direction(linearizer, at, name, moves.get(name)) for name in names}
+    directions = {name: unit_direction(linearizer, at, name) for name in names}
+    for name, dy in moves.items():
+        directions[name] = replace(directions[name], y=dy)
     # The implicit function theorem requires that the algebraic equations are satisfied.
     y = solve_states(at, y)
     check_friction(at, y)
@@ -472,10 +474,16 @@ def _starts_along(at: EvaluationPoint, names: Sequence[str]) -> dict[str, Array]
     return {name: s[:, known.index(name)] for name in names}
 
 
-def _direction(
-    linearizer: Linearizer, at: EvaluationPoint, name: str, dy: Array | None
-) -> Direction:
-    """Return the direction of a parameter, an input or a state."""
+def unit_direction(linearizer: Linearizer, at: EvaluationPoint, name: str) -> Direction:
+    """Return the direction of a parameter, an input or a state.
+
+    Inputs of the scene follow the parameters that they depend on, unless a call gives inputs.
+
+    Raises
+    ------
+    ParameterError
+        If the name is none of these.
+    """
     model = at.model
     y, u, p = (np.zeros(len(row)) for row in (model.states, model.inputs, model.parameters))
     if name in model.parameters:
@@ -489,6 +497,7 @@ def _direction(
     else:
         known = [*model.parameters, *model.inputs, *model.states]
         raise ParameterError(
-            f"'{name}' is no tunable parameter, input or state of the model{nearest(name, known)}"
+            f"'{brief(name)}' is no tunable parameter, input or state of the model"
+            f"{nearest(name, known)}"
         )
-    return Direction(y if dy is None else dy, u, p)
+    return Direction(y, u, p)

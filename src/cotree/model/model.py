@@ -236,7 +236,7 @@ class CompiledModel:
             # By identity: solvers hand over the same array at every call, and comparing values
             # would take as long as a small kernel.
             if own.prepared is not p:
-                self.take(p)
+                self.set_parameters(p)
             if u is None:
                 u = kernels("inputs", t, _NONE, _NONE, _NONE) if has_inputs else _NONE
             return kernel(t, x, s, u)
@@ -298,9 +298,9 @@ class CompiledModel:
         """Prepare for parameters as users give them, unless they are those of the last call."""
         # Arrays that were prepared for are cotree's own, and nobody changes these.
         if p is None or self._own.prepared is not p:
-            self.take(self.parameter_array(p))
+            self.set_parameters(self.parameter_array(p))
 
-    def take(self, p: Array) -> None:
+    def set_parameters(self, p: Array) -> None:
         """Prepare for an array of parameters that nobody changes.
 
         Calls with the same array then look at nothing but its identity.
@@ -348,10 +348,10 @@ class CompiledModel:
         return self.traits.unreached
 
     @property
-    def begins_alike(self) -> bool:
+    def has_constant_start(self) -> bool:
         """Whether runs begin in the same states at all times and values of parameters."""
         is_found = self.begins_at_rest or self.layout.has_start_equations
-        return self.traits.begins_alike and not is_found
+        return self.traits.has_constant_start and not is_found
 
     @property
     def begins_at_rest(self) -> bool:

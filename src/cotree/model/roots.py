@@ -1,26 +1,26 @@
 """Roots of nonlinear equations g(z) = 0: a damped Newton iteration, and searches with it.
 
-- the natural monotonicity test: the step that follows with the same matrix must be shorter. It is
-  free of the units of the residuals, and that step is taken next where it converges fast enough;
-- the residual test: the residual, scaled row by row, must be smaller;
-- whole steps: the same as the natural test, but all are accepted;
-- none: whole steps are taken, as far as the equations' own limit lets them, each with a matrix of
-  its own point.
+A step is accepted by one of these tests:
 
-An iteration has converged where a step is rounding, or small and no longer shrinking. See P.
+- natural monotonicity: the next step with the same matrix is shorter. The test does not depend on
+  the units of the residuals, and the next step is reused if the iteration converges fast enough;
+- residual: the residual, scaled row by row, is smaller;
+- whole steps: as natural monotonicity, but all steps are accepted;
+- none: all steps are taken, limited by the equations only, each with the matrix of its own point.
+
+An iteration has converged if a step is rounding, or small and no longer shrinking. See P.
 Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapters 2 and 3.
 
-Searches from a poor guess take the same iteration, in this order:
+Searches from a poor guess use the same iteration, in this order:
 
-1. With whole steps, then a little damped by the natural monotonicity test.
-2. The same from a better guess, if :mod:`cotree.model.junctions` has one; then from the guess
-   given, with more damping.
-3. Damped so that the residual falls; g is scaled row by row.
-4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. Where all laws
-   vanish at zero, g(0) is what sources and states give: from zero this is source stepping.
+1. With whole steps, then slightly damped by natural monotonicity.
+2. The same from a better guess of :mod:`cotree.model.junctions`, if there is one; then from the
+   given guess, with more damping.
+3. Damped by the residual test.
+4. Continuation: roots of g(z) - (1 - l) g(z0) for l from 0 to 1, with step control. If all laws
+   vanish at zero, g(0) consists of sources and states: from zero this is source stepping.
 
-Then the same from zero and from points aside. See P. Deuflhard, Newton Methods for Nonlinear
-Problems, Springer 2004, chapters 3 and 5.
+Then 2 to 4 from zero and from random points nearby. See chapters 3 and 5 of the same book.
 """
 
 from __future__ import annotations
@@ -40,19 +40,19 @@ if TYPE_CHECKING:
     from cotree.model.arrays import Array
 
 
-#: An old matrix is given up where it would take more than so many further steps: one of its own
-#: point squares the errors.
+#: An old matrix is replaced if it would need more further steps than this: with the matrix of its
+#: own point, a step squares the error.
 _FEW = 3
 
-#: Of the decrease that a linear model promises, a step has to bring this share: Armijo's rule.
+#: The least fraction of the decrease predicted by the linear model: Armijo's rule.
 _ARMIJO = 1e-4
 
-#: Neighbours and distances at which residuals are looked at for rounding.
+#: Numbers of neighbouring points and distances in the test for rounding of residuals.
 _NEIGHBOURS, _DISTANCES = 8, 5
 
 
 class Residuals(Protocol):
-    """Equations as an iteration sees them."""
+    """Equations that an iteration solves."""
 
     n_carried: int  # number of values that are no residuals; they come first
 
@@ -65,7 +65,7 @@ class Residuals(Protocol):
         ...
 
     def moved(self, z: Array, step: Array) -> Array:
-        """Return the point that a step leads to, after limiting the step."""
+        """Return the point after a step, which the equations may shorten."""
         ...
 
 
@@ -77,10 +77,10 @@ class Equation:
     value : callable
         ``value(z)``, shape (n_carried + n,), a fresh array.
     slope : callable
-        ``slope(z)``, shape (n, m + n): derivatives with respect to the held values, then to the
-        unknowns. A full matrix, or one of SciPy's matrices, compressed by rows.
+        ``slope(z)``, shape (n, m + n): derivatives with respect to the constant arguments, then to
+        the unknowns. A full matrix, or one of SciPy's matrices, compressed by rows.
     held : ndarray, shape (m,)
-        The held values, which add to the size of the terms that cancel.
+        The constant arguments, which add to the size of the terms that cancel.
     n_carried : int
         Number of values that are no residuals.
     """
@@ -117,7 +117,7 @@ class Equation:
 
 
 class Root(NamedTuple):
-    """The point where an iteration came to rest."""
+    """The last or best point of an iteration."""
 
     z: Array  # the point
     values: Array  # values of the equations there
@@ -144,7 +144,7 @@ class _Following(NamedTuple):
     step: Array | None = None
 
 
-_ANEW = _Following()
+_REFACTOR = _Following()
 
 
 class NaturalTest:
@@ -174,7 +174,7 @@ class NaturalTest:
         ratio = after / self._before  # by which further steps with this matrix would shrink, too
         # A few further steps with this matrix reach rounding, so no new one is formed.
         is_fast = damping == 1.0 and after * min(ratio, 1.0) ** _FEW <= ROUNDING
-        return _Following(self._linear, step) if is_fast else _ANEW
+        return _Following(self._linear, step) if is_fast else _REFACTOR
 
 
 class WholeSteps(NaturalTest):
@@ -197,7 +197,7 @@ class ResidualTest:
     def following(self, g: Array, damping: float) -> _Following | None:
         """Return the next point if the step is accepted, else None."""
         after = float(np.linalg.norm(self._weights * g))
-        return _ANEW if after <= (1.0 - _ARMIJO * damping) * self._before else None
+        return _REFACTOR if after <= (1.0 - _ARMIJO * damping) * self._before else None
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,8 @@ class NewtonLimits:
     #: The test that accepts a step; whole steps are taken where absent.
     test: type[NaturalTest] | type[ResidualTest] | None = None
     least_damping: float = 1.0  # the least share of a step that is tried
-    #: The last step is one below this share of the scales, or, with a test, one after which another
-    #: would be.
+    #: The iteration ends at a step below this share of the scales or, with a test, at one whose
+    #: next step would be.
     settled: float = ROUNDING
 
 
@@ -223,17 +223,17 @@ def iterate(
     equations : Residuals
         The equations to solve; with a test they have to be an :class:`Equation`.
     z : ndarray, shape (n,)
-        The point to begin from.
+        The initial point.
     limits : NewtonLimits
-        Its budget, its damping and its test of steps.
+        Number of steps, damping and test.
     linear : Linear, optional
         Linear equations of a point nearby, kept for as long as they converge fast.
 
     Returns
     -------
     Root
-        The root; or, where no step is accepted, a matrix is singular or the budget is spent, the
-        point with the least residual.
+        The root; if no step is accepted, a matrix is singular or the budget is spent, the point
+        with the least residual.
     """
     point = best = _at(equations, z)
     least = best.size
@@ -241,7 +241,7 @@ def iterate(
     for _ in range(limits.most_steps):
         # Squares may overflow, which the slower test then sorts out.
         if not (math.isfinite(point.g.dot(point.g)) or np.isfinite(point.g).all()):
-            break  # no step leads away
+            break  # no step is finite
         is_old, before = kept.linear is not None, step
         try:
             linear = kept.linear or equations.linearised(point.z)
@@ -257,15 +257,15 @@ def iterate(
             ratio = size / max(longest(before / units), TINY)
         if limits.test is not None:  # the step after this one would shrink by as much
             size *= min(ratio, 1.0)
-        # What a kept matrix leaves of a step adds up along chains.
+        # Errors of a step with a reused matrix add up along chains.
         allowed = limits.settled if kept.step is None else 0.25 * limits.settled
         if size <= allowed and linear.is_met(point.g):
-            # The last step is still taken, and it is its residuals that decide.
+            # The last step is still taken: its residuals decide.
             last = _at(equations, equations.moved(point.z, step))
             if linear.is_met(last.g):
                 return last._replace(is_found=True, linear=linear)
         if limits.test is None:
-            point, kept = _at(equations, equations.moved(point.z, step)), _ANEW
+            point, kept = _at(equations, equations.moved(point.z, step)), _REFACTOR
             if point.size < least:
                 best, least = point, point.size
             continue
@@ -277,10 +277,10 @@ def iterate(
             # A test only accepts points that are better than those before.
             best = point
         elif is_old:
-            # An old matrix may be to blame, so the step is tried again with one of this point.
-            kept = _ANEW
+            # The matrix is an old one, so the step is repeated with that of this point.
+            kept = _REFACTOR
         else:
-            # A whole step that is refused leads to what is not finite: that says nothing.
+            # A rejected whole step has residuals that are not finite, and proves nothing.
             is_found = limits.least_damping < 1.0 and _is_last(equations, point, linear, step)
             return point._replace(is_found=True, linear=linear) if is_found else best
     return best
@@ -331,10 +331,10 @@ def _is_last(equations: Residuals, point: Root, linear: Linear, step: Array) -> 
 def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
     """Return whether a residual is nothing but rounding, where laws lose digits inside.
 
-    A difference of squares of two volts leaves 1e-18 A of a conductance without a voltage, which
-    neither the slopes nor the sizes of terms tell of. In that case, the values at neighbouring
-    points deviate from the tangent by similar amounts whether the points are near or four times as
-    far away. The deviation of a curve would be 16 times, that of a kink 4 times as large.
+    Cancellation inside a law, as in a difference of squares, is visible neither in the slopes nor
+    in the sizes of terms. If it dominates, values at neighbouring points deviate from the tangent
+    by similar amounts at one distance and at four times that distance. The deviation of a curve
+    would grow by 16, that of a kink by 4.
     """
     z, g, cut = point.z, point.g, equation.n_carried
     slope, reach = equation.square(z).copy(), np.maximum(np.abs(step), ROUNDING * np.abs(z))
@@ -352,23 +352,23 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 
-# Far from the root of an exponential each step is one unit of its argument, and the argument may
-# begin a hundred too high.
+# Far from the root of an exponential each step changes its argument by one, and the first argument
+# may be too large by a hundred.
 _MOST_STEPS, _LEAST_DAMPING = 200, 1e-25
 _FAR = NewtonLimits(_MOST_STEPS, NaturalTest, _LEAST_DAMPING)
 _FALLING = NewtonLimits(_MOST_STEPS, ResidualTest, _LEAST_DAMPING)
 
-#: Next to a root whole steps get there, or there is another one nearer.
+#: Whole steps converge from a point next to a root.
 NEXT = NewtonLimits(20, WholeSteps)
 
-#: Close to a root little damping is needed; where there is none, that should be found out soon.
+#: Close to a root little damping is needed; if there is none, few steps are wasted.
 NEAR = NewtonLimits(30, NaturalTest, 1.0 / 64.0)
 
-#: Continuation: each root has to be found in few steps, or the advance is halved.
+#: Continuation: if a root is not found in few steps, the advance is halved.
 _CORRECTION = NewtonLimits(8, NaturalTest, _LEAST_DAMPING)
 _LEAST_ADVANCE, _MOST_ADVANCES = 1e-6, 1000
 
-#: How far aside, as a share of the guess or of 1, and how often, to look for a better start.
+#: Distance of random initial points, as a share of the guess or of 1, and their number.
 _ASIDE, _TRIES = 0.5, 3
 
 
@@ -383,11 +383,11 @@ def find_root(
     Parameters
     ----------
     equation : Equation
-        The equations; what they give may be infinite or nan where they do not hold.
+        The equations; their values may be infinite or nan outside their domain.
     guess : ndarray, shape (n,)
         The point to begin from.
     improve : callable, optional
-        Gives a better guess, or None; it is asked where Newton's method fails from this one.
+        Returns a better guess, or None; called if Newton's method fails from this one.
     linear : Linear, optional
         Linear equations of a point near the guess.
 
@@ -396,15 +396,7 @@ def find_root(
     Root
         The first root found, or the point with the least residual in the units of g.
     """
-    with np.errstate(all="ignore"):
-        best = iterate(equation, guess, NEXT, linear)
-        attempts = _attempts(guess, improve)
-        while not best.is_found and (following := next(attempts, None)):
-            attempt, start = following
-            root = attempt(equation, start)
-            if root.is_found or root.size < best.size:
-                best = root
-    return best
+    return _best(_searches(equation, guess, improve, linear))
 
 
 def find_near(equation: Equation, guess: Array) -> Root:
@@ -412,27 +404,36 @@ def find_near(equation: Equation, guess: Array) -> Root:
 
     Equations may be more, or fewer, than unknowns; other parameters as of :func:`find_root`.
     """
+    starts = [(guess, NEXT), *((start, NEAR) for start in _starts(guess))]
+    return _best(iterate(equation, start, limits) for start, limits in starts)
+
+
+def _best(searches: Iterator[Root]) -> Root:
+    """Return the first root found, else the point with the least residual."""
     with np.errstate(all="ignore"):
-        best = iterate(equation, guess, NEXT)
-        for start in _starts(guess):
-            if best.is_found:
-                break
-            root = _near(equation, start)
+        best = next(searches)
+        while not best.is_found and (root := next(searches, None)):
             if root.is_found or root.size < best.size:
                 best = root
     return best
 
 
-def _attempts(
-    guess: Array, improve: Callable[[], Array | None]
-) -> Iterator[tuple[Callable[[Equation, Array], Root], Array]]:
-    yield _near, guess
+def _searches(
+    equation: Equation,
+    guess: Array,
+    improve: Callable[[], Array | None],
+    linear: Linear | None,
+) -> Iterator[Root]:
+    """Search for a root from the guess, a better one, zero and points nearby."""
+    yield iterate(equation, guess, NEXT, linear)
+    yield iterate(equation, guess, NEAR)
     better = improve()
     if better is not None:
-        yield _far, better
+        yield iterate(equation, better, _FAR)
     for start in _starts(guess):
-        for attempt in (_far, _falling, _continued):
-            yield attempt, start
+        yield iterate(equation, start, _FAR)
+        yield _falling(equation, start)
+        yield _continued(equation, start)
 
 
 def _starts(guess: Array) -> Iterator[Array]:
@@ -445,14 +446,6 @@ def _starts(guess: Array) -> Iterator[Array]:
         yield guess + _ASIDE * np.maximum(np.abs(guess), 1.0) * rng.standard_normal(len(guess))
 
 
-def _near(equation: Equation, z: Array) -> Root:
-    return iterate(equation, z, NEAR)
-
-
-def _far(equation: Equation, z: Array) -> Root:
-    return iterate(equation, z, _FAR)
-
-
 def _falling(equation: Equation, z: Array) -> Root:
     """Reduce the residual as far as possible, and end by the natural test."""
     root = iterate(equation, z, _FALLING)
@@ -462,7 +455,7 @@ def _falling(equation: Equation, z: Array) -> Root:
 def _continued(equation: Equation, z: Array) -> Root:
     """Follow the root of g(z) - (1 - l) g(z0) from l = 0 to 1."""
     first, cut = equation.value(z), equation.n_carried
-    # What is carried along is no residual and keeps its values.
+    # The carried values are no residuals, and are not changed.
     first[:cut] = 0.0
     reached, advance = 0.0, 0.1
     for _ in range(_MOST_ADVANCES):

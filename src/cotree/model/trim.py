@@ -18,7 +18,7 @@ import numpy as np
 from cotree.arguments import check_mapping, check_names
 from cotree.errors import Error, ParameterError, SolveError, brief, listed, nearest
 from cotree.model.linear import Linear
-from cotree.model.linearize import Direction, Linearizer
+from cotree.model.linearize import Direction, Linearizer, unit_direction
 from cotree.model.model import CompiledModel, EvaluationPoint
 from cotree.model.roots import Equation, find_near
 from cotree.model.start import find_start
@@ -160,34 +160,14 @@ class TrimPoint(Reported):
 
     def _moved(self, name: str) -> tuple[Array, Direction]:
         """Return the derivatives of the unknowns by a name, and its direction alone."""
-        model, at = self.model, self.at
         assert self.linearizer is not None
-        y, u, p = (np.zeros(len(x)) for x in (model.states, model.inputs, model.parameters))
         if name in self.unknowns:
             raise ParameterError(
                 f"'{name}' is an unknown: differentiate by a given quantity instead"
             )
-        if name in model.parameters:
-            place = model.parameters.index(name)
-            p[place] = 1.0
-            if at.u is None:
-                u = self.linearizer.inputs_by_parameters(at, p)
-            changed = by_parameter(self.linearizer, at, self.y, place)
-        elif name in model.inputs:
-            place = model.inputs.index(name)
-            u[place] = 1.0
-            changed = all_slopes(self.linearizer, at, self.y)[1][:, place]
-        elif name in model.states:
-            place = model.states.index(name)
-            y[place] = 1.0
-            changed = all_slopes(self.linearizer, at, self.y)[0][:, place]
-        else:
-            known = [*model.parameters, *model.inputs, *model.states]
-            raise ParameterError(
-                f"'{brief(name)}' is no tunable parameter, input or state of the model"
-                f"{nearest(name, known)}"
-            )
-        return -self.inverse @ changed[list(self.rows)], Direction(y, u, p)
+        direction = unit_direction(self.linearizer, self.at, name)
+        changed = along(self.linearizer, self.at, self.y, direction)
+        return -self.inverse @ changed[list(self.rows)], direction
 
     def _direction(self, name: str) -> Direction:
         """Return the total derivative of the point by a name."""
@@ -202,7 +182,9 @@ class TrimPoint(Reported):
         if self.is_unique:
             return "locally unique"
         parts = [
-            f"'{names[0]}' may have any value" if len(names) == 1 else _together(names)
+            f"'{names[0]}' may have any value"
+            if len(names) == 1
+            else f"{listed(map(repr, names))} may change together"
             for names in self.undetermined
         ]
         return f"not locally unique: {listed(parts)}"
@@ -215,10 +197,6 @@ class TrimPoint(Reported):
         return Report(f"TrimPoint of {self.model.layout.name}", Facts(facts))
 
 
-def _together(names: Sequence[str]) -> str:
-    return f"{listed(repr(name) for name in names)} may change together"
-
-
 #: Largest change of an angle in one step, [rad]; a larger one might lead to another branch.
 _LONGEST_TURN = 1.0
 
@@ -229,7 +207,7 @@ _MET = 1e-6
 #: Residuals below this are rounding errors, relative to the sum of the magnitudes of their terms.
 _EXACT = 1e-11
 
-#: Limit of rounds in which the modes settle; each round solves for the point anew.
+#: The most iterations over modes, each of which solves for the point again.
 _MOST_ROUNDS = 20
 
 #: Unknowns with relative entries below this count as not involved in a direction.
@@ -295,7 +273,12 @@ class _Search:
                 if kind == "y"
                 else by_inputs[:, i]
                 if kind == "u"
-                else by_parameter(self.linearizer, at, y, i)
+                else along(
+                    self.linearizer,
+                    at,
+                    y,
+                    unit_direction(self.linearizer, at, at.model.parameters[i]),
+                )
                 for kind, i in self.unknowns
             ]
         except Error:
@@ -325,15 +308,11 @@ def all_slopes(linearizer: Linearizer, at: EvaluationPoint, y: Array) -> tuple[A
     return np.vstack([whole[:, :n], held, norms]), np.vstack([whole[:, n:], rest])
 
 
-def by_parameter(linearizer: Linearizer, at: EvaluationPoint, y: Array, place: int) -> Array:
-    """Differentiate :func:`all_values` by one parameter, also through the scene's inputs."""
-    p = np.zeros(len(at.p))
-    p[place] = 1.0
-    u = np.zeros(len(at.model.inputs))
-    if at.u is None:
-        u = linearizer.inputs_by_parameters(at, p)
-    found = linearizer.by_parameters(at, y, Direction(np.zeros(len(y)), u, p))
-    return np.concatenate([found, np.zeros(len(at.model.layout.quaternions))])
+def along(linearizer: Linearizer, at: EvaluationPoint, y: Array, direction: Direction) -> Array:
+    """Differentiate :func:`all_values` along a direction."""
+    found = linearizer.by_parameters(at, y, direction)
+    quaternions = [slice(first, first + 4) for first in at.model.layout.quaternions]
+    return np.array([*found, *(2.0 * y[q] @ direction.y[q] for q in quaternions)])
 
 
 class _TrimEquation(Equation):
@@ -459,7 +438,10 @@ def _posed(
         for name in values.keys() & inputs:
             u[inputs.index(name)] = values[name]
     at = EvaluationPoint(model, at.t, p, u)
-    y = _first_guess(at)
+    try:
+        y = find_start(at, {}).y.copy()
+    except Error:  # the initial values as given
+        y = model.initial_values(at.t, at.p, at.u)[0].copy()
     for name in values.keys() & states:
         y[states.index(name)] = values[name]
     y = guess_friction(at, y, values)
@@ -494,14 +476,6 @@ def _posed(
         *(f"constraint '{name}'" for name in model.constraints),
     )
     return _Search(linearizer, at, y, tuple(unknowns), tuple(rows), np.array(targets), names)
-
-
-def _first_guess(at: EvaluationPoint) -> Array:
-    """Return the consistent start of the model, else the initial values as given."""
-    try:
-        return find_start(at, {}).y.copy()
-    except Error:
-        return at.model.initial_values(at.t, at.p, at.u)[0].copy()
 
 
 def _known_rates(

@@ -148,7 +148,9 @@ class Program:
             ),
             is_rheonomic=TIME in kinds_in([*results["constraints"], *results["start"]]),
             constant_inputs=tuple(row.name for row, node in own if TIME not in kinds_in([node])),
-            begins_alike=not symbols_in([*results["initial"], *results["initial_sensitivity"]]),
+            has_constant_start=not symbols_in(
+                [*results["initial"], *results["initial_sensitivity"]]
+            ),
             has_corners=bool(self.stops),
             has_longest_step=bool(self.longest_steps),
         )

@@ -28,7 +28,7 @@ class Traits:
     unreached: tuple[str, ...]
     is_rheonomic: bool  # whether conditions on the start depend on time
     constant_inputs: tuple[str, ...]  # inputs that are functions of parameters alone
-    begins_alike: bool  # whether initial values depend on no parameter
+    has_constant_start: bool  # whether initial values depend on no parameter
     has_corners: bool  # whether inputs or rates have time events
     has_longest_step: bool  # whether anything bounds the steps
 

@@ -150,7 +150,7 @@ def check_wanted(first: FirstGraph, wanted: Sequence[str]) -> None:
             continue
         if name in derived:
             raise ParameterError(
-                f"{derived[name].told}: take sensitivities to those, which pass through it"
+                f"{derived[name].dependence}: take sensitivities to those, which pass through it"
             )
         if name in first.scene.parameters:
             raise ParameterError(

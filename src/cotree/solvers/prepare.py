@@ -328,7 +328,7 @@ class Preparation:
         p = model.parameter_array(parameters)
         signals, samples = _with_samples(model, p, self._signals, t_span)
         u = _input_function(model, p, signals)
-        model.take(p)
+        model.set_parameters(p)
         corners = self._corners(p, signals)
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
@@ -363,7 +363,7 @@ class Preparation:
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
         """Find the start of a run; once, where all runs begin in the same states."""
-        if initial or self.asks_python or not self.model.begins_alike:
+        if initial or self.asks_python or not self.model.has_constant_start:
             return find_start(at, initial)
         found = self._start
         if found is None:

@@ -154,7 +154,7 @@ def run_values(
         "parameters_of_sensitivity": model.sensitivities,
         "units": preparation.units.copy(),
         "status": trajectory.status,
-        "message": f"{trajectory.message} {run.start.told}".rstrip(),
+        "message": f"{trajectory.message} {run.start.note}".rstrip(),
         "statistics": trajectory.statistics,
         "times": {"compile": compiling, "integrate": time.perf_counter() - begin - compiling},
         "drift": trajectory.drift,
