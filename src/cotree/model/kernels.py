@@ -1,11 +1,11 @@
-"""Kernels of compiled C that can be called.
+"""Kernels of compiled C as functions of Python.
 
-They take and give contiguous arrays of doubles. A result array is the kernel's own buffer: copy it
-to keep it. Buffers and prepared parameters belong to the thread that calls: each has its own.
+Arguments and results are contiguous arrays of doubles. A result is the buffer of its kernel: copy
+it to keep it. Each thread has its own buffers and prepared parameters.
 
-Kernels that implicit methods need, a ``cotree_newton``, are built when one is first used.
+The kernels of implicit methods, a ``cotree_newton``, are built when the first of them is used.
 
-In: files and declarations. Out: a library, or None where no compiler can build it.
+In: files and declarations. Out: a library, or None if no compiler can build it.
 """
 
 from __future__ import annotations
@@ -37,26 +37,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Newton:
-    """Factors and second derivatives of a model, as C sees them."""
+    """Factors and second derivatives of a model in C."""
 
     address: int  # address of its ``cotree_newton``
     library: LoadedLibrary  # the library, which keeps the code loaded
 
 
 def load_newton(program: Program) -> Newton | None:
-    """Build and load the factors and second derivatives of a model; None where no compiler can.
-
-    Parameters
-    ----------
-    program : Program
-        The program after its passes.
-    """
+    """Build and load the factors and second derivatives of a model; None if no compiler can."""
     if find_toolchain() is None:
         return None
-    # Explicit methods need nothing of what prints C.
+    # Imported here: runs with explicit methods print no C.
     from cotree.codegen.newton import newton_context, newton_declarations, render_newton
 
-    # Second derivatives are new nodes of the model's arena, which threads share.
+    # Second derivatives are new nodes of the arena, which threads share.
     with forming:
         model = newton_context(program)
         files = render_newton(model)
@@ -70,7 +64,7 @@ def load_newton(program: Program) -> Newton | None:
 def load_kernels(
     model: KernelFile, files: Mapping[str, str], declarations: str, options: BuildOptions
 ) -> LoadedLibrary | None:
-    """Build and load further functions of a model; None where no compiler can."""
+    """Build and load further functions of a model; None if no compiler can."""
     toolchain = find_toolchain()
     with contextlib.suppress(BuildError):
         if toolchain is not None:
@@ -126,13 +120,13 @@ def count_step_work(program: Program) -> StepWork | None:
     )
 
 
-#: What a kernel returns if a linear system is singular.
+#: The status of a kernel with a singular linear system.
 SINGULAR = 1
 
 
 @dataclass(frozen=True, eq=False)
 class NativeModel:
-    """A model as C sees it."""
+    """A model in C."""
 
     address: int  # address of its ``cotree_model``
     #: Parameters and the values prepared from them.
@@ -141,10 +135,9 @@ class NativeModel:
     library: LoadedLibrary  # the library, which keeps the code loaded
     layout: Layout
     can_extend: bool  # whether it has rates of its algebraic unknowns
-    #: Returns what implicit methods need in addition, built at the first call; None where it cannot
-    #: be built.
+    #: Returns factors and second derivatives, built at the first call; None if that is impossible.
     newton: Callable[[], Newton | None]
-    #: Returns what steps of implicit methods consist of, counted at the first call.
+    #: Returns the operation counts of implicit steps, counted at the first call.
     work: Callable[[], StepWork | None]
 
 
@@ -157,21 +150,21 @@ class Kernels(Protocol):
         ...
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls of this thread that follow.
+        """Set the parameters of all further calls of this thread.
 
         Raises
         ------
         ParameterError
-            If a guard of the model refuses them.
+            If a guard of the model rejects them.
         """
         ...
 
     def native(self) -> NativeModel | None:
-        """Return the model as C sees it, as this thread last prepared it; None where it is none."""
+        """Return the model in C with this thread's parameters; None without a compiler."""
         ...
 
     def address(self, name: str) -> int | None:
-        """Return the address of a kernel in C; None where it is none."""
+        """Return the address of a kernel in C; None if C has no such kernel."""
         ...
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
@@ -221,7 +214,7 @@ class _Bound(dict[str, tuple[Any, tuple[Any, ...], Array, bool]]):
 
 
 class _OwnBuffers(threading.local):
-    """Buffers that the calling thread hands to C; Python makes them anew for each thread."""
+    """Arguments and results of C; each thread has its own."""
 
     def __init__(self, text: ModelText, library: LoadedLibrary, model: Any) -> None:
         self.bound = _Bound(text, library, model)
@@ -235,13 +228,13 @@ class CKernels:
     def __init__(self, text: ModelText, library: LoadedLibrary) -> None:
         layout = text.layout
         model = getattr(library.lib, f"{text.prefix}_abi")()
-        # Structures of another version have other fields, and none of them could be trusted.
+        # Structures of another version have other fields.
         if model.abi_version != ABI_VERSION or model.n_states != len(layout.states):
             raise BuildError("the loaded library belongs to another model: clear the cache")
         self._library = library  # keeps the code loaded
         self._model, self._text = model, text
         self._own = _OwnBuffers(text, library, model)
-        # What is the same for all parameters.
+        # These members do not depend on parameters.
         self._native = NativeModel(
             int(library.ffi.cast("uintptr_t", model)),
             np.zeros(0),
@@ -254,29 +247,29 @@ class CKernels:
         )
 
     def prepare(self, p: Array) -> None:
-        """Take parameters for all calls of this thread that follow; see :class:`Kernels`."""
+        """Set the parameters of all further calls of this thread; see :class:`Kernels`."""
         bound = self._own.bound
         bound.p[:] = p
         status = self._model.prepare(*bound.prepared)
-        # C only tells that a guard refuses. Python evaluates the guards again, to name the value.
+        # C returns a status only. Python evaluates the guards again, to name the value.
         if status < 0:
             from cotree.model.failures import check_guards
 
             check_guards(self._text.program.guards, p)
         if status:
-            # Guards name the value that they refuse; what is left are singular systems.
+            # No guard rejects the values: a linear system is singular.
             raise self._failure(status, "prepare", {"p": bound.p})
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         """Evaluate a kernel; see :class:`Kernels`."""
         bound = self._own.bound
         function, arguments, result, is_timed = bound[name]
-        # Values are copied behind pointers bound once: to make these anew takes several times as
-        # long as a small kernel.
+        # Values are copied behind pointers that are bound once: new pointers would take several
+        # times as long as a small kernel.
         if x.size:
             bound.x[: x.size] = x
         if s.size:
-            bound.s[: s.size] = s  # of event_rates, it holds one direction
+            bound.s[: s.size] = s  # for event_rates, one direction
         if u.size:
             bound.u[: u.size] = u
         status = function(t, *arguments) if is_timed else function(*arguments)
@@ -287,7 +280,7 @@ class CKernels:
 
     def native(self) -> NativeModel:
         """Return the model and the parameters that this thread last prepared."""
-        # Copies, since a run outlives what this thread may prepare next.
+        # Copies, since this thread may prepare other parameters during the run.
         bound = self._own.bound
         return changed(self._native, p=bound.p.copy(), k=bound.k.copy())
 
@@ -305,7 +298,7 @@ class CKernels:
         return SolveError(f"a kernel of the model failed with status {status}")
 
 
-#: The sentence of everything that needs compiled kernels.
+#: Message of calls that need compiled kernels.
 NO_COMPILER = (
     "There is no C compiler, and evaluations and simulations need one: `pip install ziglang` "
     "brings one. Equations, C and FMU sources are written without it."
@@ -313,32 +306,32 @@ NO_COMPILER = (
 
 
 class MissingKernels:
-    """Kernels of a model on a machine without a compiler: no call is answered."""
+    """Kernels of a model on a machine without a compiler: every call raises SolveError."""
 
     backend = "none"
 
     def prepare(self, p: Array) -> None:
-        """Refuse to take parameters."""
+        """Raise SolveError."""
         raise SolveError(NO_COMPILER)
 
     def native(self) -> None:
-        """Return None, as there is no C; see :class:`Kernels`."""
+        """Return None."""
         return
 
     def address(self, name: str) -> None:
-        """Return None, as there is no C; see :class:`Kernels`."""
+        """Return None."""
         return
 
     def __call__(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Refuse to evaluate a kernel."""
+        """Raise SolveError."""
         raise SolveError(NO_COMPILER)
 
 
 class SharedCode(NamedTuple):
-    """C that is the same for every model."""
+    """C text that is the same for all models."""
 
     files: Mapping[str, str]  # text by file name
-    declarations: str  # what cffi reads
+    declarations: str  # in the form of cffi
     shared: frozenset[str]  # files that several libraries have
 
 
@@ -358,13 +351,12 @@ def shared_code(library: str, *stepper: str) -> SharedCode:
 
 
 def build_engine(code: SharedCode) -> LoadedLibrary | None:
-    """Build and load C that is the same for every model; None if that is not possible."""
+    """Build and load C text that is the same for all models; None if no compiler can."""
     toolchain = find_toolchain()
     if toolchain is None:
         return None
-    # The steps are worth vectors of sums over equations: a fifth faster for 8 of them, a quarter
-    # for 36. A number of equations known beforehand gains nothing. What is around the steps takes
-    # the compiler longer than these do, and runs no faster.
+    # Vectors of sums over equations make steps faster by a fifth for 8 equations, by a quarter for
+    # 36. The code around the steps compiles more slowly with these flags and gains nothing.
     try:
         _, loaded = obtain_library(
             code.files,

@@ -41,27 +41,14 @@ if TYPE_CHECKING:
     from cotree.program.text import ModelText
 
 
-def whole_kernel(
-    kernels: Kernels, layout: Layout, name: str
-) -> Callable[[float, Array, Array, Array], Array]:
-    """Return a kernel as a function of time, states, all sensitivities and inputs.
+#: A kernel as a function of time, states, flat sensitivities and inputs.
+Call = Callable[[float, Array, Array, Array], Array]
 
-    Parameters
-    ----------
-    kernels : Kernels
-        The model's.
-    layout : Layout
-        Its patterns.
-    name : str
-        A name in ``KERNELS``.
 
-    Returns
-    -------
-    callable
-        Its result is a buffer: copy it to keep it.
-    """
+def whole_kernel(kernels: Kernels, layout: Layout, name: str) -> Call:
+    """Return a kernel as a function of all sensitivities; its result is a buffer."""
     n_all = len(layout.states) * len(layout.sensitivities)
-    # Kernels without packed arguments are called as they are, at no cost.
+    # Kernels without packed arguments are called directly.
     if not KERNELS[name].is_packed or len(layout.sensitivity_rows) == n_all:
         return lambda t, x, s, u: kernels(name, t, x, s, u)
     places = np.array(layout.sensitivity_places, dtype=np.intp)
@@ -77,9 +64,6 @@ def whole_kernel(
 
     return call
 
-
-#: A kernel as a function of time, states, flat sensitivities and inputs.
-Call = Callable[[float, Array, Array, Array], Array]
 
 _NONE: Array = np.zeros(0)
 
@@ -103,48 +87,48 @@ class Rest(Protocol):
         ...
 
 
-# Settings of runs that a model keeps what it has prepared for.
+# Number of settings for which a model keeps prepared runs.
 _MOST_KEPT = 8
 
 
 class CompiledModel:
     """Kernels of a scene with their names, called with NumPy arrays.
 
-    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
-    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
-    Several threads may call the same model at the same time, with other parameters each.
+        Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
+        :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
+        mapping of names to values, too: the others are the scene's. Results are fresh arrays.
+        Several threads may call the same model at the same time, with other parameters each.
 
-    Parameters
-    ----------
-    text : ModelText
-        Names, patterns, what the kernels compute, and the C text that they were compiled from.
-    kernels : Kernels
-        The kernels.
-    options : BuildOptions, optional
-        The user's choices for the compiler.
+        Parameters
+        ----------
+        text : ModelText
+            Names, patterns, what the kernels compute, and the C text that they were compiled from.
+        kernels : Kernels
+            The kernels.
+        options : BuildOptions, optional
+            The user's choices for the compiler.
 
-    Attributes
-    ----------
-    text, options
-        The same.
-    traits : Traits
-        What calls have to know of the nodes.
-    cached : bool
-        Whether the library was compiled before.
-    rest : callable or None
-        Initial states and sensitivities at the operating point; None for those of the scene.
-    layout : Layout
-        Names, units and patterns.
-    states, parameters, inputs, outputs : tuple of str
-        Names of the states, the tunable parameters, the inputs and the outputs.
-    sensitivities : tuple of str
-        Parameters and states with respect to which sensitivities are taken.
-    structure : Structure
-        Patterns of its derivatives.
-    kept : RecentCache
-        What runs with the same settings share, by these; see :mod:`cotree.solvers.prepare`.
-    """
+        Attributes
+        ----------
+        text, options
+            The same.
+        traits : Traits
+            Properties of the nodes that decide how kernels are called.
+        cached : bool
+            Whether the library was compiled before.
+        rest : callable or None
+            Initial states and sensitivities at the operating point; None for those of the scene.
+        layout : Layout
+            Names, units and patterns.
+        states, parameters, inputs, outputs : tuple of str
+            Names of the states, the tunable parameters, the inputs and the outputs.
+        sensitivities : tuple of str
+            Parameters and states with respect to which sensitivities are taken.
+        structure : Structure
+            Patterns of its derivatives.
+            kept : RecentCache
+            Prepared runs by their settings; see :mod:`cotree.solvers.prepare`.
+        """
 
     def __init__(
         self, text: ModelText, kernels: Kernels, options: BuildOptions | None = None
@@ -205,7 +189,7 @@ class CompiledModel:
         Parameters
         ----------
         p : array_like, shape (n_parameters,), or mapping of str to float, optional
-            What they follow from; the scene's values where absent.
+            The parameters; by default the scene's values.
 
         Raises
         ------
@@ -215,21 +199,16 @@ class CompiledModel:
         return derived_values(self.layout.derived, self.parameter_array(p))
 
     def arguments_of(self, values: Mapping[str, float]) -> Array:
-        """Return the parameters of a run as an array, of all its values by name.
-
-        Those that follow from others are among the values, and are left out.
-        """
+        """Return the parameter array from the values of a run, which include derived ones."""
         return self.parameter_array({name: values[name] for name in self._place_of})
 
     def bound(self, name: str, p: Array) -> Callable[[float, Array, Array, Array | None], Array]:
         """Return a kernel as a function of time, states, flat sensitivities and inputs.
 
-        For solvers: no checks and no copies, the result is a buffer of the thread that calls. It
-        stays valid until that thread calls the kernel again; the function prepares its own
-        parameters when needed.
+        For solvers: there are no checks and no copies. The result is a buffer of the calling
+        thread, valid until it calls the kernel again. The function prepares its own parameters.
         """
         kernels, own, has_inputs = self._kernels, self._own, bool(self.inputs)
-        # Looked up once here, since solvers call the function thousands of times.
         kernel = self._kernel(name)
 
         def call(t: float, x: Array, s: Array, u: Array | None) -> Array:
@@ -244,7 +223,7 @@ class CompiledModel:
         return call
 
     def native(self, p: Array) -> NativeModel | None:
-        """Return the model as C sees it, at fixed parameters; None where there is no compiler."""
+        """Return the model for C at fixed parameters; None without a compiler."""
         self._prepare(p)
         return self._kernels.native()
 
@@ -255,13 +234,13 @@ class CompiledModel:
 
     @property
     def compiler(self) -> str:
-        """Name and version of the compiler; "none" where there was none."""
+        """Name and version of the compiler; a text with "none" if there was none."""
         if self.backend != "C":
             return "none: nothing is evaluated"
         try:
             found = find_toolchain()
         except BuildError:
-            found = None  # the environment names another one since
+            found = None  # the environment has named another one since
         return found.version if found else "C"
 
     def address(self, name: str) -> int | None:
@@ -277,69 +256,68 @@ class CompiledModel:
         return lambda t, x, u: place(kernel(t, x, _NONE, u))
 
     def check_parameters(self, p: Any) -> None:
-        """Refuse parameters that the model's guards refuse."""
+        """Raise ParameterError if a guard of the model rejects the parameters."""
         self._prepare(p)
 
     def evaluate(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
-        """Evaluate a kernel as C does, with packed sensitivities; the result is its buffer."""
+        """Evaluate a kernel with packed sensitivities; the result is its buffer."""
         return self._kernels(name, t, x, s, u)
 
     def _call(self, name: str, t: float, x: Array, s: Array, u: Array) -> Array:
         return self._kernel(name)(t, x, s, u).copy()
 
     def _kernel(self, name: str) -> Call:
-        """Return a kernel of full arrays, found once."""
+        """Return a kernel of full arrays."""
         found = self._whole.get(name)
         if found is None:
             found = self._whole[name] = whole_kernel(self._kernels, self.layout, name)
         return found
 
     def _prepare(self, p: Any) -> None:
-        """Prepare for parameters as users give them, unless they are those of the last call."""
-        # Arrays that were prepared for are cotree's own, and nobody changes these.
+        """Prepare for parameters of a user, unless they are those of the last call."""
+        # Prepared arrays belong to cotree and are never changed.
         if p is None or self._own.prepared is not p:
             self.set_parameters(self.parameter_array(p))
 
     def set_parameters(self, p: Array) -> None:
-        """Prepare for an array of parameters that nobody changes.
+        """Prepare for an array of parameters that is never changed.
 
-        Calls with the same array then look at nothing but its identity.
+        Calls with the same array compare its identity only.
 
         Raises
         ------
         ParameterError
-            If a value is not finite, or a guard of the model refuses it.
+            If a value is not finite, or a guard of the model rejects it.
         """
         own = self._own
-        # Bits are compared: 0.0 equals -0.0, and 1 / p tells them apart.
+        # Bits are compared: 0.0 equals -0.0, but 1 / p differs.
         if own.prepared is None or p.tobytes() != own.prepared.tobytes():
             # A dot product finds nan and infinity in one pass; squares may overflow, too.
             if not (math.isfinite(p.dot(p)) or np.isfinite(p).all()):
                 name = self.parameters[int(np.flatnonzero(~np.isfinite(p))[0])]
                 raise ParameterError(f"parameter '{name}' is not finite: give a finite number")
-            # Where a guard refuses the values, nothing counts as prepared any more.
+            # If a guard rejects the values, nothing is prepared.
             own.prepared = None
             self._kernels.prepare(p)
         own.prepared = p
 
     @property
     def digest(self) -> str:
-        """Hash of its C text, names and default values: equal for models that compute the same."""
+        """Hash of the C text, names and default values: equal if models compute the same."""
         parts = [VERSION, repr(self.layout), *_listed(self.text.files)]
         if self.rest is not None:
-            # Its nodes, too, are told apart by the text that is printed for them.
             text = self.rest.text
             parts += [repr(text.layout), *_listed(text.files)]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     @property
     def source(self) -> str:
-        """The C text of the model; empty where it was not written."""
+        """The C text of the model; empty if it was not written."""
         return self.text.files.get(f"{self.text.prefix}.c", "")
 
     @property
     def slow_causes(self) -> str:
-        """Sentences on values of the scene that make steps short; empty where none is known."""
+        """Sentences on values of the scene that make steps short; empty if none is known."""
         return self.text.slow_causes
 
     @property
@@ -349,7 +327,7 @@ class CompiledModel:
 
     @property
     def has_constant_start(self) -> bool:
-        """Whether runs begin in the same states at all times and values of parameters."""
+        """Whether initial states depend neither on time nor on parameters."""
         is_found = self.begins_at_rest or self.layout.has_start_equations
         return self.traits.has_constant_start and not is_found
 
@@ -372,17 +350,17 @@ class CompiledModel:
         given : container of str
             Inputs that the run replaces.
         others : sequence of float
-            Further times, those of tables say, [s].
+            Further times, such as those of tables, [s].
         """
         return self.program.corners(p.tolist(), (min(span), max(span)), given, others)
 
     def longest_step(self, p: Array, replaced: Container[str] = ()) -> float:
-        """Return the longest step that passes over nothing, [s]; see :meth:`corners`."""
+        """Return the longest step that skips no variation of an input, [s]."""
         return self.program.longest_step(p.tolist(), replaced)
 
     @locked_cached_property
     def start_in_c(self) -> StartInC | None:
-        """What finds starts in C; None where Python has to."""
+        """The search for starts in C; None without a compiler."""
         return start_in_c(self)
 
     @locked_cached_property
@@ -422,7 +400,7 @@ class CompiledModel:
 
     def constraint_values(self, t: Any, y: Any, p: Any = None) -> Array:
         """Return the residuals of :attr:`constraints`, shape (n_constraints,)."""
-        if not self.constraints:  # nor is there a kernel of them
+        if not self.constraints:  # then there is no kernel
             return np.zeros((0, *np.shape(y)[1:]))
         return self._at("constraints", t, y, p, None)
 
@@ -470,7 +448,7 @@ class CompiledModel:
         return self._by_parameter(flat, len(self.outputs))
 
     def why_undefined(self, t: float, y: Array, p: Array, u: Array | None) -> str:
-        """Describe why rates have no value at a point, as a sentence without a capital and an end.
+        """Return why rates have no finite value at a point, as part of a sentence.
 
         Parameters
         ----------
@@ -491,7 +469,7 @@ class CompiledModel:
         return why_undefined(self.program, "rhs", {"t": [t], "x": y, "p": p, "u": u})
 
     def _by_parameter(self, flat: Array, n_rows: int) -> Array:
-        # Kernels go parameter by parameter; users see a column for each parameter.
+        # Kernels have blocks by parameter; results have a column for each parameter.
         blocks = flat.reshape(len(self.sensitivities), n_rows, *flat.shape[1:])
         return blocks.swapaxes(0, 1).copy()
 
@@ -515,7 +493,7 @@ def _listed(files: Mapping[str, str]) -> list[str]:
 
 
 def states_only(model: CompiledModel) -> CompiledModel:
-    """Return a model without its sensitivities; itself where it has none."""
+    """Return a model without its sensitivities; the model itself if it has none."""
     if not model.sensitivities:
         return model
     found: CompiledModel = model.kept.of(StatesOnly, lambda: StatesOnly(model))
@@ -523,13 +501,7 @@ def states_only(model: CompiledModel) -> CompiledModel:
 
 
 class StatesOnly(CompiledModel):
-    """A model without the sensitivities that it was compiled with.
-
-    Parameters
-    ----------
-    model : CompiledModel
-        The model.
-    """
+    """A model without the sensitivities that it was compiled with."""
 
     def __init__(self, model: CompiledModel) -> None:
         text = model.text
@@ -541,7 +513,7 @@ class StatesOnly(CompiledModel):
             input_sensitivities=((),) * len(text.layout.inputs),
         )
         super().__init__(replace(text, layout=layout), model._kernels)
-        # Threads prepare the same kernels through either model, and both have to know for what.
+        # Both models share the kernels, hence also the prepared parameters of each thread.
         self._own, self._whole_model, self.rest = model._own, model, model.rest
 
     @locked_cached_property
@@ -550,19 +522,19 @@ class StatesOnly(CompiledModel):
         return replace(self._whole_model.program, layout=self.layout)
 
     def initial_values(self, t: float, p: Array, u: Array | None) -> tuple[Array, Array]:
-        """Return initial states, and no sensitivities; see :meth:`CompiledModel.initial_values`."""
+        """Return initial states and empty sensitivities."""
         if self.rest is None:
             return super().initial_values(t, p, u)
         return self._whole_model.initial_values(t, p, u)[0], np.zeros((len(self.states), 0))
 
     def initial_sensitivity(self, p: Any = None) -> Array:
-        """Return the sensitivities of the initial states, none, shape (n_states, 0)."""
+        """Return an empty array, shape (n_states, 0)."""
         return np.zeros((len(self.states), 0))
 
     def native(self, p: Array) -> NativeModel | None:
-        """Return the model as C sees it; see :meth:`CompiledModel.native`."""
+        """Return the model for C; see :meth:`CompiledModel.native`."""
         native = super().native(p)
-        # The kernel of the states alone may be there where the one with sensitivities is too long.
+        # The kernel of the states may exist even if the one with sensitivities is too long.
         return native and changed(native, can_extend=self.traits.can_extend(self.layout))
 
 
@@ -577,7 +549,7 @@ class EvaluationPoint:
 
     @property
     def inputs(self) -> Array:
-        """The inputs, those of the scene where no others are given, shape (n_inputs,)."""
+        """The given inputs, or else those of the scene, shape (n_inputs,)."""
         return self.model.input_values(self.t, self.p) if self.u is None else self.u
 
     def call(self, kernel: str, y: Array, s: Array | None = None) -> Array:
@@ -590,16 +562,16 @@ class EvaluationPoint:
         y : ndarray, shape (n_states,)
             States.
         s : ndarray, shape (n_states, n_parameters), optional
-            Sensitivities, where the kernel takes them.
+            Sensitivities, if the kernel has them as an argument.
 
         Returns
         -------
         ndarray
-            A fresh array. Of sensitivities it has a row for each parameter, then flattened.
+            A fresh array; sensitivities are flat, parameter by parameter.
         """
         along = np.zeros(0) if s is None else np.ascontiguousarray(s.T).ravel()
         return self.model.bound(kernel, self.p)(self.t, y, along, self.u).copy()
 
     def event_values(self, y: Array, s: Array | None = None) -> Array:
-        """Return what the events of the model watch, shape (n_events,), without its corners."""
+        """Evaluate the event functions without the switching functions, shape (n_events,)."""
         return self.call("events", y, s)[: len(self.model.layout.events)]
