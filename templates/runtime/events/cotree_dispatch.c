@@ -185,6 +185,7 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
         const cotree_real near =
             has_just_fired(e, i) ? COTREE_FMAX(cotree_rounding_band(e, i), cotree_tolerance(e, i))
                                  : cotree_rounding_band(e, i);
+        e->is_near[i] = 0;
         e->samples[i] = COTREE_FABS(rate) > ZERO_RATE_SHARE * e->rate_before[i]
                             ? cotree_sign_of(rate)
                             : COTREE_F(0.0);
@@ -194,6 +195,14 @@ static int compute_sides(cotree_events *e, cotree_real t, const cotree_real *w)
             e->samples[i] = e->side[i];
         else if (e->is_continuous[i] && has_just_fired(e, i))
             e->samples[i] = e->crossing_sign[i];
+        else
+            e->is_near[i] = e->rows[i].kind == COTREE_JUMP &&
+                            e->samples[i] == (cotree_real)e->rows[i].direction;
+    }
+    for (i = 0; i < e->n_events && status == 0; ++i) {
+        if (!e->is_near[i]) continue;
+        e->samples[i] = cotree_side_after(e, i, t, w);
+        status = e->failure;
     }
     for (i = 0; i < e->n_events && status == 0; ++i) {
         if (e->rows[i].kind != COTREE_JUMP || e->samples[i] != COTREE_F(0.0)) continue;

@@ -240,7 +240,8 @@ void cotree_events_restore(cotree_events *e, const cotree_real *from)
 /* Find a crossing of event i in [a, b], where it has the values at_a and at_b: its time, and the
  * side before it. from: the side at a; it becomes that at b if there is no crossing. The bracket
  * starts where the value was on that side last, possibly before a, since the value at a may be
- * zero within rounding. Return NONE, FOUND, a failure, or REFINE if the step has to be refined
+ * zero within rounding. A value that grazes zero, where sensitivities depend on whether it crosses,
+ * is found with side zero. Return NONE, FOUND, a failure, or REFINE if the step has to be refined
  * first. */
 int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_real b,
                                  cotree_real at_a, cotree_real at_b, int is_turning,
@@ -256,9 +257,12 @@ int cotree_find_crossing_between(cotree_events *e, int i, cotree_real a, cotree_
         if (e->failure != 0) return e->failure;
         if (e->run->n_blocks > 1 && !cotree_is_kink(e, i) &&
             COTREE_FABS(lowest) <= GRAZING_TOLERANCES * cotree_tolerance(e, i) &&
-            (cotree_interpolate(e, turn, e->point) != 0 ||
-             !cotree_is_continuous(e, i, turn, e->point))) {
-            return e->failure != 0 ? e->failure : cotree_fail_grazing(e, i, turn);
+            (cotree_solution_at(e, turn, e->w) != 0 ||
+             (cotree_moves_extremum(e, i, turn, e->w, side) &&
+              !cotree_is_continuous(e, i, turn, e->w)))) {
+            *at = turn;
+            *from = COTREE_F(0.0);
+            return e->failure != 0 ? e->failure : COTREE_EVENTS_FOUND;
         }
         if (lowest < -least) {
             const int is_first = cotree_is_in_direction(e, i, -side);
@@ -348,6 +352,8 @@ static int find_at_end(cotree_events *e, int *first)
         is_known = 1;
         rate = e->jumps.rates[i];
         if (rate * side >= COTREE_F(0.0) || COTREE_FABS(g[i]) > soon * COTREE_FABS(rate)) continue;
+        is_known = 0;
+        if (side * cotree_side_after(e, i, e->t_after, e->end) > COTREE_F(0.0)) continue;
         e->is_found[i] = 1;
         e->root_time[i] = e->t_after;
         e->from_side[i] = side;
@@ -378,13 +384,15 @@ static int add_simultaneous(cotree_events *e)
     if (cotree_compute_values(e, e->t, e->w) != 0) return e->failure;
     for (i = 0; i < e->n_events; ++i) {
         const cotree_real side = e->side[i];
-        const int is_passing = COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
-                               !cotree_stays_at_zero(e, i) &&
-                               side * e->jumps.rates[i] < COTREE_F(0.0) &&
-                               cotree_is_in_direction(e, i, -side);
-        e->is_found[i] = e->is_found[i] || is_passing;
+        e->is_near[i] = COTREE_FABS(e->jumps.values[i]) <= cotree_rounding_band(e, i) &&
+                        !cotree_stays_at_zero(e, i) && side * e->jumps.rates[i] < COTREE_F(0.0) &&
+                        cotree_is_in_direction(e, i, -side);
     }
-    return 0;
+    for (i = 0; i < e->n_events; ++i) {
+        if (e->is_near[i] && !e->is_found[i])
+            e->is_found[i] = e->side[i] * cotree_side_after(e, i, e->t, e->w) < COTREE_F(0.0);
+    }
+    return e->failure;
 }
 
 /* Return the point at an end of a step in the form w; its algebraic unknowns become guesses. */
@@ -439,13 +447,17 @@ static int find_first_event(cotree_events *e)
     if (is_ahead) found = find_at_end(e, &first);
     if (found > COTREE_EVENTS_FOUND) return found;
     if (found == COTREE_EVENTS_FOUND) {
-        const int is_crossing =
-            cotree_refine_root(e, e->root_time[first], first, e->from_side[first]);
+        int is_crossing;
+        if (e->from_side[first] == COTREE_F(0.0))
+            return cotree_fail_grazing(e, first, e->root_time[first]);
+        is_crossing = cotree_refine_root(e, e->root_time[first], first, e->from_side[first]);
         if (e->failure != 0) return e->failure;
         if (is_crossing) {
             if (compute_margin(e, first) != 0) return e->failure;
             for (i = 0; i < e->n_events; ++i) {
                 const int is_now = e->is_found[i] && e->root_time[i] <= e->t + e->margin;
+                if (is_now && e->from_side[i] == COTREE_F(0.0))
+                    return cotree_fail_grazing(e, i, e->root_time[i]);
                 /* Sticking friction keeps the speed that remains, so that each slip has to end
                  * by itself. */
                 e->is_found[i] = i == first || (is_now && !cotree_is_of_friction(e, i));

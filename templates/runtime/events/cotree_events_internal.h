@@ -138,6 +138,7 @@ COTREE_PRIVATE int cotree_is_gap(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_stays_at_zero(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_is_kink(const cotree_events *e, int i);
 COTREE_PRIVATE cotree_real cotree_zero_band(const cotree_events *e, int i);
+COTREE_PRIVATE cotree_real cotree_detection_level(const cotree_events *e, int i);
 COTREE_PRIVATE int cotree_fail(cotree_events *e, int event, cotree_real t, int status);
 COTREE_PRIVATE int cotree_compute_values(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_compute_rates(cotree_events *e, cotree_real t, const cotree_real *w);
@@ -145,6 +146,8 @@ COTREE_PRIVATE int cotree_project(cotree_events *e, cotree_real t, cotree_real *
 COTREE_PRIVATE int cotree_is_of_same_jump(const cotree_events *e, int i, int k);
 COTREE_PRIVATE int cotree_is_continuous(cotree_events *e, int i, cotree_real t,
                                         const cotree_real *w);
+COTREE_PRIVATE cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t,
+                                             const cotree_real *w);
 COTREE_PRIVATE int cotree_compute_curvature(cotree_events *e, cotree_real t, const cotree_real *w);
 COTREE_PRIVATE int cotree_interpolate(cotree_events *e, cotree_real t, cotree_real *w);
 COTREE_PRIVATE cotree_real cotree_locate_root(cotree_events *e, int i, cotree_real a, cotree_real b,
@@ -160,6 +163,8 @@ COTREE_PRIVATE int cotree_find_extremum(cotree_events *e, int i, cotree_real a, 
                                         cotree_real before, cotree_real after, cotree_real side,
                                         cotree_real *at, cotree_real *lowest);
 COTREE_PRIVATE int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w);
+COTREE_PRIVATE int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w,
+                                         cotree_real side);
 COTREE_PRIVATE int cotree_refine_root(cotree_events *e, cotree_real t, int i, cotree_real side);
 
 /* cotree_branches.c */

@@ -75,6 +75,14 @@ cotree_real cotree_zero_band(const cotree_events *e, int i)
     return COTREE_FMAX(COTREE_FMAX(rounding, e->state_error[i]), cotree_tolerance(e, i));
 }
 
+/* Return the distance from zero below which a value matters; with sensitivities grazing ones do,
+ * too. */
+cotree_real cotree_detection_level(const cotree_events *e, int i)
+{
+    const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
+    return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
+}
+
 /* Return the accuracy to which a kink is located: the remaining error has effects of second
  * order. */
 static cotree_real kink_band(const cotree_events *e, int i)
@@ -234,6 +242,24 @@ static int is_stable_step(const cotree_events *e, const cotree_real *w, cotree_r
         if (!(COTREE_FABS(rest) <= COTREE_FABS(change) + least)) return 0; /* a nan, too */
     }
     return 1;
+}
+
+/* Return the side of zero on which a value at zero is after a short step from w. Its rate at w
+ * may be that of a branch that ends there; it counts if the value stays zero. */
+cotree_real cotree_side_after(cotree_events *e, int i, cotree_real t, const cotree_real *w)
+{
+    cotree_real far, rate, side, step = CURVATURE_STEP_SHARE * e->span;
+    if (cotree_compute_values(e, t, w) != 0 || cotree_compute_rates(e, t, w) != 0)
+        return COTREE_F(0.0);
+    far = COTREE_F(2.0) * COTREE_FABS(e->jumps.values[i]) +
+          COTREE_F(4.0) * cotree_rounding_band(e, i);
+    rate = e->jumps.rates[i];
+    if (far < step * COTREE_FABS(rate)) step = far / COTREE_FABS(rate);
+    if (take_short_step(e, t, w, step, e->other) != 0) return COTREE_F(0.0);
+    if (!is_stable_step(e, w, step)) return cotree_sign_of(rate);
+    if (cotree_compute_values(e, t + step, e->other) != 0) return COTREE_F(0.0);
+    side = cotree_sign_of(e->jumps.values[i]);
+    return side != COTREE_F(0.0) ? side : cotree_sign_of(rate);
 }
 
 /* Compute the second time derivatives of all event functions by differences; only their sizes
@@ -458,13 +484,15 @@ int cotree_find_nearest_sample(const cotree_events *e, int i, cotree_real side)
 int cotree_find_extremum(cotree_events *e, int i, cotree_real a, cotree_real b, cotree_real before,
                          cotree_real after, cotree_real side, cotree_real *at, cotree_real *lowest)
 {
+    const cotree_real least = COTREE_FMAX(cotree_detection_level(e, i), COTREE_F(0.0));
     cotree_real left, right;
     if (after <= COTREE_F(0.0) || before < COTREE_F(0.0)) return 0;
     left = side * rate_at(e, i, a);
     right = side * rate_at(e, i, b);
     if (!(left < COTREE_F(0.0) && right > COTREE_F(0.0))) return 0;
-    /* The tangents at both ends bound a convex function from below: they must meet below zero. */
-    if (before / -left + after / right > b - a) return 0;
+    /* The tangents at both ends bound a convex function from below: they must meet below the
+     * least value. */
+    if ((before - least) / -left + (after - least) / right > b - a) return 0;
     if (!e->is_fine) return 1;
     *at = find_root(e, rate_at, i, -side, a, b);
     *lowest = side * value_at(e, i, *at);
@@ -479,6 +507,45 @@ int cotree_solution_at(cotree_events *e, cotree_real t, cotree_real *w)
         return 0;
     }
     return e->solution(t, w, e->context) == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
+}
+
+/* Return the rate of a value on one side of zero, one short step from w; the point is left in
+ * result. */
+static cotree_real rate_beside(cotree_events *e, int i, cotree_real t, const cotree_real *w,
+                               cotree_real step, cotree_real side, cotree_real *result)
+{
+    if (take_short_step(e, t, w, step, result) != 0) return COTREE_F(0.0);
+    return cotree_compute_rates(e, t + step, result) == 0 ? side * e->jumps.rates[i]
+                                                          : COTREE_F(0.0);
+}
+
+/* Return whether a parameter moves the value of an extremum near w. One at a kink stays if the
+ * zeros of the branches on both sides have the same derivatives of time, a smooth one if its
+ * value has no derivatives. */
+int cotree_moves_extremum(cotree_events *e, int i, cotree_real t, cotree_real *w, cotree_real side)
+{
+    cotree_real low, high = COTREE_F(8.0) * cotree_spacing(t);
+    int n, is_same = 0;
+    for (n = 0; n < MAX_HALVINGS && e->failure == 0; ++n) {
+        if (rate_beside(e, i, t, w, -high, side, e->point) < COTREE_F(0.0) &&
+            rate_beside(e, i, t, w, high, side, e->other) > COTREE_F(0.0))
+            break;
+        high *= COTREE_F(2.0);
+    }
+    low = -high;
+    for (; n < MAX_HALVINGS && high - low > COTREE_F(16.0) * cotree_spacing(t); ++n) {
+        const cotree_real middle = COTREE_F(0.5) * (low + high);
+        if (rate_beside(e, i, t, w, middle, side, e->point) < COTREE_F(0.0))
+            low = middle;
+        else
+            high = middle;
+    }
+    if (take_short_step(e, t, w, low, e->point) != 0 ||
+        take_short_step(e, t, w, high, e->other) != 0)
+        return 1;
+    e->kernel_status =
+        cotree_jumps_compare_times(&e->jumps, i, t + low, e->point, t + high, e->other, &is_same);
+    return e->kernel_status != 0 || !is_same;
 }
 
 /* Polish a root by Newton's method, with short steps of the motion. Return whether it converges. */

@@ -39,21 +39,13 @@ int cotree_compute_ranges(cotree_events *e, cotree_real t)
     return status == 0 ? 0 : cotree_fail(e, 0, t, COTREE_EVENTS_FAILED);
 }
 
-/* Return the distance from zero below which a value matters; with sensitivities grazing ones do,
- * too. */
-static cotree_real detection_level(const cotree_events *e, int i)
-{
-    const int has_grazing = e->run->n_blocks > 1 && !cotree_is_kink(e, i);
-    return has_grazing ? GRAZING_TOLERANCES * cotree_tolerance(e, i) : -cotree_zero_band(e, i);
-}
-
 /* Classify an event function over an interval of a width, from its range and its values at both
  * ends. A nan is undecided. */
 int cotree_classify_range(const cotree_events *e, int i, cotree_real side, cotree_real at_a,
                           cotree_real at_b, cotree_real width)
 {
     const cotree_side_range r = cotree_range_on_side(e->ranges + N_BOUNDS * e->rows[i].range, side);
-    const cotree_real least = detection_level(e, i), a = side * at_a, b = side * at_b;
+    const cotree_real least = cotree_detection_level(e, i), a = side * at_a, b = side * at_b;
     if (r.low > least) return RANGE_NONZERO;
     if (cotree_is_monotone(r)) return RANGE_MONOTONE;
     if (b > least && cotree_lower_bound(r, a, b, width) > least) return RANGE_NONZERO;

@@ -279,6 +279,34 @@ int cotree_jumps_share_time(const cotree_jumps *j, int a, int b)
     return 1;
 }
 
+/* Compute the derivatives of the time of an event from those of its function. */
+static void set_time_sensitivity(cotree_jumps *j, int event)
+{
+    int n;
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        const cotree_real slope = j->value_slopes[n * (N_EVENTS + N_JUMPS) + event];
+        /* Without a dependence the derivative is zero even at a rate of zero. */
+        j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
+    }
+}
+
+int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
+                               cotree_real t_other, cotree_real *w_other, int *is_same)
+{
+    int n, status = evaluate_before(j, cotree_run_inside(j->run, t), w);
+    if (status != 0) return status;
+    set_time_sensitivity(j, event);
+    *is_same = 1;
+    status = evaluate_before(j, cotree_run_inside(j->run, t_other), w_other);
+    for (n = 0; n < N_SENSITIVITIES; ++n) {
+        const cotree_real slope = j->value_slopes[n * (N_EVENTS + N_JUMPS) + event];
+        const cotree_real time = j->time_sensitivity[n] * j->rates[event];
+        if (!(COTREE_FABS(time + slope) <= SHARED_RTOL * (COTREE_FABS(time) + COTREE_FABS(slope))))
+            *is_same = 0;
+    }
+    return status;
+}
+
 int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w, int is_time_fixed)
 {
     cotree_run *const run = j->run;
@@ -292,11 +320,7 @@ int cotree_jumps_apply(cotree_jumps *j, int event, cotree_real t, cotree_real *w
         status = MODEL->jumps(t, j->before, run->u, run->p, run->k, j->new_values);
         if (status != 0) return status;
     }
-    for (n = 0; n < N_SENSITIVITIES && !is_time_fixed; ++n) {
-        const cotree_real slope = j->value_slopes[n * n_values + event];
-        /* Without a dependence the derivative is zero even at a rate of zero. */
-        j->time_sensitivity[n] = slope == COTREE_F(0.0) ? COTREE_F(0.0) : -slope / j->rates[event];
-    }
+    if (!is_time_fixed) set_time_sensitivity(j, event);
     for (i = 0; i < row->n_targets; ++i) {
         const int target = row->targets[i];
         j->after[target] = j->new_values[first + i];

@@ -109,6 +109,11 @@ int cotree_jumps_depends_on_parameters(cotree_jumps *j, int event, cotree_real t
  * point of the last dependence. */
 int cotree_jumps_share_time(const cotree_jumps *j, int a, int b);
 
+/* Find whether the time at which an event function is zero has the same derivatives by all
+ * parameters at two points, by the values and rates there. Return the status of the kernels. */
+int cotree_jumps_compare_times(cotree_jumps *j, int event, cotree_real t, cotree_real *w,
+                               cotree_real t_other, cotree_real *w_other, int *is_same);
+
 /* Compute the rates of the states at w. */
 int cotree_jumps_state_rates(cotree_jumps *j, cotree_real t, const cotree_real *w,
                              cotree_real *rates);
