@@ -122,7 +122,7 @@ def test_an_interrupted_sweep_writes_what_is_done(tmp_path, monkeypatch, capsys)
     [
         ([], "a sweep needs members"),
         (["--grid", "L"], "--grid 'L' is not of the form name=value"),
-        (["--grid", "L=a,b"], "--grid L=a,b is not a range or list"),
+        (["--grid", "L=a,b"], "--grid L=a,b is not a range or a list"),
         (["--grid", "L=1:2"], "--grid L=1:2 is not a range"),
         (["--grid", "L=1:2:2.5"], "--grid L=1:2:2.5 is not a range"),
         (["--grid", "L=1:2:3:cubic"], "ends in 'cubic'"),
