@@ -94,41 +94,41 @@ _MOST_KEPT = 8
 class CompiledModel:
     """Kernels of a scene with their names, called with NumPy arrays.
 
-        Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
-        :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
-        mapping of names to values, too: the others are the scene's. Results are fresh arrays.
-        Several threads may call the same model at the same time, with other parameters each.
+    Every method takes parameters ``p`` and inputs ``u`` as arrays in the order of
+    :attr:`parameters` and :attr:`inputs`; None takes the scene's values. Parameters may be a
+    mapping of names to values, too: the others are the scene's. Results are fresh arrays.
+    Several threads may call the same model at the same time, with other parameters each.
 
-        Parameters
-        ----------
-        text : ModelText
-            Names, patterns, what the kernels compute, and the C text that they were compiled from.
-        kernels : Kernels
-            The kernels.
-        options : BuildOptions, optional
-            The user's choices for the compiler.
+    Parameters
+    ----------
+    text : ModelText
+        Names, patterns, what the kernels compute, and the C text that they were compiled from.
+    kernels : Kernels
+        The kernels.
+    options : BuildOptions, optional
+        The user's choices for the compiler.
 
-        Attributes
-        ----------
-        text, options
-            The same.
-        traits : Traits
-            Properties of the nodes that decide how kernels are called.
-        cached : bool
-            Whether the library was compiled before.
-        rest : callable or None
-            Initial states and sensitivities at the operating point; None for those of the scene.
-        layout : Layout
-            Names, units and patterns.
-        states, parameters, inputs, outputs : tuple of str
-            Names of the states, the tunable parameters, the inputs and the outputs.
-        sensitivities : tuple of str
-            Parameters and states with respect to which sensitivities are taken.
-        structure : Structure
-            Patterns of its derivatives.
-            kept : RecentCache
-            Prepared runs by their settings; see :mod:`cotree.solvers.prepare`.
-        """
+    Attributes
+    ----------
+    text, options
+        The same.
+    traits : Traits
+        Properties of the nodes that decide how kernels are called.
+    cached : bool
+        Whether the library was compiled before.
+    rest : callable or None
+        Initial states and sensitivities at the operating point; None for those of the scene.
+    layout : Layout
+        Names, units and patterns.
+    states, parameters, inputs, outputs : tuple of str
+        Names of the states, the tunable parameters, the inputs and the outputs.
+    sensitivities : tuple of str
+        Parameters and states with respect to which sensitivities are taken.
+    structure : Structure
+        Patterns of its derivatives.
+    kept : RecentCache
+        Prepared runs by their settings; see :mod:`cotree.solvers.prepare`.
+    """
 
     def __init__(
         self, text: ModelText, kernels: Kernels, options: BuildOptions | None = None
