@@ -121,6 +121,6 @@ def test_a_start_on_a_jump_that_a_sensitivity_moves_is_refused(tmp_path):
     scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, initial={"v": "v0"})
     scene.edge("I", "current_source", "a", "ground", current="sign(C.v) + 0.5*t")
     scene.compile().write(tmp_path / "plain", "dopri5")
-    with pytest.raises(SolveError, match=r"'sign.C\.v. up' happens right at the start"):
+    with pytest.raises(SolveError, match=r"'sign.C\.v. up' occurs exactly at the start"):
         scene.compile(["v0"]).write(tmp_path / "p", "dopri5")
     assert not (tmp_path / "p").exists()

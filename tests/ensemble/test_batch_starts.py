@@ -121,7 +121,7 @@ def test_a_member_that_starts_on_a_jump():
     plan = plan_of(switched("0.5").compile(["v0"]), ("v0",), "dop853")
     block = run_block(plan, rows)
     assert block.status.tolist() == [0, -1, 0]
-    assert "happens right at the start" in block.messages[1]
+    assert "occurs exactly at the start" in block.messages[1]
     plan = plan_of(switched("(C.v - 0.5)").compile(["v0"]), ("v0",), "dop853")
     block = run_block(plan, rows)
     assert (block.status == 0).all(), block.messages

@@ -361,7 +361,7 @@ REFUSED = {
         **dict.fromkeys(("modes", "events", "jump"), ("cannot take events",)),
         "algebraic": ("cannot take algebraic unknowns",),
         **dict.fromkeys(("constraints", "quaternion"), ("cannot take constraints",)),
-        "friction": ("cannot take events", "decides when an event happens"),
+        "friction": ("cannot take events", "decides when an event occurs"),
     },
     "ensembles": {
         **dict.fromkeys(("modes", "events", "jump", "friction"), ("cannot take events",)),

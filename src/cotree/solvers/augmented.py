@@ -1,11 +1,11 @@
 """Jacobian and tolerances of the augmented vector [y, s_1, ..., s_np].
 
 The Jacobian of z has the state Jacobian J in each diagonal block, and d(J s_p + f_p)/dy below the
-first. Those blocks hold second derivatives, which no kernel computes; ``n_states`` differences of
-the right-hand side give them well enough for an iteration. Without them Newton's method would
-still converge, its error being nilpotent, but an iteration late: SciPy's BDF and Radau, which allow
-4 and 6 iterations, then take up to a hundred times as many steps on Robertson's problem, and
-sensitivities outside the error test are lost (IDA, 20 %).
+first. Those blocks are second derivatives, which no kernel computes; ``n_states`` differences of
+the right-hand side are accurate enough for an iteration. Without them Newton's method needs one
+iteration more, since its error is nilpotent: SciPy's BDF and Radau, which allow 4 and 6 iterations,
+then take up to a hundred times as many steps on Robertson's problem, and sensitivities outside the
+error test have large errors (IDA, 20 %).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 #: Augmented systems longer than this are factored block by block, not as one dense matrix.
 DENSE_LIMIT = 100
 
-#: SciPy's own floor; below it the error test only sees rounding.
+#: SciPy's limit; below it the error test measures rounding only.
 RTOL_FLOOR = 100 * float(np.finfo(np.float64).eps)
 
-#: Infinity would do for the explicit methods, but infinite weights turn LSODA's and SUNDIALS'
-#: norms into 0 * inf. This number makes any sensitivity vanish in them and stays finite squared.
+#: Absolute tolerance of sensitivities outside the error test. Infinite weights would turn norms of
+#: LSODA and SUNDIALS into 0 * inf; the square of this number is finite.
 UNTESTED = 1e100
 
 _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
@@ -40,7 +40,7 @@ _ROOT_EPS = float(np.sqrt(np.finfo(np.float64).eps))
 def diagonal_blocks(matrix: FloatArray, n_states: int) -> FloatArray:
     """Return a writeable view, (m, n_states, n_states), of a matrix's diagonal blocks."""
     m = matrix.shape[0] // n_states
-    # The repeated index takes equal rows and columns of blocks, and einsum returns it as a view.
+    # The repeated index selects equal rows and columns of blocks.
     blocks: FloatArray = np.einsum("iaib->iab", matrix.reshape(m, n_states, m, n_states))
     return blocks
 
@@ -88,12 +88,12 @@ def difference_columns(
     middle = rhs(z)
     columns = np.empty((problem.size, problem.n_states))
     for j in range(problem.n_states):
-        # As in SUNDIALS: an increment as large as the corrections that the Jacobian is multiplied
-        # with keeps its rounding error below theirs.
+        # As in SUNDIALS: with an increment of the size of the corrections, the rounding error of
+        # the Jacobian is smaller than theirs.
         y = abs(z[j])
         shifted = z.copy()
         shifted[j] += max(_ROOT_EPS * y, rtol * y + atol[j])
-        # The increment is taken as rounding left it in z.
+        # The rounded increment.
         columns[:, j] = (rhs(shifted) - middle) / (shifted[j] - z[j])
     return columns
 
@@ -111,15 +111,14 @@ def augmented_tolerances(problem: Problem) -> tuple[float, FloatArray]:
 class Tolerances:
     """Absolute tolerances of entries of z, for problems that differ in values of parameters alone.
 
-    Absolute tolerances of sensitivities are those of the states over the sizes of the parameters,
-    as in CVODES (Hindmarsh et al. 2005): capacitances of 1e-12 F have sensitivities of 1e7 V/F, of
-    which rounding alone exceeds what is small for a voltage.
+    Absolute tolerances of sensitivities are those of the states divided by the sizes of the
+    parameters, as in CVODES (Hindmarsh et al. 2005): the rounding error of a sensitivity of 1e7 V/F
+    to a capacitance of 1e-12 F exceeds the tolerance of a voltage.
 
-    No solver here has a switch that takes entries out of the error test, so untested sensitivities
-    get an absolute tolerance that no error reaches. The solvers average the squares over all
-    entries, so the states' tolerances are divided by the square root of how many more there are
-    than states: these are then tested as without sensitivities. LSODA takes the maximum and becomes
-    stricter by that factor.
+    Solvers cannot exclude entries from the error test, so untested sensitivities have an absolute
+    tolerance that no error reaches. Solvers average squares over all entries, so the states'
+    tolerances are divided by the square root of the ratio of both numbers: states are then tested
+    as without sensitivities. LSODA uses the maximum and becomes stricter by that factor.
 
     Sizes of states and of parameters may have a row for each of several problems. ``is_left``
     selects entries; by default all that are integrated.
@@ -147,8 +146,7 @@ class Tolerances:
             return np.where(self._block > 0, UNTESTED, atol / self._share)
         if scales is None:
             scales = np.ones(problem.n_sensitivities)
-        # The states themselves are divided by one. A parameter of tiny size must not make a
-        # tolerance infinite; see UNTESTED.
+        # The divisor of states is one.
         divisors = np.empty((*scales.shape[:-1], 1 + scales.shape[-1]))
         divisors[..., 0], divisors[..., 1:] = 1.0, scales
         found: FloatArray = atol / divisors.take(self._block, axis=-1)
@@ -162,14 +160,14 @@ def tested_rtol(problem: Problem) -> float:
 
 
 def _share(problem: Problem) -> float:
-    """Return the root of how many times more entries there are than states."""
+    """Return the square root of the number of entries divided by that of states."""
     return float(np.sqrt(max(1, len(problem.integrated)) / max(1, problem.n_states)))
 
 
 def tested(
     row: Method, problem: Problem, *, is_extended: bool
 ) -> tuple[npt.NDArray[np.intp], FloatArray]:
-    """Return the places in z of what C integrates, (n,), and their absolute tolerances, (..., n).
+    """Return the places in z of integrated entries, (n,), and their tolerances, (..., n).
 
     ``is_extended``: an explicit method integrates the algebraic unknowns, too.
     """
@@ -179,13 +177,12 @@ def tested(
 
 
 def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.NDArray[np.bool_]:
-    """Return which of the entries that do not vanish C integrates."""
+    """Return which of the entries that do not vanish are integrated in C."""
     places = problem.integrated
     cut = problem.n_states - (0 if row.keeps_algebraic else problem.n_algebraic)
-    # Sensitivities of algebraic unknowns are solved for even where these are integrated.
+    # Sensitivities of algebraic unknowns are always solved for.
     lead = problem.n_states if is_extended else cut
-    # Those of states that are integrated: of the states themselves up to `lead`, of their
-    # sensitivities up to `cut` in each block.
+    # States up to `lead`, and sensitivities up to `cut` in each block.
     found: npt.NDArray[np.bool_] = places % problem.n_states < np.where(
         places < problem.n_states, lead, cut
     )
@@ -193,8 +190,5 @@ def is_integrated(row: Method, problem: Problem, *, is_extended: bool) -> npt.ND
 
 
 def as_tested(row: Method, problem: Problem) -> Problem:
-    """Return the problem with the sensitivities in the error test where the method leaves them out.
-
-    SUNDIALS leaves sensitivities out of the test itself, at the states' own tolerances.
-    """
+    """Return the problem with sensitivities in the error test if SUNDIALS excludes them itself."""
     return problem.with_settings(error_test_sensitivities=True) if row.corrector else problem

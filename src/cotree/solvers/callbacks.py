@@ -1,17 +1,15 @@
-"""Functions of Python that a job in C calls: inputs, samples, and searches for lost points.
+"""Functions of Python that a job in C calls: inputs, samples, and solutions for unknowns.
 
-The integrators are those of a library that :mod:`cotree.solvers.engine` finds. Their
-nonlinear systems are solved by C of our own: the Newton matrix of the states is factorised once for
-them and for all their sensitivities.
+The Newton matrix of SUNDIALS' methods is factorised by cotree's own C, once for the states and all
+their sensitivities.
 
-CVODE and IDA take states and sensitivities as one vector; in CVODES and IDAS each parameter's has
-its own, so that the error test and the iteration take the worst of them, not their mean. Two
+CVODE and IDA integrate states and sensitivities as one vector. In CVODES and IDAS each parameter
+has a vector, so that the error test and the iteration use the largest norm, not the mean. Two
 correctors (W. F. Feehery, J. E. Tolsma and P. I. Barton, Applied Numerical Mathematics 25, 1997,
 for the first; T. Maly and L. R. Petzold, ibid. 20, 1996, for the second):
 
-- staggered: the states are solved for and tested; then their sensitivities, which costs nothing
-  where the states' step is refused;
-- simultaneous: one iteration has all of them.
+- staggered: the states are solved for and tested, then their sensitivities;
+- simultaneous: one iteration solves for all.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Callbacks:
-    """The functions of one job, which keeps this as long as C may call them.
+    """The functions of one job, which stay alive with it.
 
     ``errors`` holds the exceptions that calls have raised.
     """
@@ -42,31 +40,31 @@ class Callbacks:
         self._kept: list[Any] = []
         self.errors: list[BaseException] = []
 
-    def ask_for_inputs(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
-        """Return C a function that asks Python for inputs."""
+    def input_function(self, functions: Mapping[int, Callable[[float], float]]) -> Any:
+        """Return a C function that evaluates inputs in Python."""
         errors = self.errors
 
-        def ask(t: float, u: Any, context: Any) -> int:
-            if errors:  # C may try a shorter step before it gives up
+        def evaluate(t: float, u: Any, context: Any) -> int:
+            if errors:  # C may try a shorter step first
                 return -1
             for place, function in functions.items():
                 u[place] = function(t)
             return 0
 
-        return self._callback("cotree_input_function", ask)
+        return self._callback("cotree_input_function", evaluate)
 
     def reach(self, reach: Callable[[float, FloatArray], None], size: int) -> Any:
-        """Return C the function that is told where a segment begins."""
+        """Return a C function that is called at the start of each segment."""
         ffi = self._ffi
 
-        def tell(t: float, z: Any, context: Any) -> int:
+        def call(t: float, z: Any, context: Any) -> int:
             reach(t, np.frombuffer(ffi.buffer(z, 8 * size)))
             return 0
 
-        return self._callback("cotree_reach", tell)
+        return self._callback("cotree_reach", call)
 
     def helper(self, n_states: int) -> Any:
-        """Return C the functions that look for points where its own iterations fail."""
+        """Return C functions that search for points if the iterations in C fail."""
         rescue, ffi = self._rescue, self._ffi
 
         def find_unknowns(t: float, x: Any, context: Any) -> int:
@@ -79,7 +77,7 @@ class Callbacks:
         return helper
 
     def _callback(self, kind: str, function: Callable[..., int]) -> Any:
-        """Return C a function of Python; exceptions, Ctrl-C among them, wait until C is back."""
+        """Return a C function that calls Python; exceptions are stored until C returns."""
         errors = self.errors
 
         def remember(kind: Any, error: BaseException, traceback: Any) -> None:
@@ -101,7 +99,7 @@ class Rescue:
         self.complaint = ""
 
     def find_unknowns(self, t: float, y: FloatArray) -> bool:
-        """Solve for the algebraic unknowns, in place; keep the reason where none are found."""
+        """Solve for the algebraic unknowns in place; store the reason of a failure."""
         from cotree.model.algebraic import Algebraic
 
         problem = self.problem
@@ -112,7 +110,7 @@ class Rescue:
         )
 
         try:
-            # The search works on a copy: where it fails, C keeps the point that it had.
+            # A copy, since C continues with the old point after a failure.
             found = y.copy()
             unknowns.solve(t, found)
         except Error as error:
@@ -122,12 +120,12 @@ class Rescue:
         return True
 
 
-# Multiplications of a factorisation beyond which a sparse one with an order of its own is better.
+# Multiplications of a banded factorisation beyond which a sparse one is better.
 _MOST_MULTIPLICATIONS = 3e7
 
 
 class SundialsAid:
-    """The ``cotree_sundials_aid`` of a job, with all that it points to.
+    """The ``cotree_sundials_aid`` of a job, with the arrays that it points to.
 
     ``is_wide``: a sparse factorisation would be much cheaper than the banded one.
     """
@@ -136,16 +134,16 @@ class SundialsAid:
         ffi, n = engine.library.ffi, problem.n_states
         c = self.address = ffi.new("cotree_sundials_aid *")
         c.sundials, c.corrector = engine.functions, row.corrector
-        # What is left of the sensitivities' equations changes with the states. Where no test sees
-        # it, the iteration takes at least a given number of corrections.
+        # Residuals of sensitivities change with the states. Without an error test of sensitivities,
+        # the iteration makes at least a given number of corrections.
         c.are_followed = (
             problem.n_sensitivities > 0 and not problem.settings.error_test_sensitivities
         )
         if problem.n_algebraic and not row.keeps_algebraic:
-            # What is left after an elimination has no pattern.
+            # The reduced Jacobian is dense.
             c.lower = c.upper = n - problem.n_algebraic - 1
         else:
-            # Where no rate depends on a state, there are no arrays.
+            # There are no arrays if no rate depends on a state.
             n_nonzeros = model.n_nonzeros
             starts = ffi.unpack(model.column_starts, n + 1) if n_nonzeros else [0] * (n + 1)
             rows = ffi.unpack(model.row_indices, n_nonzeros) if n_nonzeros else []

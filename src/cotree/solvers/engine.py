@@ -1,10 +1,10 @@
 """The C engine of a stepper: built once on a machine, loaded, and given jobs.
 
 CVODE and IDA come with scikit-sundae, CVODES and IDAS with SUNDIALS' own package sundials4py. The
-environment variable COTREE_SUNDIALS names a file to take in place of both.
+environment variable COTREE_SUNDIALS names a library that replaces both.
 
 In: a name in ``codegen.integrators.STEPPERS``. Out: the library that runs jobs, with the functions
-of SUNDIALS that it calls; or the reason why there is none.
+of SUNDIALS that it calls; or the reason of a failure.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-#: Names the file of a library that has the functions of all that is asked of it.
+#: Environment variable with the file of a library of SUNDIALS.
 VARIABLE = "COTREE_SUNDIALS"
 
-# The least version of Python that sundials4py is made for.
+# The least version of Python that sundials4py supports.
 _LEAST_PYTHON = (3, 12)
 
 
 def check_installed(method: str) -> None:
     """Raise SolveError if the package with "cvode" or "ida" is not installed."""
     try:
-        # Imported and not only looked for, since a part of the package may be missing.
+        # Imported, since a part of the package may be missing.
         importlib.import_module(f"sksundae.{method}")
     except ImportError as error:
         raise SolveError(
@@ -55,7 +55,7 @@ def check_installed(method: str) -> None:
 
 
 def has_sundials() -> bool:
-    """Return whether the package is there that brings CVODE and IDA."""
+    """Return whether the package with CVODE and IDA is installed."""
     return importlib.util.find_spec("sksundae") is not None
 
 
@@ -69,7 +69,7 @@ class LibraryPath(NamedTuple):
 def library_path(library: str) -> LibraryPath:
     """Return the file with a library of SUNDIALS: "cvode", "ida", "cvodes" or "idas"."""
     named = os.environ.get(VARIABLE, "")
-    # What the user names is taken or refused, never passed over for another library.
+    # A library that the user names is never replaced by another one.
     if named:
         if os.path.isfile(named):
             return LibraryPath(os.path.abspath(named))
@@ -87,16 +87,16 @@ def library_path(library: str) -> LibraryPath:
 def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
     """Open a library of SUNDIALS and find the functions that an engine calls.
 
-    Returns a ``cotree_sundials`` and what keeps the library loaded; or the reason why there is
-    none, without a capital and a full stop. ``ffi`` is the engine's and declares these functions.
+    Returns a ``cotree_sundials`` and the opened library; or the reason of a failure, without a
+    capital and a full stop. ``ffi`` is the engine's and declares these functions.
     """
     # Methods of cotree's own need none of what prints C.
     from cotree.codegen.integrators import sundials_functions
 
     try:
-        # Lazily: of a module of Python nothing is called that needs Python.
+        # Lazily, since functions of Python in the module are not needed.
         opened = ffi.dlopen(path, ffi.RTLD_LAZY)
-        # The engine declares the functions of one version; another might take other arguments.
+        # Functions of another version may have other arguments.
         version = version_of(ffi, opened, path)
         if version != SUNDIALS_VERSION:
             here, known = (".".join(map(str, v)) or "unknown" for v in (version, SUNDIALS_VERSION))
@@ -112,11 +112,11 @@ def open_sundials(ffi: Any, library: str, path: str) -> tuple[Any, Any] | str:
 def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
     """Return the major and minor version of an opened library; empty if unknown.
 
-    sundials4py leaves out the function that returns it: there the package's own version is that of
-    SUNDIALS, and stands in a name beside the file.
+    sundials4py lacks the function that returns it; the package has the version of SUNDIALS, which
+    the name of its metadata contains.
     """
     try:
-        tell = library.SUNDIALSGetVersionNumber
+        get_version = library.SUNDIALSGetVersionNumber
     except AttributeError:
         for folder in Path(path).parent.glob("sundials4py-*.dist-info"):
             found = re.match(r"sundials4py-(\d+)\.(\d+)\.", folder.name)
@@ -124,7 +124,7 @@ def version_of(ffi: Any, library: Any, path: str) -> tuple[int, ...]:
                 return int(found[1]), int(found[2])
         return ()
     major, minor, patch = (ffi.new("int *") for _ in range(3))
-    failed = tell(major, minor, patch, ffi.new("char[32]"), 32)
+    failed = get_version(major, minor, patch, ffi.new("char[32]"), 32)
     return () if failed else (major[0], minor[0])
 
 
@@ -148,7 +148,7 @@ def _in_sundials4py(library: str) -> LibraryPath:
     return LibraryPath("", why)
 
 
-# Threads that build ahead of runs.
+# Threads that build engines ahead of runs.
 _ahead: list[threading.Thread] = []
 
 
@@ -158,22 +158,21 @@ class Engine:
 
     stepper: str  # a name in ``STEPPERS``
     library: LoadedLibrary  # runs jobs
-    #: A ``cotree_sundials``, which holds the functions of SUNDIALS that the stepper calls.
+    #: A ``cotree_sundials`` with the functions that the stepper calls.
     functions: Any = None
     sundials: Any = None  # keeps SUNDIALS loaded
 
 
 def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> None:
-    """Begin to build or to load the engines of methods, while others form and compile the model.
+    """Build or load the engines of methods in a thread, while the model is compiled.
 
-    Methods that need no engine or are unknown are passed over; ``then`` is called afterwards.
+    Methods without an engine and unknown ones are ignored; ``then`` is called afterwards.
     """
-    # A choice of the method begins with steps of this one.
+    # The choice of a method begins with steps of dop853.
     rows = [METHODS.get("dop853" if method == "auto" else method) for method in methods]
     steppers = [row.stepper for row in rows if row is not None and row.stepper]
     if steppers:
-        # The text is rendered here and not in the thread: two threads that run Python share the
-        # interpreter, and the compiler would start later.
+        # The text is rendered here, so that the compiler starts early.
         _code_of(steppers[0])
         thread = threading.Thread(target=_prepare, args=(steppers, then), name="cotree-engine")
         _ahead.append(thread)
@@ -181,14 +180,14 @@ def build_ahead(*methods: str, then: Sequence[Callable[[], object]] = ()) -> Non
 
 
 def abandon_ahead() -> None:
-    """End what was begun ahead of a run that will not take place: the program need not wait."""
+    """End the threads of runs that will not take place, so that the program need not wait."""
     for thread in _ahead:
         abandon(thread)
 
 
 def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> None:
     with contextlib.suppress(Error):  # a run that needs the engine raises the same error
-        # In sequence, because engines share object files, which the second takes from the cache.
+        # In sequence, since later engines take shared object files from the cache.
         for stepper in steppers:
             load_engine(stepper)
         for load in then or (load_sweep,):
@@ -196,11 +195,11 @@ def _prepare(steppers: Sequence[str], then: Sequence[Callable[[], object]]) -> N
 
 
 def load_engine(stepper: str) -> Engine | str:
-    """Build and load the engine of a stepper once, or return the reason why that fails."""
+    """Build and load the engine of a stepper once, or return why that fails."""
     if stepper not in SUNDIALS:
         return _opened(stepper, "")
     found = library_path(stepper)
-    # The path is part of the key, since the environment may name another library the next time.
+    # The path is part of the key, since the environment may change.
     return found.why_not or _opened(stepper, found.path)
 
 
@@ -272,7 +271,7 @@ def sweep(
 
 @locked_cache
 def load_sweep() -> LoadedLibrary | None:
-    """Build and load the loop over points; None where there is no compiler."""
+    """Build and load the loop over points; None without a compiler."""
     return build_engine(shared_code("sweep"))
 
 
@@ -286,7 +285,7 @@ def _in_c(
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Evaluate all points at once; None if a kernel fails somewhere."""
     n_t, n_outputs, m = len(t), len(model.outputs), len(model.sensitivities)
-    # Inputs of the scene are evaluated in C, and written here; those of the run are handed over.
+    # C evaluates inputs of the scene; those of the run are passed.
     inputs = np.zeros((n_t, len(model.inputs)))
     has_inputs = False
     if model.inputs and u(float(t[0])) is not None:
@@ -298,7 +297,7 @@ def _in_c(
     def pointer(array: FloatArray) -> object:
         return ffi.from_buffer("double[]", array) if array.size else ffi.NULL
 
-    # C reads point after point, hence the transpose of z, whose rows have the length len(z).
+    # C reads point after point, hence the transpose of z.
     status = library.lib.cotree_sweep(
         ffi.cast("cotree_model *", native.address),
         pointer(native.p),
@@ -312,7 +311,7 @@ def _in_c(
         pointer(outputs),
         pointer(slopes),
     )
-    # Python evaluates the points again, one by one, since its error names the culprit.
+    # The caller evaluates the points again in Python, whose error names the cause.
     if status != 0:
         return None
     # C writes point after point, while time is the last axis of results.

@@ -1,4 +1,4 @@
-"""The constraints that hold a motion: their residuals, and where they depend on each other.
+"""The constraints of a motion: their residuals, and positions at which they are dependent.
 
 In: a compiled model whose layout names constraints. Out: ``HeldConstraints``, which choose methods
 and judge results. C projects on the constraints during a run.
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cotree.solvers.result import FloatArray
 
 
-# Edges with more than this share in a direction that the constraints no longer see are named.
+# Edges with more than this share of a dependent combination of constraints are named.
 _INVOLVED = 0.1
 
 
@@ -34,7 +34,7 @@ class HeldConstraints:
     p : ndarray, shape (n_parameters,)
         Its parameters.
     u : callable
-        ``u(t)`` gives the inputs, shape (n_inputs,), or None for the model's own.
+        ``u(t)`` returns the inputs, shape (n_inputs,), or None for the model's own.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class HeldConstraints:
         self._residual = model.bound("constraints", p)
 
     def _gradients(self, t: float, z: FloatArray) -> tuple[FloatArray, float]:
-        """Return gradients, and the singular value below which a direction is nearly lost."""
+        """Return gradients, and the singular value below which they are nearly dependent."""
         starts, n = self._model.start_in_c, len(self._model.states)
         assert starts is not None  # there is a compiler
         return starts.gradients(EvaluationPoint(self._model, t, self._p, self._u(t)), z[:n])

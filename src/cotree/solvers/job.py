@@ -349,7 +349,7 @@ class Job:
         c.model = self._ffi.cast("cotree_model *", native.model.address)
         c.n_replaced, c.replaced = len(native.replaced), self._tables(native)
         if native.functions:
-            c.input_function = self._callbacks.ask_for_inputs(native.functions)
+            c.input_function = self._callbacks.input_function(native.functions)
         if problem.reach is not None:
             c.reach = self._callbacks.reach(problem.reach, problem.size)
         if problem.n_algebraic:

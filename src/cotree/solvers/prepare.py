@@ -1,4 +1,4 @@
-"""Preparation of runs: the parts that runs with the same settings share are made once."""
+"""Preparation of runs; runs with the same settings share most of it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Functions:
 
 
 class Measured(Mapping[str, float]):
-    """States and outputs by name, as a sampled function gets them."""
+    """States and outputs by name, the argument of a sampled function."""
 
     def __init__(self, y: FloatArray, model: CompiledModel, outputs: Callable[[], FloatArray]):
         self._y, self._model, self._outputs = y, model, outputs
@@ -92,7 +92,7 @@ class Measured(Mapping[str, float]):
         if name in self._model.outputs:
             return float(self._outputs()[self._model.outputs.index(name)])
         raise ParameterError(
-            f"a sampled input asks for '{name}', which is no state and no output: known are "
+            f"a sampled input reads '{name}', which is no state and no output: known are "
             f"{', '.join(self)}"
         )
 
@@ -106,9 +106,8 @@ class Measured(Mapping[str, float]):
 class Samples:
     """The samples of one input during a run.
 
-    Each is taken once and kept: a method that repeats a step, or takes over from another one, gets
-    the same value. ``held``, shape (1,), is the value that C reads; ``before`` holds until the
-    first sample.
+    Each is taken once, so that repeated steps, also of another method, read the same value.
+    ``held``, shape (1,), is the value that C reads; ``before`` is the value until the first sample.
     """
 
     def __init__(
@@ -129,12 +128,12 @@ class Samples:
         self._values: list[float] = []
 
     def __call__(self, t: float) -> float:
-        """Return the value that acts up to a time; at that of a sample it is the one before."""
+        """Return the value up to a time; at the time of a sample it is the one before."""
         place = max(bisect_left(self.times, t) - 1, 0)
         return self._values[min(place, len(self._values) - 1)] if self._values else self._before
 
     def reach(self, t: float, measured: Measured) -> None:
-        """Take the sample that is due, and hold what acts from a time on."""
+        """Take the sample that is due, and set the value from a time on."""
         rounding = SAME * abs(t)
         if len(self._values) < len(self.times) and self.times[len(self._values)] <= t + rounding:
             value = self._sampled.at(self.times[len(self._values)], measured)
@@ -149,12 +148,11 @@ def reaching(
     samples: Sequence[Samples],
     u: Inputs,
 ) -> Callable[[float, FloatArray], None]:
-    """Return the function that takes the samples due at a time, from the states that are there."""
+    """Return the function that takes the samples due at a time from the states."""
     n = len(model.states)
 
     def reach(t: float, z: FloatArray) -> None:
         y = np.array(z[:n])
-        # Measured before any of the inputs changes.
         measured = Measured(y, model, lambda: model.output_values(t, y, p, u(t)))
         for item in samples:
             item.reach(t, measured)
@@ -162,7 +160,7 @@ def reaching(
     return reach
 
 
-# Share of a Jacobian's entries beyond which sparse matrices cost more than dense ones.
+# Share of nonzero entries beyond which sparse matrices cost more than dense ones.
 _LARGEST_SHARE = 0.1
 
 
@@ -170,7 +168,7 @@ _T = TypeVar("_T")
 
 
 class Run(NamedTuple):
-    """One run, ready to be integrated: its problem, and what its result is made with."""
+    """One prepared run: its problem, parameters, inputs, start and constraints."""
 
     problem: Problem
     p: FloatArray
@@ -181,33 +179,32 @@ class Run(NamedTuple):
 
 def prepared(model: CompiledModel, settings: Settings) -> Preparation:
     """Return the preparation for some settings: one of the last few, or a new one."""
-    # Parameters and initial values belong to each run.
     given = {**vars(settings), "parameters": None, "initial": None}
     kept: RecentCache[Preparation] = model.kept
     return cached_for(kept, given, lambda: Preparation(model, settings))
 
 
 def cached_for(kept: RecentCache[_T], given: Mapping[str, Any], make: Callable[[], _T]) -> _T:
-    """Return what was made for equal settings, or make it."""
+    """Return the value for some settings from a cache, or compute it."""
     key = key_of(given)
     return make() if key is None else kept.of(key, make)
 
 
-# Of more numbers than these preparing a run takes no time beside it.
+# Settings of more numbers are not cached: preparing takes little of the time of such runs.
 _MOST_NUMBERS = 10_000
 
-# Arrays of no more numbers equal lists.
+# Arrays of up to so many numbers are compared like lists.
 _FEW_NUMBERS = 4
 
-# Kinds of values that never change.
+# Types of immutable values.
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
-# Functions that are equal only if they are the same.
+# Types of functions, which are compared by identity.
 _FUNCTIONS = (FunctionType, MethodType, BuiltinFunctionType)
 
 
 def key_of(given: Mapping[str, Any]) -> Hashable | None:
-    """Return an object that is equal for equal settings; None if they cannot be compared.
+    """Return a key that is equal for equal settings; None if they cannot be compared.
 
     Arrays and lists are compared by their values, even if these change later, and functions by
     their identity.
@@ -219,14 +216,14 @@ def key_of(given: Mapping[str, Any]) -> Hashable | None:
 
 
 class _IncomparableError(Exception):
-    """A value may change, or equal another one that means something else."""
+    """A value cannot be part of a key."""
 
 
 def _tokens(values: Collection[Any]) -> Hashable:
-    """Return an object that is equal for equal values of the same kinds."""
+    """Return a key that is equal for equal values of the same types."""
     if len(values) > _MOST_NUMBERS:
         raise _IncomparableError
-    # 0.0 equals -0.0, and their reciprocals differ.
+    # 0.0 and -0.0 are equal but not the same.
     own = [(x or str(x)) if type(x) in _PLAIN else _token(x) for x in values]
     return tuple(map(type, own)), tuple(own)
 
@@ -267,11 +264,11 @@ class _Same:
 
 
 class Preparation:
-    """The parts that runs of a model with the same settings share, safely between threads.
+    """The parts that runs of a model with the same settings share; it is thread-safe.
 
-    Parameters and initial values of ``settings`` play no part. ``model`` is the given one, or
-    without sensitivities if none are wanted. Raises ModelError if an input is not accepted,
-    SolveError if settings make no sense, or the model was not compiled.
+    Parameters and initial values of ``settings`` are ignored. ``model`` is the given one, or one
+    without sensitivities if none are requested. Raises ModelError if an input is not accepted,
+    SolveError if settings are inconsistent or the model was not compiled.
     """
 
     def __init__(self, model: CompiledModel, settings: Settings) -> None:
@@ -283,18 +280,18 @@ class Preparation:
         self.model, self.settings, self.units = model, settings, layout.units
         self._signals = read_signals(settings.inputs, model.inputs)
         _check_replaced(model, settings.inputs)
-        # Norms of quaternions are among the constraints: a free body is projected, too.
+        # Constraints include norms of quaternions.
         self._is_held = settings.project and bool(layout.constraints)
         sizes = parameter_sizes(model, settings.scales)
         self._size_of = sizes if any(isinstance(of, int) for of in sizes) else []
         self._has_corners = model.traits.has_corners or bool(settings.inputs)
         self._is_step_free = settings.max_step is None and model.traits.has_longest_step
-        # Functions of Python among the inputs may remember their calls.
+        # Functions of Python among the inputs may have a state.
         self.asks_python = bool(self._signals.sampled) or any(
             place not in self._signals.tables for place in self._signals.by_position
         )
         n, m = len(model.states), len(model.sensitivities)
-        # Functions and numbers of a run take the places of these.
+        # Each run replaces the functions and numbers.
         self._template = Problem(
             rhs=_nothing,
             jacobian=None,
@@ -315,7 +312,7 @@ class Preparation:
         )
         self._inputs = _native_inputs(model, self._signals)
         self._has_sparse = _has_sparse_jacobian(model)
-        # The start of runs that give no initial values, where no value of a parameter changes it.
+        # The start of runs without initial values, if no parameter changes it.
         self._start: Start | None = None
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
@@ -333,7 +330,8 @@ class Preparation:
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
-            # The first samples see a start at the scene's own inputs; then the start is theirs.
+            # The first samples read a start with the scene's inputs, and determine the actual
+            # start.
             reach = reaching(model, p, samples, u)
             reach(t_span[0], start.z)
             at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
@@ -357,12 +355,12 @@ class Preparation:
         return Run(problem, p, u, start, held)
 
     def projection(self, p: FloatArray) -> HeldConstraints | None:
-        """Return the constraints that hold a run; None where nothing does."""
+        """Return the constraints of a run; None if there are none."""
         u = _input_function(self.model, p, self._signals)
         return HeldConstraints(self.model, p, u) if self._is_held else None
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
-        """Find the start of a run; once, where all runs begin in the same states."""
+        """Return the start of a run; it is computed once if all runs have the same one."""
         if initial or self.asks_python or not self.model.has_constant_start:
             return find_start(at, initial)
         found = self._start
@@ -377,7 +375,7 @@ class Preparation:
         return np.array(sizes)
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Return what depends on parameters of the times where rates jump, and the longest step."""
+        """Return fields of corners and of the longest step, which depend on parameters."""
         model, inputs, found = self.model, self.settings.inputs, dict[str, Any]()
         if self._is_step_free:
             found["max_step"] = model.longest_step(p, inputs)
@@ -396,8 +394,7 @@ class Preparation:
         """Return the functions of a problem."""
         model, of = self.model, Functions(self.model, p, u)
         return {
-            # Governing and sensitivity equations together, as Eqs. (8) and (9) of the paper are
-            # solved.
+            # Governing and sensitivity equations, Eqs. (8) and (9) of the paper, together.
             "rhs": of.augmented_rates if model.sensitivities else of.rates,
             "jacobian": of.jacobian,
             "held": held,
@@ -411,20 +408,20 @@ class Preparation:
 
 
 def _nothing(t: float, z: FloatArray) -> FloatArray:
-    """Stand for the rates of a run that is yet to come."""
-    raise AssertionError  # no run was made with it
+    """Raise AssertionError; each run has its own rates."""
+    raise AssertionError
 
 
 def places_of(model: CompiledModel) -> npt.NDArray[np.intp] | None:
     """Return positions of states and nonvanishing sensitivities; None where none vanishes."""
     n, m = len(model.states), len(model.sensitivities)
     places = np.array(model.layout.sensitivity_places, dtype=np.intp)
-    # The layout counts places among the sensitivities, which stand behind the n states in z.
+    # In z, the n states precede the sensitivities.
     return None if len(places) == n * m else np.concatenate([np.arange(n), n + places])
 
 
 def n_observed(model: CompiledModel) -> int:
-    """Count what is evaluated at each stored point besides states and sensitivities."""
+    """Return the number of values per stored point in addition to states and sensitivities."""
     n_outputs = len(model.outputs) * (1 + len(model.sensitivities))
     return n_outputs + len(model.inputs) + len(model.constraints) + model.layout.n_algebraic
 
@@ -446,13 +443,13 @@ def parameter_sizes(model: CompiledModel, given: Mapping[str, float]) -> list[fl
 
 
 def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
-    """Refuse to replace an input where sensitivities depend on the input's own."""
+    """Raise ParameterError if sensitivities depend on an input that is replaced."""
     for name, value in inputs.items():
-        # One constant in place of another has the same rate.
+        # Constants have the same rate.
         is_alike = isinstance(value, Real) and name in model.traits.constant_inputs
         if model.sensitivities and name in model.layout.event_inputs and not is_alike:
             raise ParameterError(
-                f"input '{name}' decides when an event happens, or what it sets, and the "
+                f"input '{name}' decides when an event occurs, or what it sets, and the "
                 "sensitivities there need its own rate: to replace it, compile "
                 "scene.with_inputs(...), or without sensitivities"
             )
@@ -468,7 +465,7 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 def _with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
 ) -> tuple[ReplacedInputs, list[Samples]]:
-    """Replace sampled functions by constants that change at their times."""
+    """Replace sampled functions by values that change at their times."""
     if not signals.sampled:
         return signals, []
     before, samples = model.input_values(span[0], p), {}
@@ -477,7 +474,7 @@ def _with_samples(
         if row.reads_states and model.sensitivities:
             raise ParameterError(
                 f"input '{name}' is sampled from states by a function of Python, whose derivatives "
-                "nobody knows: give an expression, or compile without sensitivities"
+                "are unknown: give an expression, or compile without sensitivities"
             )
         samples[place] = Samples(row, name, span, float(before[place]))
     times = [t for item in samples.values() for t in item.times]
@@ -492,20 +489,20 @@ def _with_samples(
 
 
 def _input_function(model: CompiledModel, p: FloatArray, signals: ReplacedInputs) -> Inputs:
-    """Return u as a function of time; None leaves it to the model."""
+    """Return the inputs as a function of time, whose value None stands for the model's own."""
     if not model.inputs:
         return lambda t: _NONE
     if not signals.by_position:
         return lambda t: None
     own = model.bound("inputs", p)
-    # The inputs of the scene are a buffer of the kernel, which the replaced ones must not change.
+    # A copy, since the inputs of the scene are a buffer of the kernel.
     return lambda t: signals.apply(t, own(t, _NONE, _NONE, _NONE).copy())
 
 
 def _has_sparse_jacobian(model: CompiledModel) -> bool:
     """Return whether the Jacobian is large and has few entries."""
     n = len(model.states)
-    # The Jacobian of what is left once algebraic unknowns are eliminated is dense.
+    # Eliminating algebraic unknowns fills the Jacobian.
     if model.layout.n_algebraic or n <= DENSE_LIMIT:
         return False
     # Dense factorisations are faster than sparse ones of matrices that fill in.
@@ -513,7 +510,7 @@ def _has_sparse_jacobian(model: CompiledModel) -> bool:
 
 
 def _native_inputs(model: CompiledModel, signals: ReplacedInputs) -> dict[str, Any]:
-    """Return what the native form of a problem has of the inputs."""
-    # Tables are evaluated in C; only functions of Python have to be asked at each evaluation.
+    """Return the fields of ``Native`` that describe inputs."""
+    # C evaluates tables, and calls only functions of Python.
     others = {i: f for i, f in signals.by_position.items() if i not in signals.tables}
     return {"n_inputs": len(model.inputs), "replaced": signals.tables, "functions": others}

@@ -4,12 +4,11 @@ In: callables and numbers. Out: a frozen ``Problem``, or a ``SolveError`` that n
 The vector of unknowns is z = [y, s_1, ..., s_np]: the states, then the sensitivities of all states
 parameter by parameter, so each block of ``n_states`` entries obeys the same state Jacobian.
 
-At a breakpoint whose time t* depends on the parameters, rates jump from f- to f+ where a source
-does, or where its own rate is among them. Sensitivities of the states then jump, too, by
-``(f- - f+) dt*/dp``: the states themselves are continuous, and what moves the breakpoint by dt* has
-f- act for longer, in place of f+.
+At a breakpoint whose time t* depends on the parameters, rates may jump from f- to f+. Sensitivities
+of the states, which are continuous, then jump by ``(f- - f+) dt*/dp``: a later breakpoint prolongs
+the action of f- at the expense of f+.
 
-Events are found, and happen, in C: see ``templates/runtime/events/cotree_events.h``.
+C locates and applies events: see ``templates/runtime/events/cotree_events.h``.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class Native:
 
     model: NativeModel  # the model with its parameters prepared
     n_inputs: int  # number of inputs
-    #: Inputs that are piecewise linear functions in place of the scene's own.
+    #: Inputs that are replaced by piecewise linear functions.
     replaced: Mapping[int, tuple[FloatArray, FloatArray]]
     #: Inputs that are functions of time in Python, ``f(t)`` with t in [s].
     functions: Mapping[int, Callable[[float], float]]
@@ -75,7 +74,7 @@ class Problem:
         Initial states and sensitivities.
     settings : Settings
         Span, times, tolerances and budgets. An rtol below ``RTOL_FLOOR`` is raised to it, and the
-        message says so. What its other fields name is in the fields of the problem.
+        message states that. Its other values are contained in the fields below.
     sizes : ndarray, shape (n_states,), or None
         Factors of the absolute tolerances of states. For the content of a storage, the factor is
         the change of the content per unit of the variable that follows from it. None for one.
@@ -85,10 +84,10 @@ class Problem:
         for one.
     breakpoints : sequence of float
         Times where the right-hand side jumps or has a kink, [s]; integration restarts there, so
-        no pulse between two of them is stepped over. Those outside the span are ignored; where an
-        end of it is one, nothing beyond it is seen.
+        no pulse between two of them is stepped over. Those outside the span are ignored; nothing
+        beyond an end of the span that is one is evaluated.
     scale : float
-        The largest time from which breakpoints are computed; they have its rounding error, [s].
+        The largest time in the computation of breakpoints, whose rounding error they have, [s].
     shifts : Corners
         Derivatives of breakpoints, and of the start, by the parameters of sensitivity.
     names, parameters : tuple of str
@@ -98,7 +97,7 @@ class Problem:
     steps_taken : int
         Steps of the budget that other runs have taken before this one.
     held : HeldConstraints or None
-        The constraints that C holds the motion to; None where nothing constrains z.
+        The constraints onto which C projects; None if there are none.
     constraints : tuple of str
         Names of the constraints' residuals.
     n_algebraic : int
@@ -108,33 +107,33 @@ class Problem:
         ``state_rhs(t, y)``, the first ``n_states`` entries of rhs, by which algebraic unknowns are
         found; None takes them from rhs.
     undefined : callable or None
-        ``undefined(t, y)`` says why the states' rates have no value at a point, as a sentence
-        without a capital and an end; empty where they have one.
+        ``undefined(t, y)`` returns why the states' rates have no value at a point, without a
+        capital and a full stop; empty if they have one.
     sparse_jacobian : callable or None
-        ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, of one pattern at all
-        points; given where it has few entries, and then taken wherever a method can.
+        ``sparse_jacobian(t, y)``, the same Jacobian in SciPy's CSC form, with the same pattern at
+        all points; given if it has few entries, and used by methods that can.
     native : Native or None
-        The native form of the problem, where C can take it.
+        The native form of the problem, if C can integrate it.
     not_native : str
-        The reason why C cannot take it, as a sentence without a capital and a full stop.
+        The reason why C cannot integrate it, without a capital and a full stop.
     singular : callable or None
         ``singular(t, z)`` names the edges whose constraints are nearly dependent at a point; None
         where no edges are constrained.
     events : ModelEvents or None
-        The events of the problem, which only methods in C take; time must increase.
+        The events of the problem, for methods in C; time must increase.
     has_corners : bool
-        Whether the rates have corners that methods in C locate while time increases: they begin
-        anew behind each.
+        Whether the rates have kinks that methods in C locate while time increases; they restart
+        after each.
     n_observed : int
-        How many values are evaluated at each stored point besides z, for the bound on memory.
+        Number of values per stored point in addition to z, for the limit of memory.
     reach : callable or None
-        ``reach(t, z)`` is told where a segment between breakpoints begins, before anything is
-        evaluated in it: inputs may change there.
+        ``reach(t, z)`` is called at the start of each segment between breakpoints, before any
+        evaluation in it: inputs may change there.
     places : ndarray of int or None
         The positions in z of the entries that do not vanish at all times, states first, in order:
-        methods integrate nothing else. None where no entry is known to vanish.
+        methods integrate only these. None if no entry is known to vanish.
     shared : Shared or None
-        What runs of the same model with the same settings leave to this one.
+        Jobs and results of other runs of the same model with the same settings.
     """
 
     rhs: Callable[[float, FloatArray], FloatArray]
@@ -174,7 +173,7 @@ class Problem:
 
     @property
     def most_rows(self) -> int:
-        """Return how many steps are stored at most where no times are asked for."""
+        """Return the largest number of stored steps if no times are requested."""
         return most_rows(1 + self.size + self.n_observed)
 
     @property
@@ -198,20 +197,19 @@ class Problem:
     def is_sparse(self) -> bool:
         """Return whether methods iterate with a sparse Jacobian.
 
-        With sensitivities the first columns of the Jacobian of z are finite differences, which are
-        dense whatever the pattern of the state Jacobian is.
+        With sensitivities, the first columns of the Jacobian of z are dense finite differences.
         """
         return self.sparse_jacobian is not None and self.n_sensitivities == 0
 
     @property
     def direction(self) -> float:
-        """Return +1 where time increases, -1 where it decreases."""
+        """Return +1 if time increases, -1 if it decreases."""
         start, end = self.settings.t_span
         return 1.0 if end > start else -1.0
 
 
 def describe_entry(problem: Problem, index: int) -> str:
-    """Name one entry of z by its state, and by its parameter where it is a sensitivity."""
+    """Name an entry of z by its state, and by its parameter if it is a sensitivity."""
     # Block 0 of z holds the states, block k the sensitivities to parameter k - 1.
     block, state = divmod(index, problem.n_states)
     name = f"'{problem.names[state]}'" if problem.names else f"state {state}"
@@ -228,13 +226,13 @@ def check_problem(problem: Problem) -> None:
 
 
 def check_values(problem: Problem) -> None:
-    """Refuse what follows from the parameters of a run; see :func:`check_problem`."""
+    """Raise SolveError for values that depend on parameters; see :func:`check_problem`."""
     if problem.direction < 0 and problem.events is not None:
-        raise SolveError("A scene with events runs forwards only: what they set is not undone.")
+        raise SolveError("A scene with events runs forwards only, since events are not reversible.")
     times = problem.breakpoints
     if len(times) and not np.isfinite(np.asarray(times, dtype=float)).all():
         raise SolveError("A breakpoint is not finite; give times in seconds.")
-    if not problem.max_step > 0:  # of the model, where none was asked for; nan is refused, too
+    if not problem.max_step > 0:  # of the settings or the model; nan is refused, too
         raise SolveError(f"max_step is {problem.max_step}; give positive seconds, or inf for none.")
     # A dot product finds nan and infinity in one pass; squares may overflow, too.
     if math.isfinite(problem.z0.dot(problem.z0)) or np.isfinite(problem.z0).all():
@@ -272,7 +270,7 @@ def corner_times(problem: Problem) -> FloatArray:
         return np.array([start, end])
     low, high = min(start, end), max(start, end)
     inside = np.unique(np.asarray(problem.breakpoints, dtype=float))
-    # Both ends are strict: a breakpoint there cuts nothing, but may make the end sharp.
+    # A breakpoint at an end does not cut the span.
     inside = inside[(low < inside) & (inside < high)]
     return np.concatenate([[start], inside[:: int(problem.direction)], [end]])
 
@@ -296,25 +294,25 @@ def turn_tolerances(problem: Problem) -> FloatArray:
 
 
 def turning(problem: Problem, t: float, entry: int) -> str:
-    """Describe which sensitivity, at ``entry`` of z, does not exist after the breakpoint t."""
+    """Return a message that the sensitivity at ``entry`` of z does not exist after time t."""
     what = describe_entry(problem, entry)
     if t == problem.settings.t_span[0]:
         return (
             f"{what} does not exist: a source has a corner at the start, t = {t:.10g}, that moves "
-            "with the parameter; begin the run before it, or compile without this sensitivity"
+            "with the parameter; start the run before it, or compile without this sensitivity"
         )
     return (
         f"{what} does not exist from t = {t:.10g} on: corners of sources meet there that move "
-        "differently with the parameter; choose values that keep them apart, or compile without "
+        "differently with the parameter; choose values that separate them, or compile without "
         "this sensitivity"
     )
 
 
-# Rates on both sides of a jump that differ by a smaller share are the same.
+# Rates on both sides of a jump are equal if they differ by a smaller share.
 _SAME_RATE = 1e-12
 
 
-# A contact jams where friction makes its force this many times larger.
+# A contact jams if friction makes its force this many times larger.
 _JAMMED = 100.0
 
 
@@ -343,7 +341,7 @@ class ModelEvents:
         return z[:n], z[n:].reshape(len(self._model.sensitivities), n).T
 
     def values(self, t: float, z: FloatArray) -> FloatArray:
-        """Evaluate the values that the events watch, shape (n_events,), a fresh array."""
+        """Return the event functions, shape (n_events,), a fresh array."""
         return self._at(t).event_values(*self._parts(z))
 
     def check_start(self, t: float, z: FloatArray) -> None:
@@ -352,26 +350,25 @@ class ModelEvents:
         if not wanted or not any(row.is_jump for row in self.rows):
             return
         values = self.values(t, z)
-        # One row for each parameter, with the derivative of what each event looks at.
+        # One row of derivatives of the event functions for each parameter.
         along = self._at(t).call("event_sensitivity", *self._parts(z)).reshape(len(wanted), -1)
         for i, row in enumerate(self.rows):
             moving = np.flatnonzero(along[:, i])
-            # There are two sides only where the start lies on a jump and a parameter moves it.
+            # Both sides matter only if a parameter moves the start off a jump.
             if not row.is_jump or values[i] != 0.0 or not moving.size:
                 continue
             if self._has_jump(row.targets[0], t, z):
                 raise SolveError(
-                    f"'{row.name}' happens right at the start, t = {t:.6g}, and "
-                    f"'{wanted[int(moving[0])]}' moves the start off it, to "
-                    "either side: there is no derivative; begin aside of the jump, or compile "
-                    "without this sensitivity"
+                    f"'{row.name}' occurs exactly at the start, t = {t:.6g}, and "
+                    f"'{wanted[int(moving[0])]}' moves the start to either side of it: there is no "
+                    "derivative; start away from the jump, or compile without this sensitivity"
                 )
 
     def jammed(self, t: float, z: FloatArray) -> str:
-        """Name the contacts that jam at a point where an integration fails; empty if none does.
+        """Return a sentence on contacts that jam at the end of a failed run; empty if none does.
 
-        Sliding friction may press its contact together the harder, the harder it is pressed, and
-        without bound if it takes away all of what the contact has to move.
+        Sliding friction may increase the normal force of its contact, which grows without bound if
+        the friction cancels the inertia that the contact accelerates.
         """
         y, s = self._parts(z)
         at, found = self._at(t), []
@@ -396,16 +393,16 @@ class ModelEvents:
         if not found:
             return ""
         return (
-            f"What slides at {', '.join(found)} jams: with friction as strong as this, the force "
-            "that presses it together grows beyond all bounds (Painleve's paradox)."
+            f"Sliding at {', '.join(found)} jams: with such strong friction the normal force grows "
+            "without bound (Painleve's paradox): reduce the friction."
         )
 
     def _has_jump(self, mode: int, t: float, z: FloatArray) -> bool:
-        """Return whether rates change with a mode that stands for a jump."""
+        """Return whether rates depend on the mode of a jump."""
         at, (y, s), rates = self._at(t), self._parts(z), []
         new = at.call("jumps", y, s)
         for row in self.rows:
-            # The events that set this mode stand for the sides of the jump, each with its rates.
+            # The events that set this mode are the sides of the jump.
             if row.targets == (mode,):
                 other = y.copy()
                 other[mode] = new[row.results.start]

@@ -11,31 +11,30 @@ if TYPE_CHECKING:
     from cotree.solvers.problem import Problem
 
 
-# Algebraic unknowns leave a dense Jacobian once eliminated: C takes none of more states than this.
+# Most states with algebraic unknowns, whose elimination makes the Jacobian dense.
 _MOST_REDUCED = 2000
 
 
 def refusal(method: str, problem: Problem) -> str:
-    """Describe, before anything is built, why C cannot solve a checked problem; else empty."""
+    """Return why a method in C cannot solve a checked problem; empty if it can."""
     row = METHODS[method]
     if problem.native is None:
         return problem.not_native
     if row.family == "correctors" and problem.events is not None:
         return "there are events"
-    # Own methods take problems without any rate; SUNDIALS needs one to integrate.
+    # SUNDIALS needs at least one rate.
     if row.family == "cotree":
         return _dependent(problem) if row.implicit else ""
     if problem.n_states == problem.n_algebraic:
         return "there are no states"
-    # Methods that solve for the unknowns at each evaluation iterate with the reduced Jacobian.
     is_reduced = problem.n_algebraic > 0 and not row.keeps_algebraic
     if is_reduced and problem.n_states > _MOST_REDUCED:
-        return f"more than {_MOST_REDUCED} states have algebraic unknowns beside them"
+        return f"there are algebraic unknowns and more than {_MOST_REDUCED} states"
     return ""
 
 
 def beyond_scipy(problem: Problem) -> str:
-    """Name what of a problem SciPy's methods do not take, as a phrase; empty if they take it."""
+    """Return the part of a problem that SciPy's methods do not support; empty if there is none."""
     if problem.events is not None:
         return f"events, such as '{problem.events.rows[0].name}'"
     if problem.n_algebraic:
@@ -53,9 +52,9 @@ def beyond_scipy(problem: Problem) -> str:
 
 
 def _dependent(problem: Problem) -> str:
-    """Describe which constraints depend on each other at the start; empty if none do.
+    """Return a message on constraints that are dependent at the start; empty if none are.
 
-    Stages of Rosenbrock methods are off the constraints, which then contradict each other.
+    Stages of Rosenbrock methods violate these, which then contradict each other.
     """
     edges = (
         () if problem.singular is None else problem.singular(problem.settings.t_span[0], problem.z0)

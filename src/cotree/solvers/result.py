@@ -297,7 +297,7 @@ class RunRecord(Reported, Deferring):
                 ]
                 tables.append(_values(f"sensitivities to {to}", rows))
         events = [
-            f"Event '{name}' happened {counted(len(row.t), 'time')}"
+            f"Event '{name}' occurred {counted(len(row.t), 'time')}"
             + (f", last at t = {row.t[-1]:.10g} s." if row.t.size else ".")
             for name, row in self.events.items()
         ]
@@ -319,7 +319,7 @@ class RunRecord(Reported, Deferring):
         self, fields: Sequence[str] = ("y", "output_values", "input_values")
     ) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
         """Pair names with values, or sensitivities, of states, positions, outputs and inputs."""
-        # One by one: who looks for a state does not wait for the outputs.
+        # A generator, so that outputs are evaluated only if needed.
         of_states = getattr(self, fields[0])
         yield self.states, of_states
         if self.positions:
@@ -330,7 +330,7 @@ class RunRecord(Reported, Deferring):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    """End the sentence with the nearest known name."""
+    """Return the end of a sentence with the nearest known name."""
     hint = nearest(name, known)
     return hint if hint.endswith("?") else f"{hint}."
 
@@ -410,7 +410,7 @@ class Trajectory:
     statistics: Statistics  # work done
     #: Residuals of the constraints along the run; None where there are no constraints.
     drift: Drift | None = None
-    #: The events that happened, in order, a row each: time, [s], number of the event, derivatives
+    #: The events in order, a row each: time, [s], number of the event, derivatives
     #: of the time by the parameters, states before, and states after.
     events: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     #: Whether it failed because equations could not be solved, however short the step.

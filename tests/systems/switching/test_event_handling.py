@@ -138,7 +138,7 @@ def test_a_stop_ends_the_run(method):
     assert result.success
     assert "event 'ground' ends the run" in result.message
     np.testing.assert_allclose(result.t, [0.0, 0.2, np.sqrt(2 / 9.81)], atol=1e-9)
-    assert "Event 'ground' happened 1 time, last at t = 0.4515236" in result.summary()
+    assert "Event 'ground' occurred 1 time, last at t = 0.4515236" in result.summary()
 
 
 def test_one_event_makes_another_happen(loop):
@@ -470,7 +470,7 @@ def test_what_runs_with_events_cannot_do(ball_model):
     scene.parameter("e", 1.0)
     scene.input("level", "t")
     scene.event("hit", "j.s - level - 1", set={"j.s_dot": "e"})
-    with pytest.raises(ParameterError, match="input 'level' decides when an event happens"):
+    with pytest.raises(ParameterError, match="input 'level' decides when an event occurs"):
         scene.compile(["e"]).simulate((0, 1), inputs={"level": 1.0})
     with pytest.raises(KeyError, match="There is no event 'hip'; did you mean 'hit'"):
         scene.compile(["e"]).simulate((0, 1)).event_sensitivity("hip", "e")

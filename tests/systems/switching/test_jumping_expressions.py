@@ -257,7 +257,7 @@ def test_rest_on_a_jump_that_grows_from_nothing_is_driven_back():
 
 def test_rest_on_a_jump_has_no_slope_by_where_it_is():
     model = _turned("where(J.theta >= d, 1, 2)", d=0.0).compile(["d"])
-    with pytest.raises(SolveError, match=r"'J.theta >= d up' happens right at the start.*'d'"):
+    with pytest.raises(SolveError, match=r"'J.theta >= d up' occurs exactly at the start.*'d'"):
         model.simulate((0, 1))
 
 
@@ -287,7 +287,7 @@ def test_a_start_on_a_jump_has_sensitivities_along_it_only():
     result = scene.compile(["K", "R"]).simulate((0, 1.0), **TIGHT)
     assert result["C.v"][-1] == pytest.approx(3 * (1 - math.exp(-1)), rel=1e-9)
     assert result.sensitivity("C.v", "K")[-1] == pytest.approx(1 - math.exp(-1), rel=1e-8)
-    with pytest.raises(SolveError, match=r"'sign\(C.v\) up' happens right at the start.*'C.v'"):
+    with pytest.raises(SolveError, match=r"'sign\(C.v\) up' occurs exactly at the start.*'C.v'"):
         scene.compile(["C.v"]).simulate((0, 1.0))
     # A corner has one derivative.
     corner = _charged("E + K*C.v*sign(C.v)", E=2.0, K=0.5, R=1.0)

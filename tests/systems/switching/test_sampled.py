@@ -91,7 +91,7 @@ def test_functions_of_time_have_sensitivities():
     assert result["guide.s_dot"][-1] == pytest.approx(impulse / 2.0, abs=1e-12)
     along = result.sensitivity("guide.s_dot", "m")[-1]
     assert along == pytest.approx(-impulse / 4.0, abs=1e-10)
-    with pytest.raises(ParameterError, match="whose derivatives nobody knows"):
+    with pytest.raises(ParameterError, match="whose derivatives are unknown"):
         model.simulate((0, 1), inputs={"F": cotree.sampled(lambda t, x: 0.0, 0.1)})
 
 
