@@ -12,7 +12,13 @@ import sympy
 import cotree
 from cotree import Scene
 from cotree.components import COMPONENTS, register_component
-from cotree.errors import ModelError, ParameterError, SceneError, TopologyError
+from cotree.errors import (
+    ModelError,
+    ParameterError,
+    SceneError,
+    SingularSystemError,
+    TopologyError,
+)
 
 pytestmark = pytest.mark.compiler
 
@@ -518,6 +524,18 @@ _LOAD = ("R1", "resistor", "o", "ground")
 def test_circuits_that_are_refused(edges, message):
     with pytest.raises((TopologyError, SceneError), match=message):
         _refused(*edges)
+
+
+def test_a_source_by_an_expression_that_cancels_a_resistance_is_refused():
+    """The matrix of the operating point is 1/R - 1/R: it is not positive definite."""
+    scene = Scene("cancelling")
+    for name, node in (("R1", "ground"), ("R2", "d")):
+        scene.edge(name, "resistor", "c", node, resistance=1e3)
+    scene.edge("C", "capacitor", "c", "ground", capacitance=1e-6)
+    scene.edge("B", "voltage_source", "d", "ground", voltage="2*c.v")
+    scene.simulation(start="operating point")
+    with pytest.raises(SingularSystemError, match="no solution, or many"):
+        scene.compile()
 
 
 def test_lists_of_a_piecewise_source_are_checked():

@@ -158,7 +158,7 @@ def form_network(
     # of the networks, then the algebraic unknowns.
     n_before = len(system.coordinates) + len(system.speeds) + len(system.modes)
     symbols = {item.variable: dag.symbol(STATE, n_before + i) for i, item in enumerate(held)}
-    fields, measured, guards, negative = _bind_fields(ports, symbols, names, system)
+    fields, measured, guards, active = _bind_fields(ports, symbols, names, system)
     moving = {system.signals.node(name) for name in system.signals.measured if is_motion(name)}
     held_ports = holding_ports(ports) if has_multipliers else []
     # Numbered downwards, since the other multipliers are numbered on from the accelerations.
@@ -201,7 +201,7 @@ def form_network(
         plan,
         lambda i: dag.symbol(STATE, first + i),
         lambda block: all(
-            v[1] not in negative and _is_passive(all_ports, trees, v)
+            v[1] not in active and _is_passive(all_ports, trees, v)
             for v in (*block.unknowns, *block.inner)
         ),
         is_static=first == 0,
@@ -278,11 +278,11 @@ def _bind_fields(
     names: Names,
     system: System,
 ) -> tuple[dict[tuple[str, str], Node], dict[Node, Variable], list[Guard], set[str]]:
-    """Form the nodes of the fields of all components, and find edges with negative resistance."""
+    """Form the nodes of the fields of all components, and find edges that may supply power."""
     fields: dict[tuple[str, str], Node] = {}
     standing: dict[Variable, Node] = {}
     guards: dict[tuple[Node, bool, str], Guard] = {}
-    negative: set[str] = set()
+    active: set[str] = set()
 
     def resolve(name: str) -> Node:
         variable = names.variable(name)
@@ -312,10 +312,13 @@ def _bind_fields(
             node = value.lower(system.dag, resolver)  # type: ignore[union-attr]
             fields[edge.name, field] = node
             system.dag.note_origin(node, f"{field} of edge '{edge.name}'")
+            # A source whose value follows from another variable is a controlled one.
+            if not row.sign and not set(standing.values()).isdisjoint(symbols_in([node])):
+                active.add(edge.name)
             if row.sign and not is_varying(node):
                 what = f"{field} of edge '{edge.name}'"
                 if row.sign == "nonzero" and not system.at_scene(node) > 0.0:
-                    negative.add(edge.name)
+                    active.add(edge.name)
                     ask(_negative(node, what))
                 else:
                     ask(Guard(node, what, row.sign != "nonnegative"))
@@ -327,7 +330,7 @@ def _bind_fields(
                 ask(Guard(node, f"edge '{edge.name}'", True, demand.breach))
     # Fields that use a variable of the networks make it an argument, by its symbol.
     measured = {symbol: variable for variable, symbol in standing.items()}
-    return fields, measured, list(guards.values()), negative
+    return fields, measured, list(guards.values()), active
 
 
 def _negative(node: Node, what: str) -> Guard:
