@@ -223,6 +223,8 @@ SEVEN = " ".join(f"L{i}" for i in range(7))
         (".subckt s a b\nX1 a b s\n.ends\nX1 1 0 s", 3, "within more than 20"),
         ("F1 a 0 V9 2\nR1 a 0 1", 2, "not a voltage source of this circuit"),
         ("V1 a 0 NOISE(1 2)", 2, "not a supported waveform"),
+        ("V1 a 0 PWL(0 0 1 1) r=0", 2, "'V1' has no 'r' that is modelled"),
+        ("E1 a 0 TABLE {V(b)} = (0,0) (1,2)\nR1 b 0 1", 2, "'E1' has a TABLE, which is not read"),
         ("V1 a 0 PWL(0 1 2)", 2, "pairs of a time and a value"),
         ("V1 a 0 PULSE(0 1)", 2, "there is no .tran"),
         ("V1 a 0 AM(1 0 1k)", 2, "AM needs two numbers"),
@@ -638,8 +640,8 @@ def test_no_resistance_and_no_inductance_are_shorts_and_no_capacitance_is_nothin
 
 def test_coefficients_of_temperature_have_no_effect_at_27_degrees():
     for given in ("TC=1m,2u", "tc=1m", "tc1=1m tc2=2u", "TC=0,0 m=2"):
-        circuit = read(f"title\nV1 a 0 1\nR1 a 0 2 {given}\n")
-        assert circuit.parameters["R1"].value == 2.0
+        circuit = read(f"title\nV1 a 0 DC=1 AC = 2\nR1 a 0 2 {given}\nC1 a 0 3 {given}\n")
+        assert [circuit.parameters[name].value for name in ("V1", "R1", "C1")] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.compiler

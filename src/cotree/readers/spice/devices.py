@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cotree.components.electrical import WINDINGS, coupling_field
@@ -151,11 +151,14 @@ def _without_second(rest: tuple[str, ...]) -> tuple[str, ...]:
     return rest[:after] + rest[after + 1 :]
 
 
+#: Coefficients of temperature, which have no effect at 27 degrees.
+_OF_TEMPERATURE = ("tc", "tc1", "tc2")
+
 #: Component, field, unit and further settings of elements with one value.
 _ONE_PORTS = {
-    "r": ("resistor", "resistance", "ohm", {"m", "tc", "tc1", "tc2"}),
-    "c": ("capacitor", "capacitance", "F", {"m", "ic"}),
-    "l": ("inductor", "inductance", "H", {"m", "ic"}),
+    "r": ("resistor", "resistance", "ohm", {"m", *_OF_TEMPERATURE}),
+    "c": ("capacitor", "capacitance", "F", {"m", "ic", *_OF_TEMPERATURE}),
+    "l": ("inductor", "inductance", "H", {"m", "ic", *_OF_TEMPERATURE}),
 }
 
 
@@ -291,11 +294,12 @@ def _one_flux(
 
 def _independent(place: Instance, line: Line) -> None:
     """Add a source of a voltage or a current."""
-    if len(line.words) < 3 or "=" in line.words:
+    words = _without_signs(line)
+    if len(words) < 2:
         raise line.at.error(f"{line.name} needs two nodes, a value")
     is_voltage = line.key[0] == "v"
-    nodes = [place.node(word) for word in line.words[1:3]]
-    source = read_source(line.words[3:], place.scope, place.sheet.times, line.at)
+    nodes = [place.node(word) for word in words[:2]]
+    source = read_source(words[2:], place.scope, place.sheet.times, line.at)
     fields = dict(source.fields)
     # Only a constant value becomes a parameter with the name of the source.
     if source.is_constant:
@@ -305,8 +309,21 @@ def _independent(place: Instance, line: Line) -> None:
     place.add(line.words[0], kind, nodes, given)
 
 
+def _without_signs(line: Line) -> tuple[str, ...]:
+    """Return the words after the name of a source, without = behind DC and AC."""
+    words = line.words[1:]
+    for before, word in pairwise(words):
+        if word == "=" and before.lower() not in ("dc", "ac"):
+            raise line.at.error(f"{line.name} has no '{brief(before)}' that is modelled here")
+    return tuple(word for word in words if word != "=")
+
+
 def _controlled(place: Instance, line: Line) -> None:
     """Add a source that is controlled by a voltage, a current, or a polynomial of several."""
+    if "table" in map(str.lower, line.words[3:4]):
+        raise line.at.error(
+            f"{line.name} has a TABLE, which is not read: write an expression with VALUE="
+        )
     if has_polynomial(line):
         add_polynomial(place, line)
     elif line.key[0] in "eg" and has_law(line):
