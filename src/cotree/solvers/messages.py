@@ -313,15 +313,19 @@ _LEAST = 1e3
 # that has grown a thousandfold grows as the power of 7.7 at its end.
 _LEAST_POWER = 7.0
 
+# The least factor by which a slope that becomes infinite exceeds its size shortly before.
+_STEEPER = 100.0
+
 # Most unknowns whose determinant is computed, and that a message names; distance of the points.
 _MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add to the message of a run that stopped early the state that grows, or a fold."""
+    """Add to the message of a run that stopped early why: growth, a fold or an infinite slope."""
     if trajectory.status == 0:
         return trajectory
     cause = growth(problem, trajectory) or fold(problem, trajectory)
+    cause = cause or infinite_slope(problem, trajectory)
     return replace(trajectory, message=f"{trajectory.message} {cause}") if cause else trajectory
 
 
@@ -352,6 +356,36 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
         f"The algebraic equations have a fold at t = {t:.6g}: two of their solutions for "
         f"{unknowns} meet and end there. Switch a mode there by events, or add a storage, such as "
         "a small capacitor, to the loop."
+    )
+
+
+def infinite_slope(problem: Problem, trajectory: Trajectory) -> str:
+    """Return a sentence on an infinite slope of the rates where steps became too short, or empty.
+
+    Sensitivities change there as a root of time does, which steps resolve to about the root of
+    rounding.
+    """
+    n, start = problem.n_states, float(problem.settings.t_span[0])
+    is_sought = problem.n_sensitivities and ROUNDING_LEVEL in trajectory.message
+    if not (is_sought and trajectory.t.size) or problem.jacobian is None:
+        return ""
+    t, z = float(trajectory.t[-1]), trajectory.z[:, -1].copy()
+    back = _SOON * (t - start)
+    rates = np.asarray((problem.state_rhs or problem.rhs)(t, z))[:n].copy()
+    rates[n - problem.n_algebraic :] = 0.0
+    with np.errstate(all="ignore"):
+        here = np.abs(np.array(problem.jacobian(t, z[:n])))
+        before = np.abs(np.array(problem.jacobian(t - back, z[:n] - back * rates)))
+        # A value that is not finite is at the point itself.
+        is_steep = ~(here <= _STEEPER * (before + 1.0 / max(abs(back), 1e-300) * _SOON))
+    if not is_steep.any():
+        return ""
+    row, column = (int(place[0]) for place in np.nonzero(is_steep))
+    return (
+        f"The equation of '{problem.names[row]}' has an infinite slope by "
+        f"'{problem.names[column]}' at t = {t:.6g}, as a root has at zero: sensitivities change "
+        "there faster than steps resolve at this rtol. Loosen rtol to 1e-7, write a law with a "
+        "finite slope there, or compile without sensitivities."
     )
 
 

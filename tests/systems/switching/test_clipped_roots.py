@@ -137,3 +137,17 @@ def test_a_root_ends_where_its_law_jumps(method, is_registered):
     assert result["C.v"][-1] == pytest.approx(0.2 - 0.5 * (2.0 - 2.0 * (1.0 - A * way)), abs=1e-6)
     slope = -0.5 * 2.0 * (way - 1.0 / (A + 1.0))
     assert result.sensitivity("C.v", "a")[-1] == pytest.approx(slope, abs=1e-5)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rodas4", "rodas5", "ida"])
+@pytest.mark.parametrize("law", ["where(C.v > 0, sqrt(C.v), 0)", "sqrt(max(C.v, 0))"])
+def test_steps_that_a_root_makes_too_short_say_so(law, method):
+    """Beside the root that the sensitivity has in time, the last step that exists is too long."""
+    scene = cotree.Scene("drained")
+    scene.parameter("k", 1.0)
+    scene.edge("C", "capacitor", "a", "ground", capacitance=1.0, initial={"v": 1.0})
+    scene.edge("I", "current_source", "a", "ground", current=f"k*{law} - 0.3*sin(3*t)")
+    model = scene.compile(["k"])
+    with pytest.warns(RuntimeWarning, match=r"'C\.v' has an infinite slope by 'C\.v' at t = 1\.66"):
+        assert model.simulate((0, 3), method=method, rtol=1e-10, atol=1e-12).status < 0
+    assert model.simulate((0, 3), method=method, rtol=1e-7, atol=1e-9).status == 0
