@@ -79,7 +79,7 @@ def test_parts_of_a_dataset_and_own_variables_are_drawn(drawn, gridded):
         (lambda d, g: cotree.bands(d, "j1.z"), "did you mean 'j1.s'"),
         (lambda d, g: cotree.bands(d, "d(j1.s)"), r"name one, 'd\(j1.s\)/d\(L\)'"),
         (lambda d, g: cotree.bands(d, "d(j1.s)/d(m1)"), "no sensitivities to 'm1'"),
-        (lambda d, g: cotree.bands(d, []), "nothing is named"),
+        (lambda d, g: cotree.bands(d, []), "there are no names of variables"),
         (lambda d, g: cotree.bands(d, "status"), "not a curve over time"),
         (lambda d, g: cotree.bands(d["j1.s"]), "a DataArray cannot be drawn"),
         (lambda d, g: cotree.bands(None), "a NoneType cannot be drawn"),
