@@ -316,17 +316,21 @@ _LEAST_POWER = 7.0
 # The least factor by which a slope that becomes infinite exceeds its size shortly before.
 _STEEPER = 100.0
 
+# A slope by an unknown below this share of the largest one in its equation hardly determines it.
+_HARDLY = 1e-8
+
 # Most unknowns whose determinant is computed, and that a message names; distance of the points.
 _MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
 
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Add to the message of a run that stopped early why: growth, a fold or an infinite slope."""
+    """Add to the message of a run that stopped early the cause that its end shows, if any."""
     if trajectory.status == 0:
         return trajectory
-    cause = growth(problem, trajectory) or fold(problem, trajectory)
-    cause = cause or infinite_slope(problem, trajectory)
-    return replace(trajectory, message=f"{trajectory.message} {cause}") if cause else trajectory
+    for cause in (growth, fold, undetermined, infinite_slope):
+        if sentence := cause(problem, trajectory):
+            return replace(trajectory, message=f"{trajectory.message} {sentence}")
+    return trajectory
 
 
 def fold(problem: Problem, trajectory: Trajectory) -> str:
@@ -356,6 +360,31 @@ def fold(problem: Problem, trajectory: Trajectory) -> str:
         f"The algebraic equations have a fold at t = {t:.6g}: two of their solutions for "
         f"{unknowns} meet and end there. Switch a mode there by events, or add a storage, such as "
         "a small capacitor, to the loop."
+    )
+
+
+def undetermined(problem: Problem, trajectory: Trajectory) -> str:
+    """Return a sentence on algebraic unknowns on which their equations hardly depend, or empty."""
+    m, n = problem.n_algebraic, problem.n_states
+    is_sought = m > 0 and "algebraic equations cannot be solved" in trajectory.message
+    if not (is_sought and trajectory.t.size) or problem.jacobian is None:
+        return ""
+    t, y = float(trajectory.t[-1]), trajectory.z[:n, -1].copy()
+    rows = np.abs(np.asarray(problem.jacobian(t, y)))[n - m :]
+    with np.errstate(all="ignore"):
+        shares = np.max(rows[:, n - m :] / np.max(rows, axis=1, keepdims=True), axis=0)
+    names = [
+        name
+        for name, share in zip(problem.names[n - m : n], shares, strict=True)
+        if share < _HARDLY
+    ]
+    if not names:
+        return ""
+    return (
+        f"The algebraic equations hardly depend on {_quoted(names[:_MOST_NAMED])} at t = {t:.6g}: "
+        f"its slope is {float(np.min(shares)):.2g} of the largest one, as where semiconductors "
+        "block the current of an inductor. Put a large resistor, such as 1e7 ohm, or a small "
+        "capacitor in parallel."
     )
 
 
