@@ -1,7 +1,7 @@
 """Checks of C projects and FMUs before anything is written, and the start that they need.
 
-A machine that only writes C may have no compiler. What is written there finds its start from the
-scene's initial values, at which constraints are judged.
+A machine that only writes C may have no compiler. Constraints are then tested at the scene's
+initial values, and the written program finds its start.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A program whose start is found once, when something first asks for it."""
+    """A program whose start is computed at its first use."""
 
     program: Program
     given: CompiledModel | None = None  # the program, if it was compiled
@@ -82,7 +82,7 @@ class Evaluated:
         """
         layout = self.program.layout
         # Constraints, further conditions and algebraic unknowns make the start a problem to be
-        # solved. A jumping expression must know the side that it starts on.
+        # solved. An expression that jumps needs the side on which it starts.
         is_sought = layout.constraints or layout.start_rows or layout.n_algebraic
         is_sought = is_sought or any(row.is_jump for row in layout.events)
         if not layout.states or not (is_sought or layout.redundant):
@@ -96,7 +96,7 @@ class Evaluated:
 
     def sizes(self, start: Start) -> list[float]:
         """List the factors of the absolute tolerances of states; empty where all are one."""
-        # Only what storages hold together has another size than one.
+        # Only contents of several storages have other sizes than one.
         if not self.program.layout.followers or not self.is_possible:
             return []
         at = EvaluationPoint(self.model, 0.0, self.model.default_parameters)
@@ -111,20 +111,19 @@ class Evaluated:
         if not self.is_possible:
             rows = np.reshape(self.initial("gradient"), (len(edges), -1))
             return bool(np.linalg.matrix_rank(rows, RANK * np.max(np.abs(rows))) < len(edges))
-        # The rank is judged as a run judges it.
+        # The rank is determined as in a run.
         held = HeldConstraints(self.model, self.model.default_parameters, lambda t: None)
         return bool(held.singular(0.0, self.start.z))
 
 
 def check_numbers(t_end: float, rtol: float, atol: float) -> None:
-    """Refuse an end time or tolerances that make no sense; warn if the relative one is loose."""
+    """Raise SceneError for a wrong end time or tolerance; warn if the relative one is loose."""
     if not math.isfinite(t_end):
         raise SceneError(f"t_end is {t_end}: give a finite number")
     fault = rtol_fault(rtol, least=0.0)
     if fault:
         raise SceneError(fault)
-    # Zero is accepted: the relative tolerance alone then controls the error.
-    # Written so that nan is refused.
+    # With zero, the relative tolerance alone controls the error. nan is refused.
     if not (math.isfinite(atol) and atol >= 0.0):
         raise SceneError(f"atol is {atol}: give a finite number that is not negative")
     if loose_rtol(rtol):
@@ -145,8 +144,7 @@ def check_methods(methods: Sequence[str]) -> None:
 
 
 def check_prefix(prefix: str) -> str:
-    """Accept what names and files of a project begin with: a free identifier of C."""
-    # The same rules hold for the names of scenes, which prefixes are made of.
+    """Return the prefix of names and files of a project if it is a free identifier of C."""
     is_name = re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,63}", prefix) is not None
     if not is_name or c_identifier(prefix) != prefix:
         raise CodegenError(
@@ -158,7 +156,7 @@ def check_prefix(prefix: str) -> str:
 
 
 def check_range(program: Program, target: Target) -> None:
-    """Refuse parameters whose values the type of numbers does not reach."""
+    """Raise CodegenError for parameters beyond the range of the type of numbers."""
     layout = program.layout
     for row, value in zip(layout.parameters, layout.parameter_values, strict=True):
         if not target.holds(value):
@@ -184,7 +182,6 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
         raise CodegenError(
             f"{integrator} takes steps of one length: give it, a positive number of seconds"
         )
-    # Events lie within steps, and would need steps that end at them.
     if program.layout.events:
         raise CodegenError(
             f"{integrator} does not locate events, and scene '{program.layout.name}' has "
@@ -194,9 +191,9 @@ def check_step(program: Program, integrator: str, step: float | None) -> None:
 
 
 def _check_corners(program: Program, integrator: str) -> None:
-    """Refuse sensitivities that jump at corners of sources: steps of one length pass over these.
+    """Raise CodegenError for sensitivities that jump at corners of sources, within fixed steps.
 
-    If the rates do not jump, neither do the sensitivities, and passing costs order only.
+    Without jumps of the rates there are none of the sensitivities, and only the order is lower.
     """
     dag, layout = program.dag, program.layout
     stops = [stop for own in program.stops.values() for stop in own]
@@ -208,8 +205,7 @@ def _check_corners(program: Program, integrator: str) -> None:
     ]
     if not moving:
         return
-    # At the values of parameters, whether rates jump is decided by time alone.
-    # Inputs are the scene's own: a C project has no others.
+    # At fixed parameters and with the scene's inputs, jumps of rates depend on time only.
     known = {dag.symbol("u", i): v for i, v in enumerate(program.kernels["inputs"].results)}
     values = {dag.symbol("p", i): dag.constant(v) for i, v in enumerate(layout.parameter_values)}
     rates = substitute(substitute(list(program.kernels["rhs"].results), known), values)
@@ -224,7 +220,7 @@ def _check_corners(program: Program, integrator: str) -> None:
 
 
 def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
-    """Refuse dependent constraints, which stages of a method would contradict."""
+    """Raise CodegenError for dependent constraints, which stages of a method would violate."""
     if is_dependent:
         raise CodegenError(
             f"constraints of scene '{program.layout.name}' are dependent at the start, which "
@@ -233,13 +229,12 @@ def check_loops(program: Program, integrator: str, is_dependent: bool) -> None:
 
 
 def check_start(evaluated: Evaluated, start: Start | None) -> None:
-    """Refuse sensitivities where an expression jumps right at the start."""
+    """Raise SolveError for sensitivities if an expression jumps exactly at the start."""
     layout = evaluated.program.layout
     is_apart = not layout.sensitivities or not any(row.is_jump for row in layout.events)
-    # Without sensitivities, or without jumping expressions, the start may lie on a jump.
+    # Otherwise the start may lie on a jump.
     if start is None or is_apart or not evaluated.is_possible:
         return
     model = evaluated.model
-    # No input is replaced.
     events = ModelEvents(model, model.default_parameters, lambda t: None)
     events.check_start(0.0, start.z)

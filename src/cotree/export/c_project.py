@@ -2,8 +2,8 @@
 
 The folder holds the model, integrators without dependencies, a main program that integrates the
 model to its end time and prints the end state, and build files. If the model has constraints, the
-main program holds it to them as a run does, from a consistent start that it finds.
-Algebraic unknowns are solved for at each evaluation; the other states are integrated.
+main program finds a consistent start and projects onto them, as a run does. Algebraic unknowns are
+solved for at each evaluation; the other states are integrated.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from cotree.model.consistent import Start
     from cotree.program.program import Kernel, Program
 
-#: The least relative tolerance of single precision that step sizes are controlled by: some hundred
-#: units in the last place, above what the rates of a step lose.
+#: The least relative tolerance of single precision: some hundred units in the last place, above the
+#: rounding errors of rates.
 _LEAST_RTOL = 2e-5
 
 
@@ -78,15 +78,15 @@ class CProject:
 
 @dataclass(frozen=True)
 class Kit:
-    """Options of a C project besides the model."""
+    """Options of a C project."""
 
     #: Names in ``METHODS``, separated by commas: the methods that are compiled in, the one that
     #: runs by default first. A method with steps of one length stands alone.
     integrator: str = "dopri5"
     real: str = "double"  # the type of numbers, ``double`` or ``float``
-    #: What names in C and files begin with; the name of the scene where it is empty.
+    #: Prefix of names in C and of files; empty for the name of the scene.
     prefix: str = ""
-    has_wrapper: bool = False  # whether there is a header for C++ besides
+    has_wrapper: bool = False  # whether there is a header for C++, too
     #: Whether all C stands in one header and one source, without build files.
     is_single: bool = False
 
@@ -117,7 +117,7 @@ def write_c_project(
 ) -> CProject:
     """Write a model with a main program that integrates it.
 
-    Files that stand there already are replaced, each at once and none unless all are complete.
+    Existing files are replaced atomically, once all are complete.
 
     Parameters
     ----------
@@ -165,10 +165,8 @@ def write_c_project(
     evaluated = evaluated or Evaluated(program)
     is_dependent = evaluated.is_dependent()
     implicit = [name for name in methods if METHODS[name].is_implicit]
-    # Stages of an implicit method would contradict constraints that are dependent.
     if implicit:
         check_loops(program, implicit[0], is_dependent)
-    # All is refused or found before the first file is written.
     found = evaluated.found_start() if start is None else start
     check_start(evaluated, found)
     numbers = Numbers(t_end, *_fitting(rtol, atol, target), step)
@@ -193,13 +191,12 @@ def write_c_project(
         texts |= render_newton(newton_context(program, target), features)
     for name in methods:
         texts |= method_files(name, target)
-        # Steps of one length go to the end time without breakpoints, points or events: no job is
-        # needed.
+        # Steps of one length need no job: there are no breakpoints, points or events.
         texts |= {} if name in FIXED else stepper_files(name, target)
     text = render("c/main/main.c.jinja", target, main=main)
     texts["main.c"] = resolve(text, main.conditions())
     texts = project_files(texts, target, features)
-    # The model's own file first, then those of every model.
+    # The model's file first, then those of the runtime.
     sources = sorted(name for name in texts if name.endswith(".c") and name != "main.c")
     sources.sort(key=lambda name: name.startswith("cotree_"))
     headers = sorted(name for name in texts if name.endswith(".h"))
@@ -211,7 +208,7 @@ def write_c_project(
         texts = single_file(texts, prefix)
         compiled = f"-D{model.upper}_MAIN {prefix}.c"
     texts |= files
-    # Compilers differ in whether they fuse products and sums by default. Without, they agree.
+    # Compilers have different defaults for fusing products and sums.
     flags = "-std=c99 -O2 -ffp-contract=off"
     command = f"cc {flags} -o {prefix} {compiled} -lm"
     _write_files(directory, texts)
@@ -219,19 +216,18 @@ def write_c_project(
 
 
 def _fitting(rtol: float, atol: float, target: Target) -> tuple[float, float]:
-    """Loosen tolerances that are finer than the type's numbers, both by the same factor."""
+    """Loosen both tolerances by one factor if they are below the precision of the type."""
     if target is DOUBLE or rtol >= _LEAST_RTOL:
         return rtol, atol
     return _LEAST_RTOL, atol * (_LEAST_RTOL / rtol if rtol > 0.0 else 1.0)
 
 
 def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
-    """Write all files beside their places, then move them there."""
+    """Write all files to a temporary folder, then move them."""
     target_path(directory, "the C files to")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        # In the same folder, so that moving a file is one rename on one file system.
-        # All are complete before the first takes its place.
+        # In the same folder, so that moving a file is one rename.
         with tempfile.TemporaryDirectory(prefix=".cotree-", dir=directory) as folder:
             for name, text in texts.items():
                 with open(os.path.join(folder, name), "w", encoding="ascii", newline="\n") as file:
@@ -248,10 +244,10 @@ def _write_files(directory: Path, texts: Mapping[str, str]) -> None:
         ) from None
 
 
-#: What the length of each array follows from, as a constant of the header for C++.
+#: Constants of the header for C++ that are the lengths of arrays.
 _LENGTHS = {"x": "n_states", "u": "n_inputs", "v": "n_states"}
 
-#: Kernels that the header for C++ has functions of its own for.
+#: Kernels for which the header for C++ has other functions.
 _APART = frozenset({"prepare"})
 
 
@@ -262,8 +258,8 @@ class MethodContext:
     name: str  # its name; in C it follows the model's
     doc: str  # what its results are
     arguments: list[str]  # declarations
-    checks: list[tuple[str, str]]  # an array and the length that it needs, each
-    given: list[str]  # what the kernel is called with
+    checks: list[tuple[str, str]]  # arrays and the lengths that they need
+    given: list[str]  # arguments of the kernel
 
 
 @dataclass(frozen=True)
@@ -310,7 +306,7 @@ def _is_wrapped(kernel: Kernel) -> bool:
 
 
 def _method(kernel: Kernel, model: ModelContext) -> MethodContext:
-    """Write a kernel as a member function of what a model holds: p and k."""
+    """Build a kernel as a member function; p and k are members."""
     spec = kernel.spec
     lengths = {**_LENGTHS, "s": "n_reached" if spec.is_packed else "n_states * n_sensitivities"}
     arrays = [name for name in spec.arguments if name in lengths]

@@ -1,4 +1,4 @@
-"""The linear graphs of a scene with their trees and topology matrices, to look at."""
+"""The linear graphs of a scene with their trees and topology matrices, as text and pictures."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class GraphReport:
         return draw_graphs(self._pairs(), figure_for_people, self.parts)
 
     def save(self, path: str | Path) -> None:
-        """Draw into a file; its suffix says which kind: svg, png or pdf.
+        """Draw into a file; its suffix is svg, png or pdf.
 
         Raises
         ------

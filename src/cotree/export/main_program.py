@@ -2,7 +2,8 @@
 
 In: a program, the methods that are compiled in, and the start. Out: the context of its template.
 Numbers that follow from parameters when the text is written (the start, the times of kinks) are
-constants there: parameters that they depend on are marked, for the main program to refuse others.
+constants there. Parameters that they depend on are marked, and the main program refuses to change
+them.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 #: Every method of C projects, by name: those that control their steps, and those of one length.
 METHODS: dict[str, Tableau | RosenbrockTableau | FixedStep] = {**INTEGRATORS, **FIXED}
 
-#: Kernels whose parameters a start depends on that had to be found.
+#: Kernels on whose parameters a computed start depends.
 _OF_START = (
     "initial",
     "initial_sensitivity",
@@ -49,7 +50,7 @@ _OF_START = (
 
 @dataclass(frozen=True)
 class Numbers:
-    """The numbers of a run that says nothing else."""
+    """The default numbers of a run."""
 
     t_end: float  # end time, [s]
     #: Tolerances.
@@ -79,7 +80,7 @@ class MainContext:
     #: Lines of C literals: the initial states and sensitivities, where C cannot find them; empty
     #: for others.
     start: list[str]
-    #: Tables of a start that C finds: it has to satisfy more than the initial values say.
+    #: Tables of a start that C finds, since it has to satisfy further conditions.
     start_tables: StartTables | None
     guess: list[str]  # lines of C literals: guesses of it, if it needs any
     is_strict: bool  # whether constraints are dependent, so that rates are taken on them
@@ -130,7 +131,7 @@ def main_context(
     is_strict: bool,
     is_found: bool,
 ) -> MainContext:
-    """Gather what the template of the main program needs.
+    """Build the template data of the main program.
 
     ``methods`` begin with the default one; ``sizes`` are factors of the absolute tolerances of
     states. ``start`` is the start at the scene's parameters, if it has to be found, and
@@ -170,7 +171,7 @@ def main_context(
 
 
 def held_parameters(program: Program, *, has_start: bool) -> frozenset[int]:
-    """List the parameters, by place, that numbers of the text, the start among them, depend on."""
+    """Return the places of the parameters on which numbers of the text depend."""
     roots: list[Node] = []
     if has_start:
         layout = program.layout
@@ -196,7 +197,7 @@ def _held(program: Program, *, has_start: bool) -> list[str]:
 
 
 def _guess(program: Program, start: Start, target: Target) -> list[str]:
-    """Write guesses of algebraic unknowns and of modes of friction and stops; nothing without."""
+    """Return guesses of algebraic unknowns and of modes of friction and stops, if any."""
     layout = program.layout
     if not layout.n_algebraic and not any(row.part for row in layout.events):
         return []
@@ -210,31 +211,29 @@ def _seeds(program: Program) -> list[int]:
 
 
 def _stop_rows(program: Program, target: Target) -> list[str]:
-    """List the times of kinks of inputs and rates, at the program's parameter values."""
+    """Return the times of kinks of inputs and rates, at the program's parameter values."""
     symbols = program.dag
     values = {symbols.symbol("p", i): v for i, v in enumerate(program.layout.parameter_values)}
     rows = set()
     for stop in (stop for own in program.stops.values() for stop in own):
         first = value_of(stop.first, values)
-        # Some times do not exist at these values: divided by a parameter that is zero, for example.
+        # Some times do not exist at these values, such as a quotient by a zero parameter.
         if not math.isfinite(first):
             continue
         period = value_of(stop.period, values)
-        # C takes positive periods only. Times that repeat in both directions are the same for a
-        # period of the other sign, whose derivatives have the other sign, too.
+        # C needs positive periods. The sign of a period and of its derivatives is changed together.
         sign = math.copysign(1.0, period)
         slopes = [value_of(d, values) for pair in stop.along for d in pair]
-        # One time only: C tells it by a period of zero, whose derivatives follow it.
+        # A single time has a period of zero.
         if not math.isfinite(period) or period == 0.0:
             period, slopes[1::2] = 0.0, [0.0] * len(stop.along)
         slopes[1::2] = [sign * d for d in slopes[1::2]]
-        # With a positive period, times that began at the first one and went back end there.
         rows.add((first, abs(period), sign * stop.starts, *slopes))
     return [f"{{{', '.join(map(target.literal, row))}}}" for row in sorted(rows)]
 
 
 def _max_step(program: Program, target: Target) -> str:
-    """Write the longest step at the program's parameter values; nothing if steps are unlimited."""
+    """Return the longest step at the program's parameter values; empty if steps are unlimited."""
     longest = program.longest_step(program.layout.parameter_values)
     return target.literal(longest) if math.isfinite(longest) else ""
 

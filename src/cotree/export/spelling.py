@@ -1,6 +1,6 @@
 """Spelling for people: short names of variables, and SymPy expressions as plain text or LaTeX.
 
-In: full names such as ``j1.s_dot``. Out: ``s_dot``, or ``s_j1_dot`` where ``s`` says too little.
+In: full names such as ``j1.s_dot``. Out: ``s_dot``, or ``s_j1_dot`` if ``s`` is ambiguous.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 #: Endings of a coordinate, its rate and its acceleration, and how LaTeX marks them.
 ACCENTS = {"": "{}", "_dot": r"\dot{{{}}}", "_ddot": r"\ddot{{{}}}"}
 
-# Names whose ending LaTeX sets below the letter: theta1, q0, vx.
+# Names with an index in LaTeX: theta1, q0, vx.
 _INDEXED = re.compile(r"(?P<letter>[A-Za-z]+?)(?P<index>\d+|(?<=^v)[xyz])")
 
 
@@ -33,7 +33,7 @@ class Spelt:
 
     def latex(self, *below: str) -> str:
         r"""Spell the name in LaTeX, with further subscripts: ``\dot{s}_{j1,L}``."""
-        # Short names are the letter, then what tells it from others of the same letter.
+        # A short name is a letter, and an edge if the letter is ambiguous.
         letter, _, edge = self.short.partition("_")
         indices = [latex_symbol(edge)] if edge else []
         indexed = _INDEXED.fullmatch(letter)
@@ -74,13 +74,11 @@ def spell_states(
     {'b.x': 'x', 'h.theta': 'theta', 'b.vx': 'vx', 'b.vx_dot': 'vx_dot',
      'h.theta_dot': 'theta_dot', 'h.theta_ddot': 'theta_ddot'}
     """
-    # Angular velocities, and velocities of free bodies, are rates of no coordinate and have names
-    # of their own.
+    # Angular velocities, and velocities of free bodies, are no rates of coordinates.
     rates = {f"{name}_dot" for name in coordinates}
     short = short_names([*coordinates, *(name for name in speeds if name not in rates)], taken)
     spelt = {name: Spelt(short[name]) for name in coordinates}
     for name in speeds:
-        # A speed that is the rate of a coordinate is spelt by its accent.
         if name in rates:
             own = short[name.removesuffix("_dot")]
             pair = Spelt(own, "_dot"), Spelt(own, "_ddot")
@@ -100,12 +98,11 @@ def spell_multipliers(rows: Iterable[str]) -> dict[str, Spelt]:
 
 
 def short_names(coordinates: Sequence[str], taken: Collection[str]) -> dict[str, str]:
-    """Choose a short name for each coordinate: ``s``, or ``s_j1`` where ``s`` says too little.
+    """Return a short name for each coordinate: ``s``, or ``s_j1`` if ``s`` is ambiguous.
 
     >>> short_names(["j1.s", "h2.theta", "h3.theta"], {"m", "L"})
     {'j1.s': 's', 'h2.theta': 'theta_h2', 'h3.theta': 'theta_h3'}
     """
-    # A short name that two edges share says too little for either of them.
     own = [name.rpartition(".")[2] for name in coordinates]
     chosen: dict[str, str] = {}
     used = set(taken) | {"t"}
@@ -126,28 +123,28 @@ def _derived(short: str) -> list[str]:
 
 
 def subscript(name: str | None, spelt: Mapping[str, Spelt]) -> str:
-    """Write what a derivative is taken with respect to: ``_L``, or ``_s(0)`` for a state."""
+    """Return the subscript of a derivative: ``_L``, or ``_s(0)`` for a state."""
     if name is None:
         return ""
     return f"_{spelt[name].text}(0)" if name in spelt else f"_{name}"
 
 
 def latex_subscript(name: str | None, spelt: Mapping[str, Spelt]) -> list[str]:
-    """Write the same for LaTeX."""
+    """Return the subscript of a derivative in LaTeX."""
     if name is None:
         return []
     return [f"{spelt[name].latex()}(0)" if name in spelt else latex_symbol(name)]
 
 
 def real_symbol(name: str) -> Any:
-    """Make a SymPy symbol of a real number."""
+    """Build a SymPy symbol of a real number."""
     import sympy
 
     return sympy.Symbol(name, real=True)
 
 
 def printer(kind: str, latex_names: Mapping[Any, str]) -> Callable[[Any], str]:
-    """Return SymPy's printer, made to spell each shared subexpression once."""
+    """Return SymPy's printer, with a cache of common subexpressions."""
     from sympy.printing.latex import LatexPrinter
     from sympy.printing.str import StrPrinter
 

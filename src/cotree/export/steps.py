@@ -1,4 +1,4 @@
-"""The way from a linear graph to its equations, printed with the terms that were really formed.
+"""The steps from a linear graph to its equations, printed with the terms that were formed.
 
 In: the first graph and its equations. Out: a text with the paper's Eq. (1) to (9), in the scene's
 own names. Nothing is derived here: topology comes from the trees, every term is a node of the
@@ -49,14 +49,13 @@ _INWARDS = (
 class Term:
     """A value that the formulation formed."""
 
-    #: Its name, and what it belongs to: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a
-    #: cluster.
+    #: Its symbol and its owner: ``F`` and ``^k`` of an edge, ``F`` and ``(B)`` of a cluster.
     letter: str
     place: str
     #: One entry of a scalar, three of a vector, nine of a matrix, row by row.
     nodes: tuple[Node, ...]
-    note: str = ""  # the axes that it is resolved in, where these are not the ground's
-    edge: str = ""  # the edge whose terminal equation it is part of; empty where it is of none
+    note: str = ""  # the axes in which it is resolved, if these are not the ground's
+    edge: str = ""  # the edge of its terminal equation; empty for other terms
     is_held: bool = False  # whether the equations keep it at zero
 
 
@@ -69,18 +68,19 @@ def _axes(node: str) -> str:
 
 
 def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
-    """Name the clusters, and the axes that the vectors of each are resolved in."""
+    """Return the names of the clusters, and of the axes in which their vectors are resolved."""
     motion = first.motion
     # Cluster 0 is the ground, and cluster i + 1 the outer end of branch i.
     names, bases = ["ground"], [""]
     branches = [geometry.branch for geometry in motion.geometry]
     for i, branch in enumerate(branches):
         edge = motion.system.edges[branch.edge]
-        # Several branches make up a joint of several axes; those before the last end at no node.
+        # A joint of several axes consists of several branches, of which only the last ends at a
+        # node.
         primes = "'" * sum(other.edge == branch.edge for other in branches[i + 1 :])
-        # The sign tells which way along the edge the tree leads outwards.
+        # The sign is the direction of the branch along the edge.
         names.append((edge.second if branch.sign > 0 else edge.first) + primes)
-        # Without a step of its own a cluster has the axes of the one before it.
+        # Without a rotation a cluster has the axes of its parent.
         is_own = motion.frames.steps[branch.child] is not None
         bases.append(_axes(names[-1]) if is_own else bases[branch.parent])
     return names, bases
@@ -89,10 +89,9 @@ def _clusters(first: FirstGraph) -> tuple[list[str], list[str]]:
 def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node]) -> list[Term]:
     """List the terms of the terminal equations, in the scene's order.
 
-    ``symbol_of`` returns a symbol for a variable of a network, from its name without and with what
-    it belongs to.
+    ``symbol_of`` returns a symbol for a variable of a network, its letter and its owner.
     """
-    # The sort is stable: the terms of an edge keep the order in which they were gathered.
+    # The sort is stable: the terms of an edge stay in order.
     order = {name: i for i, name in enumerate(first.scene.edges)}
     terms = [*_of_bodies(first), *_of_joints(first), *_of_elements(first), *_of_constraints(first)]
     if first.network is not None:
@@ -102,10 +101,9 @@ def edge_terms(first: FirstGraph, symbol_of: Callable[[Variable, str, str], Node
 
 
 def _of_bodies(first: FirstGraph) -> Iterator[Term]:
-    """Return mass and inertia of bodies, and the vectors of arms."""
+    """Yield mass and inertia of bodies, and the vectors of arms."""
     for name, edge in first.system.edges.items():
         place, axes = f"^{name}", _axes(edge.first)
-        # The inertia is resolved in the body's axes, an arm in those of its first node.
         if edge.component.role is Role.BODY:
             yield Term("m", place, (edge.scalars["mass"],), "", name)
             if edge.inertia is not None:
@@ -118,7 +116,7 @@ def _of_bodies(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_joints(first: FirstGraph) -> Iterator[Term]:
-    """Return the motion space of each branch, and the effort of its own law along a coordinate."""
+    """Yield the motion space of each branch, and its effort along a coordinate."""
     _, bases = _clusters(first)
     for geometry in first.motion.geometry:
         axes = bases[geometry.branch.parent]
@@ -130,7 +128,7 @@ def _of_joints(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_elements(first: FirstGraph) -> Iterator[Term]:
-    """Return forces and torques of chords on their second nodes, and those along measures."""
+    """Yield forces and torques of chords on their second nodes, and those along measures."""
     _, bases = _clusters(first)
     for action in first.loads.actions:
         name, axes = action.edge.name, bases[action.ancestor]
@@ -142,10 +140,10 @@ def _of_elements(first: FirstGraph) -> Iterator[Term]:
 
 
 def _of_constraints(first: FirstGraph) -> Iterator[Term]:
-    """Return the constraints of chords: a measure, or a rate that is not the rate of a measure."""
+    """Yield the constraints of chords: a measure, or a rate without a measure."""
     held = first.constraints
     for row, value, rate in zip(held.rows, held.values, held.rates, strict=True):
-        # A constraint on speeds alone has no measure whose rate it would be.
+        # A constraint on speeds has no measure.
         letter, node = ("c", value) if value is not None else ("c_dot", rate)
         yield Term(letter, f"({row.name})", (node,), "", row.edge, is_held=True)
 
@@ -153,7 +151,6 @@ def _of_constraints(first: FirstGraph) -> Iterator[Term]:
 def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     """List the terms of the walks over the tree, under a title for each walk."""
     names, bases = _clusters(first)
-    # Most entries of the second moments of a planar scene enter no equation.
     used = set(reachable(first.balance.residual))
     inertias: list[Term] = []
     across: list[Term] = []
@@ -161,12 +158,11 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
     for geometry in first.motion.geometry:
         branch = geometry.branch
         child, outer = branch.child, bases[branch.parent]
-        # Offsets, forces and torques are resolved in the parent's basis, all else in the cluster's
-        # own.
+        # Offsets, forces and torques are resolved in the basis of the parent, others in that of the
+        # cluster.
         place, own = f"({names[child]})", bases[child]
         turned = first.motion.frames.steps[child]
         if branch.turns:
-            # Without a step between the bases the rotation is within the common basis.
             axes = turned or first.motion.frames.rotations[child].matrix
             across.append(Term("R", place, _entries(axes), outer))
         across += [
@@ -180,8 +176,7 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
             inertias += [
                 Term("m", place, (inertia.mass,)),
                 Term("h", place, inertia.moment, own),
-                # The matrix is symmetric, and only entries that balances use are shown: one of a
-                # planar body.
+                # Of the symmetric matrix, only the entries in balances: one of a planar body.
                 *(
                     Term("J", f"{place}.{'xyz'[i]}{'xyz'[j]}", (inertia.tensor[i][j],), own)
                     for i in range(3)
@@ -189,9 +184,8 @@ def cluster_terms(first: FirstGraph) -> list[tuple[str, list[Term]]]:
                     if inertia.tensor[i][j] in used
                 ),
             ]
-        # One for each branch; cluster 0 is the ground.
         beyond = first.balance.beyond[child - 1]
-        # Inwards: the branch that is furthest out comes first.
+        # Inwards: the outermost branch comes first.
         through[:0] = [
             Term("F", place, beyond.force, outer),
             Term("T", place, beyond.torque, outer),
@@ -215,7 +209,7 @@ def balance_terms(first: FirstGraph) -> list[Term]:
 def _of_networks(
     network: Network, symbol_of: Callable[[Variable, str, str], Node]
 ) -> Iterator[Term]:
-    """Return the laws by which variables of networks are determined, and laws that must vanish."""
+    """Yield the laws that determine variables of networks, and laws that must vanish."""
     rules = network.solved.plan.rules
 
     def named(variable: Variable) -> Node:
@@ -223,14 +217,14 @@ def _of_networks(
 
     def argument(variable: Variable) -> Node:
         rule = rules[variable]
-        # A value of a field is put in place, since it is no variable of the network.
+        # A value of a field is no variable of the network.
         if not isinstance(rule, FieldRule) or not variable[0].startswith("field"):
             return named(variable)
         return rule.value(network.solved.dag, {v: named(v) for v in rule.needs})
 
     for variable, rule in rules.items():
         port = network.ports.get(variable[1])
-        # Sums are f-circuits and f-cutsets, which are printed as such.
+        # Sums are f-circuits and f-cutsets, which are printed separately.
         if port is None or not isinstance(rule, Lawful | FieldRule):
             continue
         own = {v: argument(v) for v in rule.needs}
@@ -265,9 +259,9 @@ def _network_name(network: Network, variable: Variable) -> tuple[str, str]:
 
 _WIDTH = 98
 
-#: Operations beyond which equations without common subexpressions say nothing to a reader.
+#: Most operations of equations that are printed without common subexpressions.
 _LARGEST_WRITTEN = 20_000
-_HELD = "\N{NO-BREAK SPACE}"  # where a line must not be broken
+_HELD = "\N{NO-BREAK SPACE}"
 _COMPONENTS = {1: ("",), 3: (".x", ".y", ".z"), 9: tuple(f".{i}{j}" for i in "xyz" for j in "xyz")}
 
 #: Through and across letters of the graphs of multibody systems.
@@ -280,8 +274,8 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
     """Print the steps of the formulation of a scene ([1] eq. 1 to 9).
 
     The first graph is the paper's G1; there is one sensitivity graph (G2, ...) for each direction
-    in ``equations.sensitivities``. Terms that are zero are left out; a component of a term that was
-    printed before goes by its name, such as ``F^k.x``.
+    in ``equations.sensitivities``. Zero terms are left out; components of printed terms are written
+    by name, such as ``F^k.x``.
     """
     names = SymbolTable.of(equations)
     speller = _Speller.of(first, equations, names)
@@ -301,8 +295,8 @@ def formulation_steps(first: FirstGraph, equations: Equations) -> str:
 def _trees(first: FirstGraph) -> list[tuple[str, str, Tree, Tree]]:
     """List letters of through and across variables with the trees of f-cutsets and f-circuits."""
     own = first.system.trees
-    # A multibody system has one tree for both topology matrices. Networks take normal trees, which
-    # may differ for through and across variables.
+    # A multibody system has one tree for both topology matrices. The normal trees of networks may
+    # differ for through and across variables.
     rows = [(*_LETTERS[tree.graph.domain], tree, tree) for tree in (own.translation, own.rotation)]
     for domain, normal in first.network.trees.items() if first.network else ():
         row = DOMAINS[domain]
@@ -327,13 +321,12 @@ def _heading(first: FirstGraph, speller: _Speller, names: SymbolTable) -> str:
         lines.append(across.summary())
         if through is not across:
             lines.append(f"{through.summary()}, for f-cutsets; the one above is for f-circuits")
-    # Only the lines of prose are filled: equations have breaks of their own.
     filled = (textwrap.fill(line, _WIDTH, subsequent_indent="    ") for line in lines)
     return "\n".join([title, "=" * len(title), "", *filled])
 
 
 def _topology(first: FirstGraph) -> str:
-    """Write the f-cutset and the f-circuit equations of G1; those of the others read the same."""
+    """Write the f-cutset and f-circuit equations of G1, whose form other graphs share."""
     lines = ["(1) f-cutset equations: through variables in the cut of each branch"]
     for letter, _, tree, _ in _trees(first):
         note = "; forces in the cut add their moments" if letter == "T" else ""
@@ -371,9 +364,8 @@ def _result(speller: _Speller, equations: Equations) -> str:
 
 
 def _written_size(nodes: Sequence[Node]) -> int:
-    """Count the operations of expressions that share nothing."""
+    """Count the operations of expressions without common subexpressions."""
     sizes: dict[Node, int] = {}
-    # Text repeats a shared value wherever it is read, so sizes add up over all readers.
     for node in reachable(nodes):
         sizes[node] = 1 + sum(sizes[arg] for arg in node.args)
     return sum(sizes[node] for node in nodes)
@@ -381,7 +373,7 @@ def _written_size(nodes: Sequence[Node]) -> int:
 
 def _wrapped(text: str, indent: int, hanging: int) -> str:
     """Wrap an equation before a plus or minus, but not inside the innermost parentheses."""
-    # Spaces that must not break become no-break spaces, which the wrapping leaves alone.
+    # The wrapping does not break no-break spaces.
     kept = re.sub(r"\([^()]*\)", lambda group: group[0].replace(" ", _HELD), text)
     kept = re.sub(r"([+-]) ", rf"\1{_HELD}", kept)
     return textwrap.fill(
@@ -406,7 +398,7 @@ class _Graph:
 
 @dataclass(frozen=True)
 class _Speller:
-    """Spells nodes; those that have a name are spelt by it."""
+    """Spells nodes, by their names if they have one."""
 
     dag: Dag  # the arena of the nodes
     graphs: tuple[_Graph, ...]  # G1 and its sensitivity graphs
@@ -425,7 +417,7 @@ class _Speller:
         for number, direction in enumerate(equations.sensitivities, start=2):
             known |= names.known_along(equations, direction)
             mark = names.subscripts[direction.name]
-            # The direction's own seed has states, inputs and parameters; unknowns change, too.
+            # The seed of the direction has states, inputs and parameters, but no unknowns.
             seed = {**direction.seed, **unknowns}
             graphs.append(_Graph(f"G{number}", direction.name, mark, seed))
         kinds = {name: edge.component.name for name, edge in first.scene.edges.items()}
@@ -435,10 +427,10 @@ class _Speller:
         return speller
 
     def _introduce(self, symbol: Node, letter: str, place: str) -> None:
-        """Name a symbol that stands for a variable, and its derivative in each other graph."""
+        """Name a symbol of a variable, and its derivative in each other graph."""
         self.known[symbol] = real_symbol(f"{letter}{place}")
         for graph in self.graphs[1:]:
-            # A symbol that is new in the arena: the equations never see it.
+            # A new symbol of the arena, which no equation contains.
             tangent = self.dag.symbol(f"steps {graph.label}", symbol.index)
             graph.seed[symbol] = tangent
             self.known[tangent] = real_symbol(f"{letter}{graph.subscript}{place}")
@@ -452,7 +444,7 @@ class _Speller:
         return self.stand_ins[variable]
 
     def section(self, title: str, terms: Sequence[Term]) -> str:
-        """Write the terms that are not zero, graph by graph; nothing where there are none."""
+        """Write the nonzero terms, graph by graph; an empty text if there are none."""
         lines = []
         for graph in self.graphs:
             own = list(self._lines(terms, graph))
@@ -461,7 +453,7 @@ class _Speller:
 
     def _lines(self, terms: Sequence[Term], graph: _Graph) -> Iterator[str]:
         nodes = [node for term in terms for node in term.nodes]
-        # All at once: terms share most of their tangents.
+        # At once, since terms share most of their tangents.
         values = iter(nodes if graph.name is None else tangents(nodes, graph.seed))
         edges = {term.edge for term in terms if term.edge}
         width = max((len(f"{edge} ({self.kinds[edge]})  ") for edge in edges), default=0)
@@ -469,12 +461,11 @@ class _Speller:
         for term in terms:
             own = [next(values) for _ in term.nodes]
             spelt = to_sympy(own, self.known)
-            # Zero to SymPy, even where the nodes did not fold.
+            # SymPy may simplify to zero.
             if not any(spelt):
                 continue
             name = f"{term.letter}{graph.subscript if term.letter else ''}{term.place}"
             label = "" if term.edge in ("", before) else f"{term.edge} ({self.kinds[term.edge]})"
-            # The edge is named once, at the first of its terms.
             before = term.edge
             start = label.ljust(width) + f"{name}{' = ' if term.letter else ': '}"
             text = f"{self._entries(spelt)}{' = 0' if term.is_held else term.note}"
@@ -495,11 +486,11 @@ class _Speller:
         return f"[{'; '.join(', '.join(entries[i : i + 3]) for i in (0, 3, 6))}]"
 
     def _remember(self, name: str, nodes: Sequence[Node], values: Sequence[Any]) -> None:
-        """Make later terms refer to the components by name, where these are longer than names."""
+        """Name the components that are longer than their names, for later terms."""
         for suffix, node, value in zip(_COMPONENTS[len(nodes)], nodes, values, strict=True):
             # SymPy may find a number where the nodes are an expression, as sin^2 + cos^2.
             symbol = value if value.is_number else real_symbol(f"{name}{suffix}")
-            # The name then serves the positive value, which more terms read.
+            # The positive value gets the name, since more terms read it.
             if node.op == "neg":
                 node, symbol = node.args[0], -symbol
             # An operation on symbols alone is as short as its name.

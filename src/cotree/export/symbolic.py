@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cotree.equations import Derivative, Equations
 
 _LARGEST_DENOMINATOR = 10**6
-_LARGEST_NUMERATOR = 10**15  # beyond it a double's own digits say nothing to a reader
+_LARGEST_NUMERATOR = 10**15
 
 #: SymPy's names, where they differ from ours.
 _SYMPY_NAMES = {"abs": "Abs"}
@@ -69,7 +69,7 @@ def rational(value: float) -> Any:
     """
     import sympy
 
-    # People write 1/12, not 0.08333333333333333; only a fraction that is the same double is taken.
+    # 1/12, not 0.08333333333333333; only a fraction that equals the double is used.
     fraction = Fraction(value).limit_denominator(_LARGEST_DENOMINATOR)
     if float(fraction) == value and abs(fraction.numerator) <= _LARGEST_NUMERATOR:
         return sympy.Rational(fraction.numerator, fraction.denominator)
@@ -129,7 +129,7 @@ _SEVERAL: dict[str, Callable[[Node, int], str]] = {
 
 
 def _arguments(node: Node) -> tuple[Node, ...]:
-    """List what a result depends on; how a system decides its rank says nothing to a reader."""
+    """Return the arguments of a result, without those for decisions on rank."""
     source = node.args[0]
     if source.op != "solve":
         return source.args
@@ -143,7 +143,7 @@ def _result(node: Node, args: list[Any], numbers: dict[Any, int]) -> Any:
     import sympy
 
     source = node.args[0]
-    # Systems are told apart by their arguments, tables and functions by what they are.
+    # Systems are distinguished by their arguments, tables and functions by their data.
     key = (source.op, source if source.op == "solve" else source.data)
     if key not in numbers:
         # Each kind is numbered from one, in order of evaluation.
@@ -158,7 +158,7 @@ _WAYS = {-1: "falls through", 0: "passes", 1: "rises through"}
 
 @dataclass(frozen=True)
 class SymbolicEvent:
-    """An event, which happens where an expression passes through zero.
+    """An event at a zero crossing of an expression.
 
     Attributes
     ----------
@@ -171,10 +171,10 @@ class SymbolicEvent:
     restitution : sympy.Expr or None
         Of an impact.
     is_terminal : bool
-        Whether a run ends there.
+        Whether it ends a run.
     is_chosen : bool
-        Whether the modes of dry friction and rigid stops are chosen there, all together, in place
-        of what it sets.
+        Whether the modes of dry friction and rigid stops are chosen there, all together, and not
+        set by expressions.
     """
 
     when: Any
@@ -202,7 +202,7 @@ class SymbolicEvent:
         symbols : mapping of str to sympy.Symbol
             By name of a state.
         """
-        # Expressions see the values before the event, so that the order of these does not matter.
+        # Expressions read the values before the event.
         actions = [f"{symbols[state]} := {spell(value)}" for state, value in self.set.items()]
         if self.is_chosen:
             why = "is chosen with the modes of all friction and stops"
@@ -223,7 +223,7 @@ def symbolic_events(
     first = len(equations.outputs)
     values = dict(enumerate(to_sympy(equations.output_values[first:], known), start=first))
     found = {}
-    # An impact sets speeds, too, but by its restitution and not by expressions.
+    # An impact sets speeds by its restitution.
     for row in equations.events:
         kept = zip(row.kept, row.new_values, strict=True)
         new = {states[target]: values[place] for target, place in kept}
@@ -242,8 +242,7 @@ def symbolic_events(
 #: A name, or a state's name with the parameter that it is differentiated with respect to.
 Key = str | tuple[str, str]
 
-# Entries of the mass matrix beyond this many operations are left as they come: expanding them
-# costs more than it shows.
+# Entries of the mass matrix with more operations are not expanded.
 _LARGEST_TIDIED = 40
 
 # Lines of a representation, and characters of LaTeX that a notebook sets.
@@ -335,13 +334,13 @@ class SymbolicEquations:
         return "\n".join(lines[:_MOST_LINES] + ([f"… {hidden} more"] if hidden > 0 else []))
 
     def _repr_latex_(self) -> str | None:
-        """Show the equations in a notebook; long ones stay text, which takes no minutes to set."""
+        """Return LaTeX for notebooks; None for long equations, which take minutes to set."""
         if sum(map(len, map(str, self.governing))) > _MOST_SET:
             return None
         text = self.latex()
         if len(text) > _MOST_SET:
             return None
-        # Set to the left, since wide equations run out of the page on the right.
+        # Aligned to the left, since wide equations exceed the page.
         text = (
             text.replace("{align}", "{aligned}").replace(" &= 0", " = 0").replace("\n  ", "\n  & ")
         )
@@ -356,7 +355,7 @@ class SymbolicEquations:
 
     def _line(self, equation: Any, spell: Callable[[Any], str], name: str | None) -> str:
         """Write an equation with the terms of the highest derivatives first."""
-        # Sensitivities stand before the variables themselves, as in Eq. (9): they are its unknowns.
+        # Sensitivities precede the variables, as in Eq. (9), of which they are the unknowns.
         order: list[Any] = []
         n = self.n_coordinates
         highest = (*self.accelerations, *self.rates, *self.multipliers)
@@ -438,7 +437,7 @@ def _matrix(equations: Equations, known: Mapping[Node, Any]) -> list[list[Any]]:
     rows = [to_sympy(row, known) for row in equations.matrix]
     # Unknowns are accelerations, then one multiplier for each constraint.
     first, end = equations.n_speeds, equations.n_speeds + len(equations.constraints.rows)
-    # The border holds -G, which makes the matrix symmetric; people read G.
+    # The border of the symmetric matrix is -G; G is printed.
     rows[first:end] = [[-entry for entry in row] for row in rows[first:end]]
     return [[_tidied(entry) for entry in row] for row in rows]
 
@@ -470,12 +469,11 @@ def _tidied(entry: Any) -> Any:
     """Write an entry of the mass matrix shorter, if it is small and expanding it helps."""
     import sympy
 
-    # Expanding large entries takes SymPy long and rarely shortens them.
     size = entry.count_ops()
     if size > _LARGEST_TIDIED:
         return entry
     number, factors = sympy.factor_terms(sympy.expand(entry)).as_coeff_mul()
-    # Numbers go back into the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
+    # Numbers are part of the sum: m (L^2/3 + r^2/4), not m (4 L^2 + 3 r^2)/12.
     sums = [factor for factor in factors if factor.is_Add][:1]
     others = [factor for factor in factors if factor not in sums]
     if sums:

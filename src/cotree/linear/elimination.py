@@ -1,11 +1,9 @@
-"""Gaussian elimination of a sparse matrix, whatever its entries are.
+"""Gaussian elimination of a sparse matrix with entries of any type.
 
 In: the nonzeros of a matrix, a choice of pivots, and the arithmetic of the entries. Out: its
-factors. Entries are nodes where values become code, or places in a plan where only the pattern is
-known. The sparse eliminations of this package are this one; they differ in what they choose as
-pivots, and in whether symmetry halves the work.
-
-None looks at values, which are known at run time only.
+factors. Entries are nodes whose values become code, or places in a plan of which only the pattern
+is known. All sparse eliminations of this package use it; they differ in the choice of pivots and in
+the use of symmetry. None depends on values, which are known at run time only.
 """
 
 from __future__ import annotations
@@ -36,7 +34,7 @@ class Arithmetic(Protocol[T]):
 
 @dataclass
 class Remainder:
-    """The pattern that is left between two pivots."""
+    """The remaining pattern between two pivots."""
 
     #: The columns of each row's entries, and the rows of each column's.
     rows: Mapping[int, Collection[int]]
@@ -46,7 +44,7 @@ class Remainder:
     beside: Collection[int] = ()
 
 
-#: Chooses the next pivot; None where elimination ends. See :mod:`cotree.linear.elimination`.
+#: Returns the next pivot; None at the end of the elimination.
 Choice = Callable[[Remainder], Place | None]
 
 
@@ -68,7 +66,7 @@ def eliminate(
     *,
     is_symmetric: bool = False,
 ) -> Factors[T]:
-    """Eliminate unknowns as long as there is a choice of a pivot; ``rows`` keeps the remainder.
+    """Eliminate unknowns until there is no pivot; ``rows`` then has the remainder.
 
     ``is_symmetric``: entries across the diagonal are the same, and all pivots lie on it; one half
     is then computed.
@@ -78,8 +76,7 @@ def eliminate(
     left = Remainder(rows, rows if is_symmetric else columns)
     pivots, inverses, lower, upper = [], [], [], []
     less = arithmetic.less
-    # Right-looking elimination: each pivot updates all that remains, so that counts are current
-    # when the next is chosen.
+    # Right-looking elimination, so that counts are current when the next pivot is chosen.
     while (pivot := choose(left)) is not None:
         i, j = pivot
         row = rows.pop(i)
@@ -94,7 +91,7 @@ def eliminate(
         for k, multiplier in multipliers.items():
             own = rows[k]
             for other, entry in row.items():
-                # The entry across the diagonal is computed once and put in both places.
+                # Entries across the diagonal are computed once.
                 if is_symmetric and other > k:
                     continue
                 before = own.get(other)
@@ -105,7 +102,7 @@ def eliminate(
                 _put(own, columns, k, other, updated)
                 if is_symmetric and other != k:
                     _put(rows[other], columns, other, k, updated)
-        # Only rows and columns that the pivot touched have other counts now.
+        # Only rows and columns of the pivot have other counts now.
         left.below, left.beside = below, row
         pivots.append(pivot)
         inverses.append(inverse)
@@ -126,7 +123,7 @@ def columns_of(rows: Mapping[int, Collection[int]]) -> dict[int, set[int]]:
 def _put(
     row: dict[int, T], columns: Mapping[int, set[int]], i: int, j: int, entry: T | None
 ) -> None:
-    """Put an entry into row i, column j, and keep track of the pattern by columns, if any."""
+    """Set the entry of row i, column j, and update the pattern by columns, if any."""
     if entry is None:
         row.pop(j, None)
     else:
@@ -138,12 +135,12 @@ def _put(
 class FewestCouplings:
     """Minimum degree: the allowed unknown of a symmetric matrix with the fewest couplings.
 
-    Ties go to the last, which lies farthest out in the tree and fills in least.
+    Among equals it is the last, which is farthest out in the tree and causes the least fill-in.
     """
 
     def __init__(self, rows: Mapping[int, Collection[int]], allowed: Iterable[int]) -> None:
         self._left = set(allowed)
-        # By degree, and by the negative number among equals, which takes the last first.
+        # By degree, then by the negative number, so that the last comes first.
         self._waiting = [(len(rows[i]), -i) for i in self._left]
         heapify(self._waiting)
 
@@ -154,7 +151,7 @@ class FewestCouplings:
         while self._left:
             count, negative = heappop(self._waiting)
             k = -negative
-            # One whose count has changed since stands there again.
+            # An unknown whose count has changed was pushed again.
             if k in self._left and len(left.rows[k]) == count:
                 self._left.remove(k)
                 return k, k
@@ -162,10 +159,10 @@ class FewestCouplings:
 
 
 class FewestUpdates:
-    """At each step the pivot whose elimination changes the fewest entries, ``most_updates`` in all.
+    """The pivot whose elimination changes the fewest entries, up to ``most_updates`` in all.
 
-    That is on the diagonal, or where an equation has one unknown left, or an unknown one equation;
-    elsewhere only if there is no other choice. An equation without unknowns ends it.
+    It is on the diagonal or changes no entry, unless there is no other choice. An equation without
+    unknowns ends the elimination.
     """
 
     def __init__(self, most_updates: int) -> None:
@@ -177,8 +174,7 @@ class FewestUpdates:
         if not left.rows or not all(left.rows.values()):
             return None
         best = min(
-            # Off the diagonal only for free, else by the number of updates; then the diagonal, then
-            # order.
+            # Off the diagonal only without updates, then by their number, then by order.
             (i != j and cost > 0, cost, i != j, i, j)
             for i, row in left.rows.items()
             for j in row
@@ -189,7 +185,7 @@ class FewestUpdates:
 
 
 class FewestUpdatesOfMatched:
-    """At each step the pivot that changes the fewest entries, of one for each column.
+    """The pivot that changes the fewest entries, among one for each column.
 
     ``row_of`` has the row of each column's pivot; see :func:`match`.
     """
@@ -203,7 +199,7 @@ class FewestUpdatesOfMatched:
 
     def __call__(self, left: Remainder) -> Place | None:
         """Choose the next pivot."""
-        # Costs of the others have not changed; stale entries of the heap are skipped below.
+        # Costs of other columns have not changed; stale entries of the heap are skipped.
         for j in {self._column_of[i] for i in left.below}.union(left.beside):
             heappush(self._waiting, (_n_updates(left, self._row_of[j], j), j))
         while self._left:
@@ -220,14 +216,13 @@ def _n_updates(left: Remainder, i: int, j: int) -> int:
 
 
 def match(columns: Sequence[Collection[int]]) -> list[int] | None:
-    """Match each column with a distinct row that has an entry in it, its own where it can.
+    """Match each column with a distinct row that has an entry in it, preferably its own.
 
     None where there is no such matching: the matrix is then singular whatever its values.
     """
     row_of = [j if j in rows else -1 for j, rows in enumerate(columns)]
     column_of = {row: j for j, row in enumerate(row_of) if row >= 0}
-    # Augmenting paths of a bipartite matching: a column without a row takes one from another, which
-    # takes the next, until a free row is found.
+    # Augmenting paths of a bipartite matching, from columns without a row to free rows.
     for start in [j for j, row in enumerate(row_of) if row < 0]:
         # Breadth first, so that as few of the others as possible leave their own rows.
         came_from: dict[int, int] = {}

@@ -2,8 +2,8 @@
 
 In: the pattern of the Jacobian J, and the number of algebraic unknowns, which come last. Out: the
 steps that factor ``shift M - J`` and solve with the factors, where M is one on the diagonal of the
-other unknowns and zero elsewhere. Values are known at run time only: the code that takes the steps
-checks their results.
+other unknowns and zero elsewhere. Values are known at run time only, and the code that takes the
+steps checks their results.
 
 For banded factors: the bandwidths of a pattern that is compressed by columns, and the places of the
 unknowns.
@@ -99,10 +99,10 @@ class _Sum:
 
 
 class _OfSums:
-    """Elimination on paper: what is subtracted is noted down, and nothing vanishes."""
+    """Symbolic elimination: it records products, and no entry vanishes."""
 
     def inverse(self, pivot: _Sum) -> _Sum:
-        # The reciprocal is kept in place of the pivot, since solutions multiply by it.
+        # The reciprocal replaces the pivot, since solutions multiply by it.
         pivot.is_pivot = True
         return pivot
 
@@ -121,22 +121,21 @@ class _OfSums:
 def _listed(plan: Factors[_Sum]) -> Elimination:
     """Assign numbers to the factors: pivot by pivot, each in the order of the other pivots."""
     rows, columns = [i for i, _ in plan.pivots], [j for _, j in plan.pivots]
-    # From here on rows and columns go by the rank of their pivot.
+    # From here on rows and columns are numbered by the rank of their pivot.
     rank_of_row = {row: k for k, row in enumerate(rows)}
     rank_of_column = {column: k for k, column in enumerate(columns)}
     below = [sorted((rank_of_row[i], entry) for i, entry in own.items()) for own in plan.lower]
     beside = [sorted((rank_of_column[j], entry) for j, entry in own.items()) for own in plan.upper]
     factors: list[_Sum] = []
     for pivot, down, along in zip(plan.inverses, below, beside, strict=True):
-        # A factor uses products of factors of earlier pivots only, so that this order can be
-        # computed.
+        # Products of a factor are those of earlier pivots.
         factors += [pivot, *(entry for _, entry in down), *(entry for _, entry in along)]
     for number, entry in enumerate(factors):
         entry.number = number
     lower: list[list[tuple[int, int]]] = [[] for _ in rows]
     for m, down in enumerate(below):
         for k, entry in down:
-            # By rows for substitution forwards, where the elimination has them by columns.
+            # By rows, for forward substitution.
             lower[k].append((m, entry.number))
     return Elimination(
         tuple(map(_entry, factors)),
@@ -156,7 +155,7 @@ def _entry(own: _Sum) -> FactorStep:
     return FactorStep(own.value, own.has_shift, products, pivot, own.is_pivot)
 
 
-# Matrices up to this size are dense, whatever their pattern: an order for them costs more.
+# Matrices up to this size are stored dense.
 _SMALL = 40
 
 
@@ -179,8 +178,7 @@ def narrow_band(
         # How far each entry stands below the diagonal once unknowns are reordered.
         below = places[rows] - np.repeat(places, np.diff(starts))
         lower, upper = int(max(below.max(initial=0), 0)), int(max((-below).max(initial=0), 0))
-        # Banded storage with row pivoting has so many diagonals: from n on a dense matrix is
-        # smaller.
+        # The number of diagonals of banded storage with row pivoting.
         if 2 * lower + upper + 1 < n:
             return lower, upper, places
     return n - 1, n - 1, None

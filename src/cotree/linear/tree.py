@@ -1,13 +1,13 @@
 """Elimination along a tree: articulated inertias (R. Featherstone, 1983), O(n) for each solution.
 
-The unknowns are those of a bordered mass matrix, which is not formed: the inertia that a branch
-feels, less the part that its own motion releases, is carried to the parent. Long chains cost less
-this way, short ones more; both are counted.
+The unknowns are those of a bordered mass matrix, which is not formed: the articulated inertia of a
+branch, less the part that its own motion releases, is transferred to the parent. This costs less
+for long chains and more for short ones; both costs are counted.
 
-Each speed takes w w^T / d from the inertia, w being the wrench of a unit of the speed. This term
-is subtracted at once, or *deferred*: w is carried past the next arm, and its share of the next
-wrench and pivot is subtracted there. That takes more operations, but a pivot then waits for the
-reciprocal of the one before, a product and a difference, in place of twice as many.
+Each speed removes w w^T / d from the inertia, where w is the wrench of a unit of the speed. This
+term is subtracted at once, or *deferred*: w is shifted by the next arm, and its part of the next
+wrench and pivot is subtracted there. That takes more operations, but shortens the critical path
+from one pivot to the next to a reciprocal, a product and a difference, half as many operations.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Spatial:
 
 
 def nothing(dag: Dag) -> Spatial:
-    """Return the inertia of what has none."""
+    """Return an inertia of zero."""
     zero = vector.zeros(dag)
     return Spatial((zero, zero, zero), (zero, zero, zero), (zero, zero, zero))
 
@@ -90,7 +90,7 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
     """Resolve an inertia in another basis."""
     return Spatial(
         vector.congruence(step, a.force),
-        # The coupling is no symmetric tensor, so that no half of it can be saved.
+        # The coupling is not symmetric.
         vector.matmul(vector.matmul(step, a.coupling), vector.transpose(step)),
         vector.congruence(step, a.torque),
         tuple(
@@ -103,11 +103,11 @@ def resolved(a: Spatial, step: Matrix) -> Spatial:
 def released(
     a: Spatial, turning: Vector, shifting: Vector, is_deferred: bool
 ) -> tuple[Gate, Spatial]:
-    """Release one speed: subtract w w^T / d, or defer that to behind the next arm.
+    """Release one speed: subtract w w^T / d, or defer this to after the next arm.
 
     ``turning`` and ``shifting`` are the angular acceleration, and the acceleration of the point of
     reference, for a unit of the speed's rate: the direction s. The gate is the wrench w = a s over
-    its pivot d = s . w, and 1 / d; the rest is what the parent feels. R. Featherstone, Int. J.
+    its pivot d = s . w, and 1 / d; the rest acts on the parent. R. Featherstone, Int. J.
     Robotics Research 2 (1983) 13.
     """
     # w = I s, the wrench of a unit of the speed; its power along s itself is the pivot d.
@@ -122,11 +122,11 @@ def released(
         pivot = pivot - w.inverse * (along * along)
         force = _less_scaled(force, w.inverse, along, w.force)
         torque = _less_scaled(torque, w.inverse, along, w.torque)
-        # Behind the arm the deferred term is subtracted from the inertia after all.
+        # After the arm, the deferred term is subtracted from the inertia.
         a = _less_product(a, w, w, w.inverse)
     inverse = 1.0 / pivot
     wrench = Gate(force, torque, inverse)
-    # Over the pivot, as substitutions need it: both directions multiply by w / d.
+    # Substitutions multiply by w / d in both directions.
     gate = Gate(vector.scale(inverse, force), vector.scale(inverse, torque), inverse)
     if is_deferred:
         return gate, _struck(a, wrench, turning, shifting)
@@ -176,7 +176,7 @@ def _struck(a: Spatial, wrench: Gate, turning: Vector, shifting: Vector) -> Spat
             ]
         )
 
-    # What has been struck out must not be subtracted a second time.
+    # Removed entries must not be subtracted again.
     left = [zero if i == axis else x for i, x in enumerate((*wrench.force, *wrench.torque))]
     taken = Gate((left[0], left[1], left[2]), (left[3], left[4], left[5]), wrench.inverse)
     return Spatial(
@@ -292,18 +292,18 @@ class TreeFactors:
             for i in range(len(self.links) - 1, -1, -1):
                 link, gates = self.links[i], self.gates[i]
                 if loads[i + 1] is nothing and all(rest[at].is_zero for at in link.speeds):
-                    continue  # a constraint pulls at two of many bodies
+                    continue  # a constraint acts on two of many bodies
                 force, torque = (_up(link, part) for part in loads[i + 1])
                 for speed, gate in zip(_outwards(link), gates, strict=True):
                     at = link.speeds[speed]
                     # u = tau - s.p: what is left to accelerate this speed.
                     rest[at] = rest[at] - _power(link, speed, force, torque)
-                    # p + w u / d goes on to the parent.
+                    # p + w u / d acts on the parent.
                     force = vector.add(force, vector.scale(rest[at], gate.force))
                     torque = vector.add(torque, vector.scale(rest[at], gate.torque))
                 if link.parent:
                     known = loads[link.parent]
-                    # What waits for the force comes last.
+                    # Terms that depend on the force come last, for a short critical path.
                     torque = vector.add(known[1], torque)
                     torque = vector.add(torque, vector.cross(link.offset, force))
                     loads[link.parent] = (vector.add(known[0], force), torque)
@@ -321,8 +321,7 @@ class TreeFactors:
                 for speed, gate in zip(reversed(_outwards(link)), reversed(gates), strict=True):
                     at = link.speeds[speed]
                     given = gate.inverse * rest[at] - vector.dot(gate.force, linear)
-                    # Last: where the speed turns about this very axis, this is all that is added
-                    # to it below, and vanishes.
+                    # Last, since it cancels below if the speed turns about this axis.
                     found[at] = given - vector.dot(gate.torque, angular)
                     linear = vector.add(linear, vector.scale(found[at], link.shifting[speed]))
                     angular = vector.add(angular, vector.scale(found[at], link.turning[speed]))
@@ -406,9 +405,9 @@ def factorise_tree(
     bare = TreeFactors(dag, tuple(links), tuple(gates), n_speeds)
     if not border:
         return bare
-    # M^-1 of each column of the border: what is left for the multipliers is minus G M^-1 G^T.
+    # M^-1 times each column of the border: the matrix of the multipliers is -G M^-1 G^T.
     responses = tuple(tuple(bare.solve(row)) for row in border)
-    # A constraint acts between two bodies, so that its row is zero for most speeds.
+    # The row of a constraint between two bodies is zero for most speeds.
     entries = [_entries(row) for row in border]
     n = range(len(border))
     with dag.labelled("elimination"):
@@ -417,7 +416,7 @@ def factorise_tree(
             for j in range(i + 1):
                 # Symmetric, since M^-1 is: one half is formed.
                 core[i][j] = core[j][i] = -_dot(entries[i], responses[j])
-        # Squares of the gradient over the pivots: what the diagonal would be if nothing cancelled.
+        # Squares of the gradient over the pivots are the diagonal without cancellation.
         inverses = bare.inverses()
         diagonal = tuple(
             kept_size(
@@ -436,12 +435,12 @@ def factorise_tree(
 
 
 def _outwards(link: TreeLink) -> range:
-    """Order a branch's speeds for elimination: the outermost first."""
+    """Return a branch's speeds in the order of elimination: the outermost first."""
     return range(len(link.speeds) - 1, -1, -1)
 
 
 def _entries(row: Sequence[Node]) -> list[tuple[int, Node]]:
-    """List the entries of a row that are not zero, by place."""
+    """Return the nonzero entries of a row with their places."""
     return [(i, entry) for i, entry in enumerate(row) if not entry.is_zero]
 
 

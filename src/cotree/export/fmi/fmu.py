@@ -1,4 +1,4 @@
-"""One call from a model to a file with an FMU, and what the file holds besides sources."""
+"""Export of a model to an FMU, and the files that it contains in addition to sources."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def reference_files(
 
 
 def icon_files(figure: Figure, version: int) -> dict[str, bytes]:
-    """Write an icon where importers look for it."""
+    """Write the icon for importers."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
     if version == 2:
@@ -209,7 +209,7 @@ def write_fmu(
     Raises
     ------
     CodegenError
-        If the model and what is asked for do not go together.
+        If the model does not support the options.
     SceneError
         If the file cannot be written, or the end time or a tolerance is not acceptable.
     BuildError
@@ -218,7 +218,7 @@ def write_fmu(
     t_end, rtol, atol = numbers
     platforms = wanted_platforms(choice.platforms, choice.version)
     check_numbers(t_end, rtol, atol)
-    # Whoever imports it locates events, and knows of no pieces.
+    # Importers locate events, and have no branches.
     program = strip_switching_surfaces(program)
     _check_calls(program)
     outside = _outside(program, choice.inputs)
@@ -226,7 +226,7 @@ def write_fmu(
     facts = _facts(program, choice, evaluated, outside, rest, numbers)
     identifier = c_identifier(program.layout.name)
     files = source_files(program, kernels, facts, choice.version)
-    # The token follows from all that description and library share.
+    # The token depends on all common data of description and library.
     token = _token(files, choice)
     files = source_files(program, kernels, replace(facts, token=token), choice.version)
     variables = list_variables(
@@ -277,13 +277,13 @@ def _check_calls(program: Program) -> None:
         for node in kernel.order:
             if node.op == "call":
                 raise CodegenError(
-                    f"the scene calls the function '{node.data.name}' from outside, which an FMU "
-                    "does not hold: replace it by an expression or a table"
+                    f"the scene calls the external function '{node.data.name}', which an FMU does "
+                    "not contain: replace it by an expression or a table"
                 )
 
 
 def _outside(program: Program, wanted: Sequence[str] | None) -> tuple[int, ...]:
-    """Find the places of the inputs that are set from outside."""
+    """Return the places of the inputs that are set from outside."""
     layout, own = program.layout, program.kernels["inputs"].results
     known = [row.name for row in layout.inputs]
     if wanted is None:
@@ -314,7 +314,7 @@ def _facts(
     is_dependent = evaluated.is_dependent()
     integrator = ""
     if has_steps:
-        # Algebraic unknowns come with stiffness, and explicit methods solve for them in each stage.
+        # Explicit methods solve for algebraic unknowns in each stage.
         is_stiff = bool(layout.n_algebraic) and not is_dependent
         integrator = choice.integrator or ("rodas5" if is_stiff else "dopri5")
         if INTEGRATORS[integrator].is_implicit:
@@ -324,7 +324,7 @@ def _facts(
         token="",
         integrator=integrator,
         is_exchangeable=is_exchangeable,
-        # Model Exchange has no integration that sensitivities could be a part of.
+        # Model Exchange has no integration of sensitivities.
         has_sensitivities=bool(layout.sensitivities) and not is_exchangeable,
         is_strict=is_dependent,
         outside=outside,
@@ -357,7 +357,7 @@ def extra_files(model: Any, choice: FmuChoice, t_end: float) -> dict[str, bytes]
     files = icon_files(drawn, choice.version)
     if model.kernels.backend != "C":
         return files
-    # Inputs from outside stay where they begin.
+    # Inputs from outside keep their initial values.
     begin = model.kernels.input_values(0.0)
     wanted = choice.inputs or ()
     held = {name: u for name, u in zip(model.inputs, begin, strict=True) if name in wanted}
@@ -392,7 +392,7 @@ def _write_archive(path: Path, files: Mapping[str, bytes]) -> None:
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive,
     ):
         for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
-            # The same bytes for the same model: files of the archive have no dates.
+            # Without dates, the same model has the same bytes.
             archive.writestr(_entry(name), files[name])
 
 

@@ -38,7 +38,7 @@ class FmuVariable:
     start: float | None = None  # its start value, if it has one
     derivative_of: int | None = None  # value reference of the state that it is the derivative of
     is_reset: bool = False  # whether events may set it
-    #: Value references of the knowns that it depends on: later on, and during the initialization.
+    #: Value references of the knowns on which it depends: later on, and during the initialization.
     depends: tuple[int, ...] | None = None
     depends_at_start: tuple[int, ...] | None = None
 
@@ -97,7 +97,7 @@ def list_variables(
     layout : Layout
         Names and units.
     kernels : FmuKernels
-        What tells dependencies.
+        Kernels with the patterns of dependencies.
     outside : sequence of int
         Places of the inputs that are set from outside.
     input_values : sequence of float
@@ -120,7 +120,7 @@ def list_variables(
 
 
 class _Listing:
-    """Makes the blocks in turn; the first reference of each follows from those before it."""
+    """Builds the blocks; the first reference of each follows from those before it."""
 
     def __init__(
         self,
@@ -149,7 +149,7 @@ class _Listing:
         if self.firsts[-1] > 2**31 - 1:
             raise CodegenError("the scene has too many variables for an FMU")
         self.given = {"time"}
-        # What the scene names comes first; what is made of these names gives way.
+        # Names of the scene come first; derived names get a number if they are taken.
         named = (layout.parameters, layout.inputs, layout.outputs, layout.states)
         self.own = [[self._named(row.name) for row in rows] for rows in named]
         columns = kernels.partials.columns_of()
@@ -163,11 +163,11 @@ class _Listing:
         return found
 
     def _closed(self, columns: list[set[int]]) -> list[set[int]]:
-        """Replace algebraic unknowns among the columns of each row by what these depend on."""
+        """Replace algebraic unknowns among the columns of each row by their arguments."""
         algebraic = range(self.n_rates, self.n)
         if not algebraic:
             return columns
-        # Each unknown may depend on all that the residuals do; connected ones share it.
+        # An unknown may depend on all arguments of the residuals that it is connected with.
         group = {i: {i} for i in algebraic}
         for i in algebraic:
             merged = set().union(*(group[j] for j in columns[i] if j in group), group[i])
@@ -220,7 +220,7 @@ class _Listing:
             for i, place in enumerate(self.outside)
         ]  # fmt: skip
         events = [f"{_quoted(row.name)}.indicator" for row in layout.events]
-        meanings = [Quantity("", "", f"what event {row.name} looks at") for row in layout.events]
+        meanings = [Quantity("", "", f"function of event {row.name}") for row in layout.events]
         first = self.n
         outputs = self._calculated(6, first, self.own[2], layout.outputs, "output")
         first += len(outputs)
@@ -242,12 +242,12 @@ class _Listing:
         )
 
     def _find_start(self, is_found: bool) -> None:
-        """Find which states follow from what at the start."""
+        """Set the knowns on which each state depends at the start."""
         layout, n_p = self.layout, len(self.layout.parameters)
         own = [set(row) for row in self.kernels.initial.columns_of()] or [set()] * self.n
         everything = {self.firsts[3] + j for j in range(n_p)}
         everything |= {self.firsts[4] + j for j in range(len(self.outside))}
-        # A constrained start may depend on all that is given.
+        # A constrained start may depend on all given values.
         is_tied = bool(layout.constraints or layout.start_rows)
         self.of_state: list[tuple[int, ...] | None] = []
         for i in range(self.n_rates):
@@ -255,7 +255,7 @@ class _Listing:
             if is_tied and not layout.given[i]:
                 depends = everything
             elif is_found and not layout.given[i]:
-                depends = set()  # it begins where it was found
+                depends = set()  # it has the value that was computed
             self.of_state.append(tuple(sorted(depends)) if depends else None)
         exact = {self.firsts[1] + i for i, d in enumerate(self.of_state) if d is None}
         for i, depends_on in enumerate(self.of_state):
@@ -263,7 +263,7 @@ class _Listing:
                 self.of_state[i] = tuple(sorted({*depends_on, *exact}))
 
     def _at_start(self, references: Iterable[int]) -> tuple[int, ...]:
-        """Replace states that are no knowns of the initialization by what they follow from."""
+        """Replace states that are no knowns of the initialization by their arguments."""
         found: set[int] = set()
         for reference in references:
             i = reference - self.firsts[1]
@@ -308,7 +308,7 @@ class _Listing:
         rows: Sequence[Quantity],
         causality: str = "local",
     ) -> tuple[FmuVariable, ...]:
-        """List a block of calculated variables, whose derivatives begin at a row."""
+        """Return a block of calculated variables, whose derivatives begin at a row."""
         needs = [self._needs(first + i) for i in range(len(rows))]
         return tuple(
             FmuVariable(
@@ -319,7 +319,7 @@ class _Listing:
         )  # fmt: skip
 
     def _slopes(self) -> tuple[tuple[FmuVariable, ...], tuple[FmuVariable, ...]]:
-        """List the sensitivities of outputs, then those of states."""
+        """Return the sensitivities of outputs, then those of states."""
         layout, found = self.layout, []
         for first, last, rows, names, causality in (
             (self.firsts[8], self.firsts[9], layout.outputs, self.own[2], "output"),
@@ -345,13 +345,13 @@ class _Listing:
 
 
 def _quoted(name: str) -> str:
-    """Quote what is no word behind the parts in an event's name, as structured names have it."""
+    """Quote the last part of an event's name if it is no identifier, for structured names."""
     parts, own = _PARTS.match(name).groups()  # type: ignore[union-attr]  # it matches any text
     return name if own.isidentifier() else f"{parts}'{own}'"
 
 
 def _over(unit: str, other: str) -> str:
-    """Write a quotient of units; empty where one says nothing."""
+    """Return a quotient of units; empty if one has no dimension."""
     top, below = stated_unit(unit), stated_unit(other)
     if top is None or below is None:
         return ""

@@ -50,7 +50,7 @@ class Description:
     kinds: tuple[str, ...]  # ``ModelExchange``, ``CoSimulation``
     name: str  # name of the model
     identifier: str  # its name in C and of libraries
-    token: str  # what an importer proves with that description and library belong together
+    token: str  # identifies description and library
     variables: FmuVariables
     #: Of the default experiment.
     t_end: float
@@ -68,7 +68,7 @@ class Description:
                 "modelName": self.name,
                 ("instantiationToken" if is_new else "guid"): self.token,
                 "generationTool": f"cotree {VERSION}",
-                # Importers show what parts declare as a tree.
+                # Importers show the parts as a tree.
                 "variableNamingConvention": "structured" if self._is_structured() else "flat",
             },
         )

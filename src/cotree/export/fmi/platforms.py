@@ -34,7 +34,7 @@ class Platform:
         return self.name if version == 3 else self.old_name
 
 
-#: Platforms by name. Linux takes the C library of 2017, which all that is maintained has.
+#: Platforms by name. Linux uses glibc 2.26 of 2017, which all maintained distributions have.
 PLATFORMS: dict[str, Platform] = {
     row.name: row
     for row in (
@@ -59,7 +59,7 @@ def this_platform() -> str | None:
 
 
 def wanted_platforms(names: Sequence[str] | None, version: int) -> list[Platform]:
-    """Look platforms up by name.
+    """Return platforms by name.
 
     Parameters
     ----------

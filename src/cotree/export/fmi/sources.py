@@ -1,8 +1,8 @@
 """The C sources of an FMU: model, further kernels, tables, an integrator, the interface.
 
-Kernels of an FMU besides those of the model are derivatives by everything, and times of kinks. The
-derivatives are those of the program's own results, formed node by node, so that they hold for
-states, inputs and parameters alike, whichever sensitivities were compiled.
+Further kernels of an FMU are derivatives by all arguments, and times of kinks. The derivatives are
+formed node by node from the results of the program, by states, inputs and parameters, whichever
+sensitivities were compiled.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def _partials(
 
 
 def _stops(program: Program, outside: Sequence[int]) -> tuple[tuple[bool, ...], Kernel | None, int]:
-    """Gather the stops and longest steps of all that stays a function of time."""
+    """Return the time events and longest steps of all functions of time."""
     dag = program.dag
     replaced = {program.layout.inputs[i].name for i in outside}
     stops = [s for name, own in program.stops.items() if name not in replaced for s in own]
@@ -203,9 +203,9 @@ class TablesContext(KernelFile):
 
 @dataclass(frozen=True)
 class Facts:
-    """Properties of a model besides its program."""
+    """Properties of an FMU that are not part of the program."""
 
-    token: str  # what description and library prove with that they belong together
+    token: str  # identifies description and library
     integrator: str  # of Co-Simulation; empty without it
     is_exchangeable: bool  # whether there is Model Exchange
     has_sensitivities: bool  # whether sensitivities are integrated and are variables
@@ -235,7 +235,7 @@ def source_files(
     kernels : FmuKernels
         Its further kernels.
     facts : Facts
-        What the tables hold besides.
+        Further values of the tables.
     version : int
         2 or 3.
 
@@ -275,7 +275,7 @@ def _is_implicit(facts: Facts) -> bool:
 
 
 def _has_start(layout: Layout, tables: StartTables) -> bool:
-    """Return whether initial values alone are not the start, but for algebraic unknowns."""
+    """Return whether the start has conditions other than those of algebraic unknowns."""
     has_modes = any(row.is_jump or layout.n_algebraic for row in layout.events)
     return tables.has_assembly or has_modes
 
@@ -313,7 +313,7 @@ def _tables_context(program: Program, kernels: FmuKernels, facts: Facts) -> Tabl
         fields=[array.name for array in own],
         most_steps=MOST_STEPS,
         most_events=MOST_EVENTS,
-        # An operating point satisfies equations of its own.
+        # An operating point satisfies other equations.
         start_tables=replace(own_tables, redundant=()) if facts.is_at_rest else own_tables,
         patterns=patterns,
         arrays=arrays,
