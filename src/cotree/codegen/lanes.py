@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from cotree.program.layout import Layout
     from cotree.program.program import Kernel, Program
 
-#: Functions that are left to the C library, lane by lane.
+#: Functions of the C library, which are called lane by lane.
 _LIBRARY = ("tan asin acos atan sinh cosh tanh erf floor atan2 pow").split()  # noqa: SIM905
-#: Operations beyond which compiling takes longer than vectors are worth.
+#: Most operations; beyond, compilation takes longer than vectors save.
 _MOST_OPERATIONS = 20_000
 
 
@@ -47,10 +47,10 @@ class Lanes:
     """Vectors of a processor."""
 
     width: int  # numbers in a vector
-    n_bundles: int  # vectors in turn: one is worked at while another waits for its own results
-    #: The instructions that they need besides the common ones, as compilers name them.
+    n_bundles: int  # vectors that run in turn, which hides the latency of operations
+    #: Compiler names of the instruction sets that they need.
     instructions: str
-    is_fused: bool  # whether they round a product and a sum once
+    is_fused: bool  # whether a product and a sum are rounded once
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class LanesContext(KernelFile):
 
 
 def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> str:
-    """Describe why members do not run in lanes, without a capital and an end; empty if they can."""
+    """Return why members do not run in lanes, without capital and full stop; empty if they can."""
     layout = program.layout
     if method not in INTEGRATORS:
         return f"'{method}' is no method of cotree"
@@ -108,7 +108,7 @@ def lanes_refusal(program: Program, method: str, *, has_sensitivities: bool) -> 
 
 
 def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
-    """Describe why vectors do not evaluate some kernels; empty where they can."""
+    """Return why vectors cannot evaluate some kernels; empty if they can."""
     ops = {node.op for kernel in kernels for node in kernel.order}
     if "solve" in ops:
         return "a linear system is solved with pivots that are chosen at run time"
@@ -123,7 +123,7 @@ def _kernels_refusal(kernels: Sequence[Kernel]) -> str:
 def lanes_context(
     program: Program, method: str, lanes: Lanes, *, has_sensitivities: bool
 ) -> LanesContext:
-    """Gather what the template needs, of a program that :func:`lanes_refusal` accepts."""
+    """Build the template data of a program that :func:`lanes_refusal` accepts."""
     layout, prefix = program.layout, c_identifier(program.layout.name)
     kernels = _kernels(program, has_sensitivities=has_sensitivities)
     outputs = _output_kernels(program, has_sensitivities=has_sensitivities)
@@ -188,7 +188,7 @@ def lanes_declarations(model: LanesContext) -> str:
 
 
 def _kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel]:
-    """Return the kernels of rates, and of inputs and of corners where there are any."""
+    """Return the kernels of rates, and of inputs and kinks if there are any."""
     names = ["inputs"] if program.layout.inputs else []
     names.append("augmented_rhs" if has_sensitivities else "rhs")
     names += ["events"] if program.layout.corners else []
@@ -203,7 +203,7 @@ def _output_kernels(program: Program, *, has_sensitivities: bool) -> list[Kernel
 
 
 def _written_out(kernel: Kernel) -> Kernel:
-    """Write the columns of maps out, each with its own values: lanes hold members instead."""
+    """Replace maps by the statements of each column, since lanes hold members."""
     columns: dict[Node, list[Node]] = {}
 
     def form(node: Node, new: Mapping[Node, Node]) -> Node:

@@ -1,4 +1,4 @@
-"""C text of what implicit methods need of a model besides its kernels.
+"""C text of linear systems and second derivatives of a model, for implicit methods.
 
 In: a program after its passes. Out: ``<model>_newton.c`` with the factors of ``shift M - J`` as
 straight-line code, or as tables over which loops run where that code would be long; and the
@@ -73,7 +73,7 @@ def elimination_tables(plan: Elimination) -> list[Constants]:
 
 
 def _ranks(plan: Elimination) -> list[list[int]]:
-    """Return the columns of each row's factors, by the ranks of their pivots."""
+    """Return the columns of each row's factors as ranks of their pivots."""
     return [
         [*(m for m, _ in before), k, *(j for j, _ in after)]
         for k, (before, after) in enumerate(zip(plan.lower, plan.upper, strict=True))
@@ -109,8 +109,8 @@ def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int, int]]:
     return runs
 
 
-# Beyond this number of products tables are walked through: gcc takes half a second for each
-# thousand of straight lines.
+# Beyond this number of products, loops over tables replace straight lines, of which gcc compiles
+# a thousand in half a second.
 _LONGEST = 3000
 
 
@@ -133,7 +133,7 @@ class EliminationContext:
 class LinearSystem:
     """The linear systems of an implicit method, for states and their sensitivities."""
 
-    elimination: EliminationContext | None  # None where the matrix is structurally singular
+    elimination: EliminationContext | None  # None if the matrix is structurally singular
     has_slope: bool  # whether rates change with time
     n_carried: int  # values of the two kernels of second derivatives
     n_couplings: int
@@ -156,7 +156,7 @@ class LinearSystem:
 def linear_system(
     program: Program, target: Target, *, has_sensitivities: bool = True
 ) -> tuple[LinearSystem, list[Kernel]]:
-    """Return the linear systems of a program, and the derivatives that these need."""
+    """Return the linear systems of a program, and the kernels of the derivatives that they need."""
     plan = program.elimination
     slope = form_time_slope(program)
     if slope is not None and not has_sensitivities:
@@ -212,7 +212,7 @@ def newton_declarations(model: NewtonContext) -> str:
 
 @without_collection()
 def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
-    """Gather what the template needs, for numbers one at a time."""
+    """Build the template data, for scalar numbers."""
     name = program.layout.name
     system, made = linear_system(program, target)
     nodes = [node for kernel in made for node in kernel.order]
@@ -222,7 +222,7 @@ def newton_context(program: Program, target: Target = DOUBLE) -> NewtonContext:
     ]
     rates = [*program.kernels["rhs"].results, *program.kernels["augmented_rhs"].results]
     return NewtonContext(
-        # The digest of the file follows the elimination, too: not only kernels change it.
+        # The digest of the file also depends on the elimination.
         **file_fields(name, nodes, kernels, system.text, target),
         target=target,
         system=system,
@@ -236,7 +236,7 @@ def is_unrolled(plan: Elimination) -> bool:
 
 
 def elimination_context(plan: Elimination, target: Target) -> EliminationContext:
-    """Write a plan as statements, or as tables where these would be many."""
+    """Write a plan as statements, or as tables if these would be many."""
     lines = is_unrolled(plan)
     nothing = Body([], [], [])
     return EliminationContext(
@@ -253,7 +253,7 @@ def elimination_context(plan: Elimination, target: Target) -> EliminationContext
 
 
 def _factor(plan: Elimination, target: Target) -> Body:
-    """Write the factors as straight-line code, cut into blocks where they are many."""
+    """Write the factors as straight-line code, cut into blocks if it is long."""
     given = [Argument("v"), Argument("shift", is_array=False), Argument("f", is_constant=False)]
     return print_body(cut_into_blocks("factorise_{}", _factor_rows(plan), given), target)
 
@@ -265,7 +265,7 @@ def _solve(plan: Elimination, target: Target) -> Body:
 
 
 def _factor_rows(plan: Elimination) -> list[Statement]:
-    """Write each factor; those that later factors read become constants."""
+    """Return assignments of the factors; those that later factors read become constants."""
     read = {i for entry in plan.factors for pair in entry.products for i in pair}
     read.update(entry.pivot for entry in plan.factors)
     rows: list[Statement] = []
@@ -279,19 +279,18 @@ def _factor_rows(plan: Elimination) -> list[Statement]:
             total = _less(total, temporary("f", a), temporary("f", b))
         assert total is not None
         if entry.is_pivot:
-            # A pivot is kept as its reciprocal, so that all else is done by products.
+            # The reciprocal of a pivot is stored, since products are faster than divisions.
             total = apply("div", number(1.0), total)
         elif entry.pivot >= 0:
             total = apply("mul", total, temporary("f", entry.pivot))
-        # All factors are stored for the solutions; those that later factors read are constants
-        # besides, which compilers keep in registers.
+        # All factors are stored for solutions. Compilers keep constants in registers.
         declared = [temporary("f", i)] if i in read else []
         rows.append(Assign((*declared, element("f", i)), total))
     return rows
 
 
 def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
-    """Subtract a product of one or two factors, from nothing if need be."""
+    """Subtract a product of one or two factors from a total; None stands for zero."""
     if total is not None:
         return apply("sub", total, factors[0] if len(factors) == 1 else apply("mul", *factors))
     first = apply("neg", factors[0])
@@ -300,7 +299,7 @@ def _less(total: CExpression | None, *factors: CExpression) -> CExpression:
 
 def _solve_rows(plan: Elimination) -> list[Statement]:
     rows: list[Statement] = []
-    # Forward with L, whose diagonal is one, then backward with U, whose pivots are kept inverted.
+    # Forward with L, whose diagonal is one, then backward with U, whose pivots are inverted.
     for k, (row, pairs) in enumerate(zip(plan.rows, plan.lower, strict=True)):
         total = element("b", row)
         for m, factor in pairs:
@@ -312,6 +311,6 @@ def _solve_rows(plan: Elimination) -> list[Statement]:
             total = _less(total, element("f", factor), temporary("x", j))
         total = apply("mul", total, element("f", plan.pivots[k]))
         rows.append(Assign((temporary("x", k),), total))
-    # All are known before any is written: rows and columns may be exchanged.
+    # All values are computed before any is written, since rows and columns may be exchanged.
     columns = enumerate(plan.columns)
     return rows + [Assign((element("b", at),), temporary("x", k)) for k, at in columns]

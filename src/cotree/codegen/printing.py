@@ -1,7 +1,7 @@
 """Statements to lines of C, for one target.
 
-This is the only place that knows how C spells a statement. What differs between targets (the type
-of numbers, qualifiers, names of functions) stands in :mod:`cotree.codegen.targets`.
+Only this module writes statements as C. Differences between targets (the type of numbers,
+qualifiers, names of functions) are in :mod:`cotree.codegen.targets`.
 """
 
 from __future__ import annotations
@@ -119,20 +119,20 @@ def print_body(cut: Blocks, target: Target = DOUBLE) -> Body:
         heads = [target.declared(argument) for argument in function.arguments] or ["void"]
         head = function_head(target.function, target.name.format(function.name), heads)
         blocks.append(BlockText(head, list(printer.lines(function.body))))
-    # The caller's own statements come last, as Body.written says.
+    # The statements of the caller come last; see Body.written.
     counted = [*(function.body for function in cut.functions), cut.statements]
     lines = list(printer.lines(cut.statements))
     return Body(lines, blocks, [*map(n_operations, counted)])
 
 
 class _Printer:
-    """Prints statements for one target; forms that occur again are spelt once."""
+    """Prints statements for one target; each form is spelt once."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
         self._formats: dict[Form, str] = {}
         self._is_in_loop = False
-        # All numbers of a program are doubles: other types may not reach them.
+        # Numbers of a program are doubles, which may exceed the range of other types.
         self._is_narrow = target.most_decades < DOUBLE.most_decades
 
     def lines(self, statements: Iterable[Statement]) -> Iterator[str]:
@@ -150,13 +150,13 @@ class _Printer:
         text, numbers = self._format(expression.form), expression.numbers
         if self._is_narrow:
             numbers = self._fitted(expression)
-        # Outside of loops all numbers are plain: the quick way for nearly all of the text.
+        # Outside of loops all numbers are plain, and formatting is faster.
         if self._is_in_loop:
             return text % tuple(map(_number, numbers, expression.form.slots))
         return text % numbers
 
     def _fitted(self, expression: CExpression) -> tuple[Number, ...]:
-        """Return the numbers of an expression as their type holds them, or refuse them."""
+        """Return the numbers of an expression in the target type, or raise CodegenError."""
         return tuple(
             self._target.fitted(number) if slot == "r" and isinstance(number, float) else number
             for number, slot in zip(expression.numbers, expression.form.slots, strict=True)
@@ -175,7 +175,7 @@ class _Printer:
         if isinstance(row, LeaveUnless):
             comparison = ">" if row.is_strict else ">="
             value, number = map(self.expression, row.expressions)
-            # Negated, so that nan leaves the function, too.
+            # Negated, so that nan leaves the function.
             return f"if (!({value} {comparison} 0.0{self._target.suffix})) return -{number};"
         if isinstance(row, Report):
             return (
@@ -258,7 +258,7 @@ class _Printer:
         return "".join(parts)
 
     def _signed(self, op: str, form: Form) -> str:
-        """Spell what is added or subtracted as what is added."""
+        """Spell a term of a sum or difference as a summand."""
         text = self._format(form)
         if op == "add":
             return text
@@ -266,7 +266,7 @@ class _Printer:
 
 
 def _number(number: Number, slot: str) -> str:
-    """Print a number of a loop, in parentheses where it is a sum that stands in no brackets."""
+    """Print a number of a loop, in parentheses if it is a sum outside of brackets."""
     if isinstance(number, TableEntry):
         return f"{number.table}[i]"
     if not isinstance(number, Affine):

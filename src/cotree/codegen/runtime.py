@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Features:
-    """The parts of the runtime that are compiled; all of them unless said otherwise."""
+    """The parts of the runtime that are compiled; by default all of them."""
 
     sensitivities: bool = True  # whether states have sensitivities
     inputs: bool = True  # whether there are inputs
@@ -151,7 +151,7 @@ def _has_code(text: str) -> bool:
 
 
 def _without_repeated_headers(text: str) -> str:
-    """Leave out what includes a header of C again."""
+    """Remove repeated inclusions of headers of C."""
     seen: set[str] = set()
     lines = []
     for line in text.splitlines(keepends=True):
@@ -188,12 +188,12 @@ def _sources(header: str) -> list[str]:
 
 
 def _resolved(text: str, target: Target, features: Features) -> str:
-    """Leave out what a type of numbers, or a model, has no use for."""
+    """Remove the parts that a type of numbers, or a model, does not use."""
     return resolve(text, {"COTREE_SINGLE": target.digits != DOUBLE.digits, **features.macros()})
 
 
 def resolve(text: str, known: Mapping[str, bool]) -> str:
-    """Decide conditions of the preprocessor on known macros, and drop what is not compiled.
+    """Evaluate conditions of the preprocessor on known macros, and drop text that is not compiled.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def resolve(text: str, known: Mapping[str, bool]) -> str:
 
 
 def _value(line: str, known: Mapping[str, bool]) -> bool | None:
-    """Return the value of a condition on known macros; None of all other lines."""
+    """Return the value of a condition on known macros; None for other lines."""
     if not line.startswith("#if "):
         return None
     operator, join = (" || ", any) if "||" in line else (" && ", all)

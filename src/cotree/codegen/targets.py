@@ -1,4 +1,4 @@
-"""Targets: what C text computes with, and how it spells types and qualifiers."""
+"""Targets of C text: types of numbers, and the spelling of types and qualifiers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Target:
 
     @property
     def lanes(self) -> Target:
-        """The same numbers, as many at a time as a vector has lanes."""
+        """The target of vectors of the same numbers."""
         return replace(
             self,
             real="VECTOR",
@@ -113,7 +113,7 @@ class Target:
         return rounding * math.pow(value / of_double, self.digits / DOUBLE.digits)
 
     def extreme(self, number: str) -> str:
-        """Write a power of ten as the share of the type's range that it is of that of doubles."""
+        """Scale the exponent of a power of ten from the range of doubles to that of the type."""
         if self.most_decades == DOUBLE.most_decades:
             return number
         decades = math.log10(float(number)) * self.most_decades / DOUBLE.most_decades
