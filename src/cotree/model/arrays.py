@@ -12,9 +12,10 @@ from cotree.errors import ParameterError, nearest
 from cotree.scene.expressions import check_number
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from cotree.equations import DerivedParameter
+    from cotree.quantities import Quantity
 
 Array = npt.NDArray[np.float64]
 
@@ -72,3 +73,19 @@ def derived_values(derived: Sequence[DerivedParameter], p: Array) -> dict[str, f
     with np.errstate(all="ignore"):
         found = evaluate([row.node for row in derived], symbols)
     return {row.name: float(value) for row, value in zip(derived, found, strict=True)}
+
+
+def is_many(y: Any) -> bool:
+    """Return whether there is a column of states for each of several points."""
+    try:
+        return np.ndim(y) == 2
+    except ValueError:  # of no shape
+        return False
+
+
+def new_quantities(new: Callable[..., Any], rows: Sequence[Quantity]) -> Any:
+    """Return rows as an array of ``cotree_quantity``, made by a function like ``ffi.new``."""
+    found = new("cotree_quantity[]", max(1, len(rows)))
+    for row, own in zip(rows, found, strict=False):
+        own.name, own.unit = (new("char[]", text.encode()) for text in (row.name, row.unit))
+    return found

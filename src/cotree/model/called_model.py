@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import SingularSystemError
+from cotree.model.arrays import new_quantities
 from cotree.model.kernels import SINGULAR
 from cotree.program.kernels import KERNELS
 from cotree.version import ABI_VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from cotree.equations import Quantity
     from cotree.model.arrays import Array
     from cotree.model.model import CompiledModel
     from cotree.program.kernels import KernelSpec
@@ -138,11 +138,3 @@ class CalledModel:
 
     def _ints(self, values: Sequence[int]) -> Any:
         return self._new("int[]", list(values) or [0])
-
-
-def new_quantities(new: Callable[..., Any], rows: Sequence[Quantity]) -> Any:
-    """Return rows as an array of ``cotree_quantity``, made by a function like ``ffi.new``."""
-    found = new("cotree_quantity[]", max(1, len(rows)))
-    for row, own in zip(rows, found, strict=False):
-        own.name, own.unit = (new("char[]", text.encode()) for text in (row.name, row.unit))
-    return found

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cotree.errors import Error, ParameterError
-from cotree.model.arrays import as_array
+from cotree.model.arrays import as_array, is_many
 from cotree.model.kernels import build_engine, shared_code
 from cotree.program.kernels import KERNELS
 from cotree.scene.expressions import check_number
@@ -23,14 +23,6 @@ if TYPE_CHECKING:
     from cotree.model.model import CompiledModel
 
 _NONE = np.zeros(0)
-
-
-def is_many(y: Any) -> bool:
-    """Return whether there is a column of states for each of several points."""
-    try:
-        return np.ndim(y) == 2
-    except ValueError:  # of no shape
-        return False
 
 
 @locked_cache

@@ -19,8 +19,7 @@ import numpy as np
 
 from cotree.build import find_toolchain
 from cotree.errors import BuildError, ParameterError, SingularSystemError
-from cotree.model.arrays import Array, as_array, as_parameters, derived_values
-from cotree.model.columns import in_columns, is_many
+from cotree.model.arrays import Array, as_array, as_parameters, derived_values, is_many
 from cotree.model.start_in_c import StartInC, start_in_c
 from cotree.model.structure import Structure
 from cotree.program.kernels import KERNELS
@@ -475,6 +474,8 @@ class CompiledModel:
 
     def _at(self, name: str, t: Any, y: Any, p: Any, u: Any, s: Any = None) -> Array:
         if is_many(y):
+            from cotree.model.columns import in_columns
+
             return in_columns(self, name, t, y, p, u, s)
         self._prepare(p)
         n, m = len(self.states), len(self.sensitivities)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cotree.codegen.start_tables import start_tables
 from cotree.errors import Error, SingularSystemError, SolveError, UnsolvedError
-from cotree.model.called_model import CalledModel, new_quantities
+from cotree.model.arrays import new_quantities
 from cotree.model.consistent import Report, Start
 from cotree.model.kernels import SINGULAR, build_engine, shared_code
 from cotree.model.unknowns import of_model, turned_back
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from cotree.build import LoadedLibrary
     from cotree.model.arrays import Array
+    from cotree.model.called_model import CalledModel
     from cotree.model.model import CompiledModel, EvaluationPoint
     from cotree.program.layout import Layout
 
@@ -310,6 +311,8 @@ class StartCall:
 
     def _call_python(self) -> None:
         """Call kernels in Python, whose exceptions are kept."""
+        from cotree.model.called_model import CalledModel
+
         self._called = CalledModel(self._ffi, self._at.model)
         self.c.model = self._called.address
         self.c.p = self.doubles(np.array(self._at.p, dtype=float))

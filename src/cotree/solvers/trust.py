@@ -13,7 +13,6 @@ import numpy as np
 
 from cotree.errors import Error
 from cotree.methods import METHODS
-from cotree.model.linear import Matrix, solve_with
 from cotree.quiet import level_of_user
 from cotree.solvers.evaluate import FAILED
 from cotree.tolerances import FARTHEST_CORRECTION, LOOSE_RTOL, loose_rtol
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from cotree.model.linear import Matrix
     from cotree.model.model import CompiledModel
     from cotree.solvers.problem import Problem
     from cotree.solvers.result import FloatArray, Trajectory
@@ -268,6 +268,8 @@ def _over_step(
     """Return the effect of a change of the rates on an implicit step."""
     if not np.any(change):
         return change
+    from cotree.model.linear import solve_with
+
     # (M / h - J) x = change is an implicit Euler step of length h under a disturbance of the rates;
     # M has zeros for algebraic unknowns. Without stiffness x is h times the change.
     shift = np.zeros(problem.n_states)
