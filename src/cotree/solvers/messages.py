@@ -128,8 +128,7 @@ def _rounding_of_time(problem: Problem, t: float) -> str:
 
 def singular_positions(problem: Problem, job: Job, *, has_failed: bool) -> list[str]:
     """Return sentences on the singular positions that a job crossed, or at which it failed."""
-    if problem.singular is None:
-        return []
+    assert problem.singular is not None  # or there are none
     sentences = []
     lost = problem.singular(float(job.job.t), job.z) if has_failed else ()
     if lost:
@@ -325,8 +324,6 @@ _MOST_UNKNOWNS, _MOST_NAMED, _ASIDE = 50, 4, 1e-3
 
 def with_growth(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """Add to the message of a run that stopped early the cause that its end shows, if any."""
-    if trajectory.status == 0:
-        return trajectory
     for cause in (growth, fold, undetermined, infinite_slope):
         if sentence := cause(problem, trajectory):
             return replace(trajectory, message=f"{trajectory.message} {sentence}")

@@ -78,7 +78,8 @@ def trajectory_of(
         "began_with": "",
     }
     sentences = summary(problem, method, c.t, ended.reason)
-    sentences[1:1] = singular_positions(problem, job, has_failed=ended.status == FAILED)
+    if problem.singular is not None:
+        sentences[1:1] = singular_positions(problem, job, has_failed=ended.status == FAILED)
     records = job.event_records
     rested = rest_note(problem.events.rows, records) if problem.events is not None else ""
     jammed = ""
@@ -311,7 +312,6 @@ def _advance(
             allowed = min(allowed, until - taken)
         result = job.run(allowed)
         now = time.perf_counter()
-        progress.reached(float(job.job.t))
         if result == _FAILED:
             return FAILED, job.reason(problem), False
         if result == _STIFF:
@@ -321,6 +321,7 @@ def _advance(
             return 0, event_message("stops", [problem.events.rows[job.job.event].name]), False
         if result != _MORE:
             return 0, "", False
+        progress.reached(float(job.job.t))
         if 0 < job.job.most_events <= job.job.n_records:
             return BUDGET_SPENT, event_message("spends", [], detail=job.job.most_events), False
         # Checked after events, which end a run in any case.

@@ -314,6 +314,7 @@ class Preparation:
         self._has_sparse = _has_sparse_jacobian(model)
         # The start of runs without initial values, if no parameter changes it.
         self._start: Start | None = None
+        self._has_constant_start = model.has_constant_start and not self.asks_python
 
     def run(self, parameters: Any, initial: Mapping[str, float]) -> Run:
         """Prepare one run; ``parameters`` and ``initial`` replace values of the scene.
@@ -323,10 +324,11 @@ class Preparation:
         model, t_span = self.model, self.settings.t_span
         initial = check_mapping(initial, "initial") if initial else {}
         p = model.parameter_array(parameters)
-        signals, samples = _with_samples(model, p, self._signals, t_span)
+        signals, samples = self._signals, list[Samples]()
+        if signals.sampled:
+            signals, samples = _with_samples(model, p, signals, t_span)
         u = _input_function(model, p, signals)
         model.set_parameters(p)
-        corners = self._corners(p, signals)
         at = EvaluationPoint(model, t_span[0], p, u(t_span[0]))
         start, reach = self._found_start(at, initial), None
         if samples:
@@ -341,12 +343,16 @@ class Preparation:
         values = {
             **vars(self._template),
             "z0": z0,
-            "sizes": content_sizes(at, start.y),
             "reach": reach,
-            **corners,
             **self._functions(p, u, held),
             "native": filled(Native, {"model": model.native(p), **inputs}),
         }
+        if model.layout.followers:
+            values["sizes"] = content_sizes(at, start.y)
+        if self._is_step_free:
+            values["max_step"] = model.longest_step(p, self.settings.inputs)
+        if self._has_corners:
+            values |= self._corners(p, signals)
         if self._size_of:
             values["scales"] = self._scales(p)
         problem = filled(Problem, values)
@@ -361,7 +367,7 @@ class Preparation:
 
     def _found_start(self, at: EvaluationPoint, initial: Mapping[str, float]) -> Start:
         """Return the start of a run; it is computed once if all runs have the same one."""
-        if initial or self.asks_python or not self.model.has_constant_start:
+        if initial or not self._has_constant_start:
             return find_start(at, initial)
         found = self._start
         if found is None:
@@ -375,15 +381,10 @@ class Preparation:
         return np.array(sizes)
 
     def _corners(self, p: FloatArray, signals: ReplacedInputs) -> dict[str, Any]:
-        """Return fields of corners and of the longest step, which depend on parameters."""
-        model, inputs, found = self.model, self.settings.inputs, dict[str, Any]()
-        if self._is_step_free:
-            found["max_step"] = model.longest_step(p, inputs)
-        if not self._has_corners:
-            return found
-        t_span, scale = self.settings.t_span, self._template.scale
-        corners = model.corners(p, t_span, inputs, signals.breakpoints)
-        return found | {
+        """Return fields of corners, which depend on parameters."""
+        settings, scale = self.settings, self._template.scale
+        corners = self.model.corners(p, settings.t_span, settings.inputs, signals.breakpoints)
+        return {
             "scale": max(scale, corners.scale),
             "breakpoints": corners.times,
             # Sensitivities are continuous at corners that no parameter moves.
@@ -465,9 +466,7 @@ def _check_replaced(model: CompiledModel, inputs: Mapping[str, Any]) -> None:
 def _with_samples(
     model: CompiledModel, p: FloatArray, signals: ReplacedInputs, span: tuple[float, float]
 ) -> tuple[ReplacedInputs, list[Samples]]:
-    """Replace sampled functions by values that change at their times."""
-    if not signals.sampled:
-        return signals, []
+    """Replace sampled functions by constants that change at their times."""
     before, samples = model.input_values(span[0], p), {}
     for place, row in signals.sampled.items():
         name = model.inputs[place]

@@ -137,7 +137,8 @@ def _solve(
         from cotree.solvers.scipy_ivp import solve_with_scipy
 
         return solve_with_scipy(problem, method)
-    check_available(method)
+    if row.family != "cotree":
+        check_available(method)
     attempt = begun or begin_in_c(problem, method)
     if isinstance(attempt, str):
         return _stand_in(problem, row, attempt)

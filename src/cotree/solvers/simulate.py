@@ -124,10 +124,12 @@ def run_values(
     trajectory = check_time_resolution(problem, integrate(problem, settings.method))
     # Redundancy may change along a motion, so a few points are examined.
     redundant = redundancy(model, run.held, trajectory)
-    trajectory = with_growth(problem, check_constraint_drift(problem, trajectory, redundant))
-    if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
-        trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
+    if trajectory.drift is not None:
+        trajectory = check_constraint_drift(problem, trajectory, redundant)
     if trajectory.status != 0:
+        trajectory = with_growth(problem, trajectory)
+        if trajectory.status == BUDGET_SPENT and (cause := model.slow_causes):
+            trajectory = replace(trajectory, message=f"{trajectory.message} {cause}")
         if settings.throw:
             raise SolveError(trajectory.message)
         warnings.warn(trajectory.message, RuntimeWarning, stacklevel=level_of_user())
@@ -138,7 +140,8 @@ def run_values(
         model.layout.followers,
         lambda: is_balanced(model, t, run.start.y, run.p, run.u(t)),
     )
-    warn_of_redundancy(problem, trajectory, redundant)
+    if redundant:
+        warn_of_redundancy(problem, trajectory, redundant)
     left_out = _left_out(model) if redundant and model.sensitivities else []
     n, m = len(model.states), len(model.sensitivities)
     compiling = trajectory.statistics.compile_seconds

@@ -62,8 +62,10 @@ def warn_of_result(
     """
     if trajectory.status == 0:
         untested = _untested(problem, trajectory)
-        _warn("" if untested and is_balanced() else untested)
-        _warn(_left_free(problem, trajectory, followers))
+        if untested and not is_balanced():
+            _warn(untested)
+        if followers:
+            _warn(_left_free(problem, trajectory, followers))
 
 
 def is_balanced(model: CompiledModel, t: float, y: FloatArray, p: FloatArray, u: Any) -> bool:
