@@ -335,7 +335,7 @@ def test_a_one_way_clutch_that_turns_the_wrong_way_ends_the_run_with_its_name():
     scene.edge("a", "rotational_inertia", "ground", "A", inertia=1.0, initial={"w": 1.0})
     scene.edge("b", "rotational_inertia", "ground", "B", inertia=1.0)
     scene.edge("C", "one_way_clutch", "A", "B", normal_force=0, friction=0.1, radius=1.0)
-    with pytest.warns(RuntimeWarning, match="'C' turns at t = 0 the way that it locks"):
+    with pytest.warns(RuntimeWarning, match="'C' turns at t = 0 in its locked direction"):
         result = scene.compile().simulate((0, 1))
     assert not result.success
 
