@@ -349,6 +349,8 @@ def _is_rounding(equation: Equation, point: Root, step: Array) -> bool:
         ]
     )
     is_flat = (away[1:] <= 2.0 * away[:-1]) & (np.abs(g) <= 2.0 * away[:-1])
+    # Where neighbours overflow, both comparisons hold and tell nothing.
+    is_flat &= np.isfinite(away[:-1])
     return bool(np.all(is_flat.any(axis=0) | (g == 0.0)))
 
 

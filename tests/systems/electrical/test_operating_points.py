@@ -207,3 +207,22 @@ def test_terms_of_a_step_that_cancel_each_other_are_no_solution():
     assert c > 1.0
     # Both currents into c are equal, to the rounding of a sum of a few volts.
     assert abs(math.log1p(c) + math.exp(-c) + math.sqrt(c + 1) + math.atan(c) - 2 * c) < 1e-12
+
+
+def test_neighbours_that_overflow_do_not_make_a_residual_rounding():
+    """From the guess, a junction of 2.5 V, a step of 1e18 V is what the matrix gives."""
+    scene = Scene("overflow")
+    scene.edge("V", "voltage_source", "vdd", "ground", voltage=3.0)
+    scene.edge("R2", "resistor", "c", "vdd", resistance=22e3)
+    scene.edge("R3", "resistor", "d", "ground", resistance=47e3)
+    for node in ("c", "d"):
+        scene.edge(f"C{node}", "capacitor", node, "ground", capacitance=1e-8)
+    values = {"saturation_current": 1e-15, "forward_gain": 50.0, "reverse_gain": 1.0}
+    values |= {"thermal_voltage": THERMAL, "leakage": 1e-12}
+    scene.edge("Q", "bjt_pnp", "vdd", "d", "c", "ground", **values)
+    scene.simulation(start="operating point")
+    model = scene.compile(tunable=[])
+    found = dict(zip(model.states, model.start().y, strict=True))
+    # By ngspice, with a thermal voltage that differs in the fifth digit.
+    assert found["Cc.v"] == pytest.approx(2.9995, abs=1e-3)
+    assert found["Cd.v"] == pytest.approx(2.3632, abs=1e-3)
